@@ -1,0 +1,56 @@
+"""The data point: one contact and one instantaneous motion of the pushed object (section 3)."""
+
+import math
+from dataclasses import dataclass
+
+from pushfric_core.errors import UninformativePush
+from pushfric_core.planar import Pose, Twist
+
+Vector = tuple[float, float]
+
+UNIT = 1e-3
+"""A contact normal's length may differ from 1 by this much: text files round."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Contact and motion, in the object frame.
+
+    Args:
+        contact_point: p_c [m].
+        contact_normal: n, unit, outward.
+        twist: velocity of the object-frame origin [m/s, m/s, rad/s]; only its direction matters.
+        push_id: the push it belongs to.
+        half_width: half the interval of possible contact points along the edge [m].
+        duration: time between the two poses that were differenced [s]; 0 where unknown.
+        stamp: time of the image in the middle [ns]; 0 where unknown.
+        pose: of the object in the table frame at the stamp; None where unknown.
+        force: measured force of the pusher ON the object [N]; None without a force sensor.
+    Raises:
+        ValueError: a value that is not finite, a normal that is not unit, a negative half-width or duration.
+        UninformativePush: the twist is zero.
+    """
+
+    contact_point: Vector
+    contact_normal: Vector
+    twist: Twist
+    push_id: int = 0
+    half_width: float = 0.0
+    duration: float = 0.0
+    stamp: int = 0
+    pose: Pose | None = None
+    force: Vector | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("contact_point", "contact_normal", "twist", "pose", "force"):
+            value = getattr(self, name)
+            if value is not None and not all(math.isfinite(component) for component in value):
+                raise ValueError(f"{name} must be finite, got {tuple(map(float, value))}")
+        length = math.hypot(*self.contact_normal)
+        if abs(length - 1) > UNIT:
+            raise ValueError(f"contact_normal must have length 1, got {self.contact_normal} of length {length:.4g}")
+        for name in ("half_width", "duration"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
+        if not any(self.twist):
+            raise UninformativePush("the twist of a data point must not be zero: the object did not move")

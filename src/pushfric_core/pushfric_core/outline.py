@@ -1,0 +1,162 @@
+"""The polygon outline of an object: edges and normals, points inside, grids over it, and what a round tip meets first."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from pushfric_core.planar import Array, cross, left_of
+
+ON_OUTLINE = 1e-9
+"""Points this close to the outline [m] count as inside: a grid may touch the edges."""
+
+
+class Touch(NamedTuple):
+    """Where a round tip, moving along a line, first meets the outline."""
+
+    distance: float  # the tip's centre travels this far from the start of the line [m]; may be negative
+    point: Array  # (2,) contact point on the outline [m]
+    normal: Array  # (2,) unit, outward
+    edge: int | None  # index of the edge; None: a corner
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Simple polygon in the object frame.
+
+    Args:
+        vertices: (n, 2) corners in order [m]; made counter-clockwise.
+    Raises:
+        ValueError: fewer than three corners, not finite, or an outline that crosses itself or encloses no area.
+    """
+
+    vertices: Array
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices, dtype=float)
+        if vertices.ndim != 2 or vertices.shape[1:] != (2,) or len(vertices) < 3:
+            raise ValueError(f"an outline needs at least 3 vertices (n, 2), got shape {vertices.shape}")
+        if not np.isfinite(vertices).all():
+            raise ValueError("the vertices of an outline must be finite")
+        polygon = shapely.Polygon(vertices)
+        if not polygon.is_valid or not polygon.area > 0:
+            raise ValueError(f"the outline must be a simple polygon with an area: {shapely.is_valid_reason(polygon)}")
+        if not polygon.exterior.is_ccw:
+            vertices = vertices[::-1].copy()
+        vertices.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Outline) and np.array_equal(self.vertices, other.vertices)
+
+    @classmethod
+    def rectangle(cls, length: float, width: float) -> "Outline":
+        """Rectangle centred on the origin, `length` along x and `width` along y [m]."""
+        x, y = length / 2, width / 2
+        return cls(np.array(((-x, -y), (x, -y), (x, y), (-x, y))))
+
+    @cached_property
+    def polygon(self) -> shapely.Polygon:
+        return shapely.Polygon(self.vertices)
+
+    @cached_property
+    def edges(self) -> Array:
+        """Edge vectors (n, 2) [m]; edge i runs from vertex i to vertex i + 1."""
+        return np.asarray(np.roll(self.vertices, -1, axis=0) - self.vertices)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Edge lengths (n,) [m]."""
+        return np.asarray(np.linalg.norm(self.edges, axis=1))
+
+    @cached_property
+    def normals(self) -> Array:
+        """Unit outward normals (n, 2) of the edges."""
+        return np.asarray(-left_of(self.edges) / self.lengths[:, None])
+
+    @property
+    def perimeter(self) -> float:
+        """[m]"""
+        return float(self.lengths.sum())
+
+    @property
+    def lower(self) -> Array:
+        """Lower left corner (2,) of the bounding box [m]."""
+        return np.asarray(self.vertices.min(axis=0))
+
+    @property
+    def size(self) -> Array:
+        """Sides (2,) of the bounding box [m]."""
+        return np.asarray(np.ptp(self.vertices, axis=0))
+
+    def contains(self, points: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Which points (m, 2) lie inside or on the outline."""
+        return np.asarray(shapely.dwithin(self.polygon, shapely.points(np.asarray(points, dtype=float)), ON_OUTLINE))
+
+    def distance_to(self, point: npt.ArrayLike) -> float:
+        """How far a point (2,) is from the outline itself, inside or outside [m]."""
+        return float(shapely.distance(self.polygon.exterior, shapely.points(np.asarray(point, dtype=float))))
+
+    def grid(self, columns: int, rows: int, inset: float = 0.002) -> Array:
+        """Points (m, 2) spread evenly over the bounding box shrunk by `inset` [m], those outside the outline dropped.
+
+        A single column or row lies in the middle. Points run along x first.
+
+        Raises:
+            ValueError: no columns or rows, an inset that leaves no box, or no point inside.
+        """
+        if columns < 1 or rows < 1:
+            raise ValueError(f"a grid needs at least 1 column and 1 row, got {columns} x {rows}")
+        if not 0 <= inset < min(self.size) / 2:
+            raise ValueError(f"inset must lie in [0, {min(self.size) / 2:g}) m, half the shorter side, got {inset:g} m")
+        low, high = self.lower + inset, self.lower + self.size - inset
+        axes = [np.linspace(a, b, count) if count > 1 else np.array(((a + b) / 2,))
+                for a, b, count in zip(low, high, (columns, rows), strict=True)]
+        points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+        inside = points[self.contains(points)]
+        if not len(inside):
+            raise ValueError(f"no point of the {columns} x {rows} grid lies inside the outline")
+        return np.asarray(inside)
+
+    def first_touch(self, start: npt.ArrayLike, direction: npt.ArrayLike, radius: float = 0.0) -> Touch | None:
+        """Where a round tip moving along a line first meets the outline; None where it passes by.
+
+        Args:
+            start: (2,) centre of the tip at distance 0, outside the outline and ahead of it on the line [m].
+            direction: (2,) unit vector of the motion.
+            radius: of the tip [m]; at 0 a corner met exactly counts as the edge it ends.
+        """
+        start, direction = np.asarray(start, dtype=float), np.asarray(direction, dtype=float)
+        touches = (self._edge_touch(start, direction, radius), self._corner_touch(start, direction, radius))
+        return min((touch for touch in touches if touch), key=lambda touch: touch.distance, default=None)
+
+    def _edge_touch(self, start: Array, direction: Array, radius: float) -> Touch | None:
+        """The first edge, moved outward by the radius, that the tip's centre crosses inward."""
+        approach = self.normals @ direction
+        facing = approach < 0
+        distance = (np.sum(self.normals * (self.vertices - start), axis=1) + radius) / np.where(facing, approach, -1.0)
+        points = start + distance[:, None] * direction - radius * self.normals
+        along = np.sum((points - self.vertices) * self.edges, axis=1) / self.lengths**2
+        met = facing & (along >= 0) & (along <= 1)
+        if not met.any():
+            return None
+        edge = int(np.argmin(np.where(met, distance, np.inf)))
+        return Touch(float(distance[edge]), points[edge], self.normals[edge], edge)
+
+    def _corner_touch(self, start: Array, direction: Array, radius: float) -> Touch | None:
+        """The first corner that comes within the radius of the tip's centre."""
+        if radius == 0:
+            return None
+        offset = self.vertices - start
+        miss = cross(direction, offset)
+        near = np.abs(miss) < radius
+        if not near.any():
+            return None
+        distance = np.where(near, offset @ direction - np.sqrt(np.maximum(radius**2 - miss**2, 0)), np.inf)
+        corner = int(np.argmin(distance))
+        point = self.vertices[corner]
+        normal = (start + distance[corner] * direction - point) / radius
+        return Touch(float(distance[corner]), point, normal, None)

@@ -1,0 +1,113 @@
+"""Rigid motions of the plane: poses, twists and wrenches in SE(2), with all signs defined here.
+
+Angles are counter-clockwise. A twist (vx, vy, omega) is the velocity of the object-frame origin, in the object frame. A
+wrench (fx, fy, m) holds the moment about the object-frame origin. Points are arrays whose last axis is (x, y).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class Pose(NamedTuple):
+    """Where a frame lies in another: its origin (x, y) [m] and orientation theta [rad]."""
+
+    x: float
+    y: float
+    theta: float
+
+
+class Twist(NamedTuple):
+    """Velocity of a rigid body: of its origin (vx, vy) [m/s] in its own frame, and omega [rad/s]."""
+
+    vx: float
+    vy: float
+    omega: float
+
+
+class Wrench(NamedTuple):
+    """Force (fx, fy) and moment m about the origin of the frame."""
+
+    fx: float
+    fy: float
+    m: float
+
+
+def cross(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
+    """Scalar cross product a x b of planar vectors (..., 2)."""
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def left_of(vectors: npt.ArrayLike) -> Array:
+    """Vectors (..., 2) turned by +90 degrees: (x, y) -> (-y, x)."""
+    v = np.asarray(vectors, dtype=float)
+    return np.stack((-v[..., 1], v[..., 0]), axis=-1)
+
+
+def rotation(theta: float) -> Array:
+    """Rotation matrix (2, 2) by theta [rad]."""
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array(((c, -s), (s, c)))
+
+
+def transform(pose: Pose, points: npt.ArrayLike) -> Array:
+    """Points (..., 2) of the frame at `pose`, expressed in the frame `pose` is given in."""
+    return np.asarray(np.asarray(points, dtype=float) @ rotation(pose.theta).T + (pose.x, pose.y))
+
+
+def inverse(pose: Pose) -> Pose:
+    """Pose of the outer frame seen from the inner one."""
+    x, y = -rotation(-pose.theta) @ (pose.x, pose.y)
+    return Pose(float(x), float(y), -pose.theta)
+
+
+def compose(outer: Pose, inner: Pose) -> Pose:
+    """Pose of a frame that lies at `inner` in the frame that lies at `outer`. Angles add without wrapping."""
+    x, y = transform(outer, (inner.x, inner.y))
+    return Pose(float(x), float(y), outer.theta + inner.theta)
+
+
+def exp(twist: Twist, duration: float = 1.0) -> Pose:
+    """Where a body moving with a constant body twist is after `duration` [s], seen from where it was."""
+    angle = twist.omega * duration
+    # sin(a)/a and (1 - cos a)/a, the latter from the half angle to keep its digits near 0
+    along = np.sinc(angle / np.pi)
+    across = np.sin(angle / 2) * np.sinc(angle / (2 * np.pi))
+    x = duration * (along * twist.vx - across * twist.vy)
+    y = duration * (across * twist.vx + along * twist.vy)
+    return Pose(float(x), float(y), angle)
+
+
+def log(pose: Pose) -> Twist:
+    """The constant body twist that reaches `pose` in unit time by less than half a turn: inverse of `exp` there."""
+    angle = wrap(pose.theta)
+    half = angle / 2
+    # a/2 * cot(a/2), finite at 0
+    cot = np.cos(half) / np.sinc(half / np.pi)
+    return Twist(float(cot * pose.x + half * pose.y), float(-half * pose.x + cot * pose.y), angle)
+
+
+def velocity_at(twist: Twist, points: npt.ArrayLike) -> Array:
+    """Velocities (..., 2) of body points (..., 2): (vx - omega y, vy + omega x)."""
+    return np.asarray(left_of(points) * twist.omega + (twist.vx, twist.vy))
+
+
+def center_of_rotation(twist: Twist) -> Array:
+    """The body point (2,) that does not move: (-vy, vx) / omega; infinite for a translation."""
+    if twist.omega == 0:
+        return np.array((np.inf, np.inf))
+    return np.array((-twist.vy, twist.vx)) / twist.omega
+
+
+def moment_about(wrench: Wrench, point: npt.ArrayLike) -> float:
+    """Moment of a wrench about `point` (2,) instead of the origin."""
+    return float(wrench.m - cross(point, (wrench.fx, wrench.fy)))
+
+
+def wrap(angle: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -1,0 +1,58 @@
+"""Where an object is to be pushed, and how it must lie in front of the pusher for that."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Pose, rotation
+
+
+class PlannedPush(NamedTuple):
+    """One push against an edge of the outline."""
+
+    edge: int  # index; edge i runs counter-clockwise from vertex i to vertex i + 1
+    offset: float  # contact from the middle of the edge, along it [m]
+    angle: float = 0.0  # direction of the push against the inward normal, counter-clockwise [rad]
+
+
+def even_pushes(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
+    """Pushes equally spaced along each edge, perpendicular to it (section 5).
+
+    Args:
+        counts: pushes for each edge.
+    Raises:
+        ValueError: not one count for each edge, or a negative one.
+    """
+    if len(counts) != len(outline.vertices) or min(counts) < 0:
+        raise ValueError(f"expected {len(outline.vertices)} counts, one for each edge, none negative; got {tuple(counts)}")
+    return [
+        PlannedPush(edge, ((index + 1) / (count + 1) - 0.5) * float(outline.lengths[edge]))
+        for edge, count in enumerate(counts)
+        for index in range(count)
+    ]
+
+
+def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: float) -> Pose:
+    """The pose in the table frame at which the tip, at stroke `position` [m], touches the planned point at the planned angle.
+
+    Raises:
+        ValueError: the outline has no such edge, the offset lies off it, or the push would come from inside.
+    """
+    if not 0 <= push.edge < len(outline.vertices):
+        raise ValueError(f"edge must lie in [0, {len(outline.vertices) - 1}], got {push.edge}")
+    half = float(outline.lengths[push.edge]) / 2
+    if not abs(push.offset) < half:
+        raise ValueError(f"offset must lie within {half:g} m of the middle of edge {push.edge}, got {push.offset:g} m")
+    if not abs(push.angle) < np.pi / 2:
+        raise ValueError(f"angle must lie within 90 degrees of the inward normal, got {np.rad2deg(push.angle):g} degrees")
+    normal = outline.normals[push.edge]
+    direction = rotation(push.angle) @ -normal  # of the push, in the object frame
+    theta = float(np.arctan2(line.direction[1], line.direction[0]) - np.arctan2(direction[1], direction[0]))
+    middle = outline.vertices[push.edge] + outline.edges[push.edge] / 2
+    contact = middle + push.offset * outline.edges[push.edge] / outline.lengths[push.edge]
+    tip = np.asarray(line.origin) + position * np.asarray(line.direction)
+    x, y = tip - rotation(theta) @ (contact + line.tip_radius * normal)
+    return Pose(float(x), float(y), float((theta + np.pi) % (2 * np.pi) - np.pi))

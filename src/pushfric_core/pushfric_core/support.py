@@ -1,0 +1,85 @@
+"""Support points and their weights: the friction forces of a sliding object and their centre."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.errors import UninformativePush
+from pushfric_core.planar import Array, Twist, Wrench, cross, velocity_at
+
+
+@dataclass(frozen=True)
+class Support:
+    """A support friction distribution: points p_j with weights w_j.
+
+    Args:
+        points: (n, 2) in the object frame [m].
+        weights: (n,) >= 0, sum 1; unit: the support friction of the translating object.
+    Raises:
+        ValueError: shapes that do not fit, negative or not finite values, or a sum other than 1.
+    """
+
+    points: Array
+    weights: Array
+
+    def __post_init__(self) -> None:
+        points, weights = check_points(self.points), np.array(self.weights, dtype=float)
+        if weights.shape != (len(points),):
+            raise ValueError(f"weights must have shape ({len(points)},), got {weights.shape}")
+        if not (weights >= 0).all() or abs(weights.sum() - 1) > 1e-9:
+            raise ValueError(f"weights must be nonnegative with sum 1, got a sum of {weights.sum():g}")
+        weights.setflags(write=False)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "weights", weights)
+
+    @property
+    def center_of_friction(self) -> Array:
+        """p_CF (2,) [m], eq. 3."""
+        return center_of_friction(self.points, self.weights)
+
+    def friction_wrench(self, twist: Twist) -> Wrench:
+        """Friction on the sliding object, about the object-frame origin (eqs 1 and 2).
+
+        Raises:
+            UninformativePush: the object does not move, or it rotates about a support that bears weight.
+        """
+        forces = friction_directions(self.points, twist) * self.weights[:, None]
+        fx, fy = forces.sum(axis=0)
+        return Wrench(float(fx), float(fy), float(cross(self.points, forces).sum()))
+
+
+def check_points(support_points: npt.ArrayLike) -> Array:
+    """Support points as a read-only (n, 2) array.
+
+    Raises:
+        ValueError: not (n, 2) with n >= 1, or not finite.
+    """
+    points = np.array(support_points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+        raise ValueError(f"support_points must have shape (n, 2) with n >= 1, got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("support_points must be finite")
+    points.setflags(write=False)
+    return points
+
+
+def friction_directions(support_points: Array, twist: Twist) -> Array:
+    """Unit forces -v_j / |v_j| (n, 2) of the support friction on the moving object (eq. 1).
+
+    Raises:
+        UninformativePush: a support point does not move, so the direction of its friction is unknown (section 3).
+    """
+    velocities = velocity_at(twist, support_points)
+    speeds = np.hypot(velocities[:, 0], velocities[:, 1])
+    if not speeds.all():
+        if not any(twist):
+            raise UninformativePush("the object did not move")
+        still = support_points[int(np.argmin(speeds))]
+        raise UninformativePush(f"the object rotated exactly about its support point ({still[0]:g}, {still[1]:g})")
+    return np.asarray(-velocities / speeds[:, None])
+
+
+def center_of_friction(support_points: Array, weights: Array) -> Array:
+    """Centroid (2,) of the support friction distribution [m], eq. 3."""
+    return np.asarray(weights @ support_points / weights.sum())

@@ -1,0 +1,18 @@
+from setuptools import setup
+
+setup(
+    name="pushfric_core",
+    version="0.1.0",
+    description="Friction parameters of pushed objects: mechanics of pushing and the incremental program.",
+    maintainer="pushfric maintainers",
+    maintainer_email="pushfric@users.noreply.github.com",
+    license="Apache-2.0",
+    packages=["pushfric_core"],
+    package_data={"pushfric_core": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),
+        ("share/pushfric_core", ["package.xml"]),
+    ],
+    install_requires=["numpy", "scipy", "shapely"],
+    zip_safe=False,
+)

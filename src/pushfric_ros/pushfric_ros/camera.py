@@ -1,0 +1,209 @@
+"""A calibrated camera over the table: its lens, and where table points appear in its image."""
+
+import math
+import pathlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Array
+
+Image = npt.NDArray[np.uint8]
+"""A mono8 image (height, width)."""
+
+DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
+DISTORTION_COEFFICIENTS = (4, 5, 8)
+_ZERO = np.zeros(3)
+_UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-10)
+
+
+class CameraInfoFields(Protocol):
+    """The fields of a sensor_msgs/CameraInfo that describe the lens."""
+
+    width: int
+    height: int
+    distortion_model: str
+    d: Any  # numbers
+    k: Any  # 9 numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Lens and table of one camera. Pixels are (u, v): u to the right, v down, (0, 0) the centre of the first pixel.
+
+    Args:
+        width, height: of the image [px].
+        K: (3, 3) camera matrix [px].
+        D: (4,), (5,) or (8,) distortion coefficients, as OpenCV orders them.
+        H: (3, 3) homography from the table plane z = 0 [m] to undistorted pixels, of any scale.
+    Raises:
+        ValueError: a shape that is none of these.
+        InvalidInput: values of no real camera: K all zero, H degenerate or seen from below the table.
+    """
+
+    width: int
+    height: int
+    K: Array
+    D: Array
+    H: Array
+
+    def __post_init__(self) -> None:
+        for name, shapes in (("K", ((3, 3),)), ("D", tuple((n,) for n in DISTORTION_COEFFICIENTS)), ("H", ((3, 3),))):
+            array = np.array(getattr(self, name), dtype=float)
+            if array.shape not in shapes:
+                raise ValueError(f"{name} must have shape {' or '.join(map(str, shapes))}, got {array.shape}")
+            if not np.isfinite(array).all():
+                raise InvalidInput(f"{name} must be finite, got {array.tolist()}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if self.width < 1 or self.height < 1:
+            raise InvalidInput(f"the image size must be positive, got {self.width} x {self.height}")
+        if not (self.K[0, 0] > 0 and self.K[1, 1] > 0 and self.K[2, 2] == 1):
+            raise InvalidInput(f"the camera is not calibrated: K needs focal lengths > 0 and ends in 1, got {self.K.tolist()}")
+        # z of the table points to the camera
+        if self._axes[2] @ self._axes[3] >= 0:
+            raise InvalidInput("the table homography is mirrored: seen by the camera, y lies 90 degrees counter-clockwise of x")
+
+    @classmethod
+    def looking_down(cls, width: int, height: int, center: tuple[float, float], metres_per_pixel: float,
+                     distance: float = 0.8, distortion: Sequence[float] = (0.0,) * 5) -> "Camera":
+        """Straight above `center` (x, y) [m] at `distance` [m]: image x along table x, image y along table -y."""
+        u, v, focal = (width - 1) / 2, (height - 1) / 2, distance / metres_per_pixel
+        K = np.array(((focal, 0.0, u), (0.0, focal, v), (0.0, 0.0, 1.0)))
+        x, y = center
+        return cls(width, height, K, np.array(distortion), K @ ((1.0, 0.0, -x), (0.0, -1.0, y), (0.0, 0.0, distance)))
+
+    @classmethod
+    def from_info(cls, info: CameraInfoFields, table_homography: npt.ArrayLike) -> "Camera":
+        """From a sensor_msgs/CameraInfo and the homography H.
+
+        Raises:
+            InvalidInput: not calibrated, or a distortion model other than DISTORTION_MODELS.
+        """
+        if not any(info.k):
+            raise InvalidInput("the camera is not calibrated: K is all zero")
+        if info.distortion_model not in DISTORTION_MODELS:
+            raise InvalidInput(f"distortion model must be {' or '.join(DISTORTION_MODELS)}, got {info.distortion_model!r}")
+        return cls(info.width, info.height, np.reshape(info.k, (3, 3)), np.array(info.d), np.reshape(table_homography, (3, 3)))
+
+    def info_fields(self) -> dict[str, Any]:
+        """What sensor_msgs/CameraInfo holds, by field name: CameraInfo(header=..., **camera.info_fields())."""
+        return {
+            "width": self.width,
+            "height": self.height,
+            "distortion_model": DISTORTION_MODELS[len(self.D) == 8],
+            "d": self.D.tolist(),
+            "k": self.K.ravel().tolist(),
+            "r": np.eye(3).ravel().tolist(),
+            "p": np.column_stack((self.K, np.zeros(3))).ravel().tolist(),
+        }
+
+    def at_height(self, height: float) -> Array:
+        """Homography (3, 3) from the plane z = `height` [m] over the table to undistorted pixels."""
+        return np.asarray(self.K @ self._plane(height).T)
+
+    def project(self, points: npt.ArrayLike, height: float = 0.0) -> Array:
+        """Distorted pixels (n, 2) of table points (n, 2) [m] at `height` [m] over the table."""
+        plane = self._plane(height)
+        pixels, _ = cv2.projectPoints(np.asarray(points, dtype=float) @ plane[:2] + plane[2], _ZERO, _ZERO, self.K, self.D)
+        return np.asarray(pixels.reshape(-1, 2))
+
+    def unproject(self, pixels: npt.ArrayLike, height: float = 0.0) -> Array:
+        """Table points (n, 2) [m] at `height` [m] over the table, seen at distorted pixels (n, 2)."""
+        seen = np.asarray(pixels, dtype=float).reshape(-1, 1, 2)
+        rays = cv2.undistortPoints(seen, self.K, self.D, criteria=_UNDISTORT_CRITERIA)
+        return np.asarray(cv2.perspectiveTransform(rays, np.linalg.inv(self._plane(height).T)).reshape(-1, 2))
+
+    def metres_per_pixel(self, height: float = 0.0) -> float:
+        """Size of the pixel in the middle of the image, on the plane at `height` [m]."""
+        u, v = self.width / 2, self.height / 2
+        a, b, c = self.unproject(((u, v), (u + 1, v), (u, v + 1)), height)
+        return math.sqrt(abs(np.linalg.det((b - a, c - a))))
+
+    def _plane(self, height: float) -> Array:
+        """The plane z = `height` [m] in the camera frame, as rows (3, 3): x axis, y axis, origin."""
+        x_axis, y_axis, z_axis, origin = self._axes
+        return np.array((x_axis, y_axis, origin + height * z_axis))
+
+    @cached_property
+    def _axes(self) -> Array:
+        """Unit axes x, y, z of the table and its origin [m] in the camera frame, as rows (4, 3)."""
+        x_axis, y_axis, origin = np.linalg.solve(self.K, self.H).T
+        scale = (np.linalg.norm(x_axis) + np.linalg.norm(y_axis)) / 2
+        # as seen from the camera: 0 for a table seen edge-on
+        tilt = np.linalg.det((x_axis, y_axis, origin))
+        if not abs(tilt) > 1e-6 * scale**2 * np.linalg.norm(origin):
+            raise InvalidInput(f"the table homography is degenerate: {self.H.tolist()}")
+        middle = np.linalg.solve(self.K, (self.width / 2, self.height / 2, 1.0))
+        # H has any sign; the table lies in front of the camera.
+        depth = tilt / (np.cross(x_axis, y_axis) @ middle)
+        x_axis, y_axis, origin = (np.sign(depth) / scale) * np.array((x_axis, y_axis, origin))
+        return np.array((x_axis, y_axis, np.cross(x_axis, y_axis), origin))
+
+
+def load_camera(path: str | pathlib.Path) -> Camera:
+    """Read a camera from the YAML that camera_calibration writes, extended by `table_homography` (rows, cols, data).
+
+    Raises:
+        InvalidInput: the file cannot be read, lacks a field, or describes no calibrated camera; names file and field.
+    """
+    try:
+        fields = yaml.safe_load(pathlib.Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InvalidInput(f"{path}: cannot be read as a camera YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(fields, dict):
+        raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")
+    try:
+        return Camera.from_info(_YamlInfo(fields), _matrix(fields, "table_homography", 9))
+    except (InvalidInput, ValueError) as error:
+        raise InvalidInput(f"{path}: {error}") from error
+
+
+def save_camera(camera: Camera, path: str | pathlib.Path, name: str = "camera") -> None:
+    """Write a camera as `load_camera` reads it; camera_info_manager reads its lens."""
+    info = camera.info_fields()
+    fields = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "camera_name": name,
+        "camera_matrix": {"rows": 3, "cols": 3, "data": info["k"]},
+        "distortion_model": info["distortion_model"],
+        "distortion_coefficients": {"rows": 1, "cols": len(info["d"]), "data": info["d"]},
+        "rectification_matrix": {"rows": 3, "cols": 3, "data": info["r"]},
+        "projection_matrix": {"rows": 3, "cols": 4, "data": info["p"]},
+        "table_homography": {"rows": 3, "cols": 3, "data": camera.H.ravel().tolist()},
+    }
+    pathlib.Path(path).write_text(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+class _YamlInfo:
+    """The lens part of a camera YAML, with CameraInfo's names."""
+
+    def __init__(self, fields: dict[str, Any]) -> None:
+        self.width = _integer(fields, "image_width")
+        self.height = _integer(fields, "image_height")
+        self.k = _matrix(fields, "camera_matrix", 9)
+        self.distortion_model = str(fields.get("distortion_model"))
+        self.d = _matrix(fields, "distortion_coefficients", *DISTORTION_COEFFICIENTS)
+
+
+def _integer(fields: dict[str, Any], key: str) -> int:
+    value = fields.get(key)
+    if not isinstance(value, int):
+        raise InvalidInput(f"{key} must be an integer, got {value!r}")
+    return value
+
+
+def _matrix(fields: dict[str, Any], key: str, *lengths: int) -> list[float]:
+    entry = fields.get(key)
+    data = entry.get("data") if isinstance(entry, dict) else None
+    if not isinstance(data, list) or len(data) not in lengths or not all(isinstance(value, int | float) for value in data):
+        raise InvalidInput(f"{key} must hold `data`, a list of {' or '.join(map(str, lengths))} numbers, got {entry!r}")
+    return data

@@ -1,0 +1,66 @@
+"""A cell's YAML file: camera, pusher, object and push plan."""
+
+import pathlib
+from typing import Annotated
+
+import pydantic
+
+from pushfric_ros.object_file import Point, Strict, read_yaml
+
+
+class CameraEntry(Strict):
+    """Where images come from, and how they map to the table."""
+
+    source: str = "0"  # device index, URL, video file or image folder; topic: subscribe to image_raw
+    calibration: str  # path of the camera's calibration YAML
+    threshold: Annotated[int, pydantic.Field(ge=0, le=255)] = 0  # of brightness; 0: found in each frame (Otsu)
+    time_offset: float = 0.0  # added to the stamps of the images [s]
+
+
+class PusherEntry(Strict):
+    """The linear stage and its line on the table."""
+
+    port: str  # serial port of the GRBL controller
+    baud: int = 115200
+    axis: str = "X"  # with a minus sign where the forward stroke goes to negative coordinates
+    home: bool = False  # seek the home switch at start; otherwise the position at power-on is the home end
+    line_origin: Point  # centre of the tip at stroke position 0, in the table frame [m]
+    line_direction: Point  # of the forward stroke, in the table frame
+    tip_radius: Annotated[float, pydantic.Field(ge=0)]  # [m]
+    stroke: Annotated[float, pydantic.Field(gt=0)]  # travel [m]
+    max_speed: Annotated[float, pydantic.Field(gt=0)]  # [m/s]
+
+
+class PlanEntry(Strict):
+    """What is pushed where, and how."""
+
+    file: str = ""  # path of a push plan; empty: a few pushes along each edge
+    distance: Annotated[float, pydantic.Field(gt=0)] = 0.05  # [m]
+    speed: Annotated[float, pydantic.Field(gt=0)] = 0.02  # [m/s]
+
+
+class CellFile(Strict):
+    """One robot cell."""
+
+    namespace: str = "/cell"
+    object: str  # name of an object of Table 1, or path of an object YAML
+    camera: CameraEntry
+    pusher: PusherEntry
+    plan: PlanEntry = PlanEntry()
+
+
+def load_cell(path: pathlib.Path) -> CellFile:
+    """A cell file; relative paths in it are meant from its own folder.
+
+    Raises:
+        InvalidInput: it cannot be read or does not describe a cell.
+    """
+    cell = read_yaml(path, CellFile)
+    folder = path.resolve().parent
+
+    def beside(name: str) -> str:
+        return str(folder / name) if name and (folder / name).exists() else name
+
+    camera = cell.camera.model_copy(update={"calibration": beside(cell.camera.calibration)})
+    plan = cell.plan.model_copy(update={"file": beside(cell.plan.file)})
+    return cell.model_copy(update={"object": beside(cell.object), "camera": camera, "plan": plan})

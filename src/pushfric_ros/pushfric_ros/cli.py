@@ -1,0 +1,224 @@
+"""The command line: one function for each command, which does nothing but connect the rooms of this package."""
+
+import os
+import pathlib
+import sys
+import time
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimator import TERMS, Estimator, EstimatorConfig
+from pushfric_core.simulation import TABLE_1
+from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_ros import demo as demonstration
+from pushfric_ros import graph, offline, zhou2015
+from pushfric_ros.cell_file import load_cell
+from pushfric_ros.conversions import estimate_to_msg
+from pushfric_ros.figures import summary_figure
+from pushfric_ros.object_file import ObjectModel, load_object, read_points
+from pushfric_ros.report import report, to_json, truth
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    help="Push an object a few times; learn its support friction, its centre of friction and the pusher's contact friction.",
+)
+console = Console(stderr=True)
+
+Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
+ObjectOption = Annotated[
+    str, typer.Option("--object", help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may bring its own as object.yaml.",
+                      show_default=False)
+]
+GridOption = Annotated[tuple[int, int], typer.Option("--grid", help="Support points: a grid of NX by NY over the object.",
+                                                     metavar="NX NY", show_default=False)]
+SupportPointsOption = Annotated[pathlib.Path | None, typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].",
+                                                                  show_default=False)]
+TermsOption = Annotated[str, typer.Option("--terms", help=f"What the fit error is made of, comma-separated: {', '.join(TERMS)}.")]
+HalfWidthOption = Annotated[float, typer.Option("--half-width", help="Half the interval of possible contact points [m] (eqs 5, 6).")]
+MuBoundOption = Annotated[float, typer.Option("--mu-bound", help="Known upper bound on mu_c, for the term cone (eqs 9, 10).")]
+NonnegativeOption = Annotated[bool, typer.Option("--nonnegative-force/--no-nonnegative-force",
+                                                 help="The pusher cannot pull (eq. 7), hard.")]
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display: a line for each push.")]
+
+
+@app.command()
+def demo(
+    headless: HeadlessFlag = False,
+    json: Annotated[pathlib.Path | None, typer.Option("--json", help="Write the result there as JSON.", show_default=False)] = None,
+    seed: Annotated[int, typer.Option(help="Of the camera's noise and the operator's hand.", min=0)] = 0,
+    object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
+    bag: Annotated[pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")] = None,
+) -> None:
+    """Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal, an operator."""
+    if object_name not in TABLE_1:
+        raise InvalidInput(f"no object {object_name!r} in the simulated cell; expected one of {', '.join(TABLE_1)}")
+    bag = bag or pathlib.Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
+    if json is not None and not json.parent.is_dir():
+        raise InvalidInput(f"{json}: its folder does not exist")
+    if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
+        raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
+    last, ended = demonstration.run_demo(console, object_name, seed, bag, live=console.is_terminal and not headless)
+    if ended.code or last is None:
+        raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
+    demonstration.print_summary(console, object_name, last)
+    summary_figure(bag / demonstration.FIGURE, TABLE_1[object_name].outline, demonstration.course_of(bag, console), TABLE_1[object_name])
+    console.print(f"figure: {bag / demonstration.FIGURE}\nbag:    {bag}")
+    if json is not None:
+        json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
+
+
+@app.command()
+def run(
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
+    bag: Annotated[pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")] = None,
+    headless: HeadlessFlag = False,
+) -> None:
+    """Run the real cell: carry out its push plan, estimate, record."""
+    file = load_cell(cell)
+    model = load_object(file.object)
+    bag = bag or pathlib.Path("runs") / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
+    specs = graph.cell(file, str(bag))
+    ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", console.is_terminal and not headless)
+    if ended.code:
+        raise RunFailed(ended.code, ended.reason)
+    console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it")
+
+
+@app.command()
+def replay(
+    bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.", show_default=False)],
+    object_name: ObjectOption = "",
+    rate: Annotated[float, typer.Option(help="Multiple of the recorded speed.")] = 1.0,
+    json: JsonFlag = False,
+    headless: HeadlessFlag = False,
+) -> None:
+    """Play a bag through the live graph; it ends with exactly the estimate of the live run."""
+    if not 0 < rate <= 1000:
+        raise InvalidInput(f"--rate must lie in (0, 1000], got {rate:g}")
+    model, object_file = _object_of(bag, object_name)
+    data = offline.observations(bag, model, TrajectoryConfig(), _warn)
+    source = offline.source_of(bag)
+    specs = graph.replay(str(bag), object_file, source, rate)
+    pushes = len({observation.push_id for observation in data})
+    ended, last = demonstration.watch(console, specs, source.namespace, f"replaying {bag.name}", console.is_terminal and not headless,
+                                      steps=pushes, data_points=len(data))
+    if ended.code:
+        raise RunFailed(ended.code, ended.reason)
+    if last is None or last.data_points < len(data):
+        arrived = 0 if last is None else last.data_points
+        raise RunFailed(1, f"the live graph made {arrived} data points of the {len(data)} in the bag; try a lower --rate")
+    _print_result(report(last), json)
+
+
+@app.command()
+def estimate(
+    source: Input,
+    object_name: ObjectOption = "",
+    grid: GridOption = (0, 0),
+    support_points: SupportPointsOption = None,
+    terms: TermsOption = "moment",
+    half_width: HalfWidthOption = EstimatorConfig.half_width,
+    mu_bound: MuBoundOption = EstimatorConfig.mu_bound,
+    nonnegative_force: NonnegativeOption = True,
+    json: JsonFlag = False,
+) -> None:
+    """Estimate from a bag or a CSV, as fast as it goes."""
+    model, _ = _object_of(source, object_name)
+    points = _support_points(model, grid, support_points)
+    try:
+        config = EstimatorConfig(terms=tuple(terms.split(",")), half_width=half_width, mu_bound=mu_bound,
+                                 nonnegative_force=nonnegative_force)
+    except ValueError as error:
+        raise InvalidInput(str(error)) from error
+    data = offline.observations(source, model, TrajectoryConfig(), _warn)
+    result = offline.estimate(Estimator(points, config), data, _warn)
+    _print_result(report(estimate_to_msg(result, model.name)), json)
+
+
+@app.command("import")
+def import_(
+    dataset: Annotated[str, typer.Argument(help=f"Which public data set: {zhou2015.NAME}.", show_default=False)],
+    source: Annotated[pathlib.Path, typer.Argument(help="A log of it, or push_points.csv.", show_default=False)],
+    out: Annotated[pathlib.Path, typer.Option(help="Folder of the bag; of several logs, a bag each.", show_default=False)],
+) -> None:
+    """Turn a public data set of real pushes into bags of observations, each with its object.yaml."""
+    if dataset != zhou2015.NAME:
+        raise InvalidInput(f"unknown data set {dataset!r}; expected {zhou2015.NAME}")
+    for written in zhou2015.import_pushes(source, out):
+        console.print(f"{written.bag}: {written.observations} observations of {written.object}")
+
+
+class RunFailed(PushfricError):
+    """A run of the graph came to a bad end."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
+def _object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
+    """The object given, or the one that lies beside the bag; and where it came from."""
+    if not path.exists():
+        raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
+    beside = offline.object_beside(path)
+    if not name and beside is None:
+        raise InvalidInput(f"{path} does not say of what object it is; give --object OBJ.yaml or one of {', '.join(TABLE_1)}")
+    where = name or str(beside)
+    return load_object(where), where
+
+
+def _support_points(model: ObjectModel, grid: tuple[int, int], file: pathlib.Path | None) -> Any:
+    if file is not None and grid != (0, 0):
+        raise InvalidInput("give --grid or --support-points, not both")
+    if file is not None:
+        return read_points(file)
+    if grid == (0, 0):
+        return model.support_points
+    try:
+        return model.outline.grid(*grid, model.file.support.inset)
+    except ValueError as error:
+        raise InvalidInput(f"--grid: {error}") from error
+
+
+def _print_result(figures: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(to_json(figures))
+        return
+    x, y = (1e3 * value for value in figures["center_of_friction"])
+    output = Console(highlight=False)
+    output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm")
+    output.print(f"mu_c   {figures['mu_c']['p90']:.3f} (90 %), {figures['mu_c']['max']:.3f} (100 %)")
+    output.print(f"fit    {figures['objective'] * 1e3:.4f} mm, {figures['status']}, gap {figures['gap'] * 1e3:.1e} mm")
+    output.print(f"from   {figures['data_points']} data points of {figures['pushes']} pushes")
+
+
+def _warn(line: str) -> None:
+    console.print(f"warning: {line}", highlight=False, markup=False)
+
+
+def main() -> None:
+    """Entry point. Unusable input ends with one line and exit code 2."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        app()
+    except InvalidInput as error:
+        console.print(f"error: {error}", highlight=False, markup=False, soft_wrap=True)
+        sys.exit(2)
+    except RunFailed as error:
+        console.print(f"error: {error}", highlight=False, markup=False, soft_wrap=True)
+        sys.exit(error.code)
+    except PushfricError as error:
+        console.print(f"error: {error}", highlight=False, markup=False, soft_wrap=True)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

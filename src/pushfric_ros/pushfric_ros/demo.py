@@ -1,0 +1,92 @@
+"""The demonstration: the whole graph on a simulated cell, then a summary beside the truth."""
+
+import pathlib
+import shutil
+import tempfile
+
+from rich.console import Console
+from rich.table import Table
+
+from pushfric_core.estimator import Estimate, Estimator
+from pushfric_core.simulation import TABLE_1
+from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_msgs.msg import FrictionEstimate
+from pushfric_ros import graph, offline
+from pushfric_ros.camera import Camera, save_camera
+from pushfric_ros.cell_file import CameraEntry, CellFile, PusherEntry
+from pushfric_ros.monitor import Monitor
+from pushfric_ros.object_file import load_object, save_object
+from pushfric_ros.supervisor import Ended, Supervisor
+
+SPEED = 5.0
+"""Multiple of real time at which the simulated cell runs."""
+
+FIGURE = "figure.png"
+
+
+def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
+    """The simulated cell: a camera that looks straight down on a pushing line along y; its files go to `folder`."""
+    camera = Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625)
+    save_camera(camera, folder / "camera.yaml")
+    pusher = PusherEntry(port=str(folder / "pusher"), line_origin=(0.0, 0.0), line_direction=(0.0, 1.0), tip_radius=0.003, stroke=0.06,
+                         max_speed=0.1)
+    return CellFile(object=object_name, camera=CameraEntry(source="topic", calibration=str(folder / "camera.yaml")), pusher=pusher)
+
+
+def run_demo(console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool) -> tuple[FrictionEstimate | None, Ended]:
+    """Run the graph until its plan is finished; returns the last estimate published, and how the run ended."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
+        cell = demo_cell(object_name, pathlib.Path(scratch))
+        specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
+        console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}")
+        ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live)
+        if bag.is_dir():
+            save_object(load_object(object_name), bag / offline.OBJECT_FILE)
+            shutil.copy(cell.camera.calibration, bag)
+    return last, ended
+
+
+def watch(console: Console, specs: list[graph.NodeSpec], namespace: str, what: str, live: bool, steps: int | None = None,
+          data_points: int = 0) -> tuple[Ended, FrictionEstimate | None]:
+    """Run a graph under the eyes of a monitor, until it ends and `data_points` have been estimated from."""
+    monitor = Monitor(console, namespace, what, steps, live)
+
+    def say(name: str, line: str) -> None:
+        # a node's information is for its log; what it warns of, and the one line of a failed start, is for the operator
+        if "[INFO]" not in line and "[DEBUG]" not in line:
+            console.print(f"[dim]{name}:[/] {line}", highlight=False)
+
+    def done() -> bool:
+        return monitor.estimate is not None and monitor.estimate.data_points >= data_points
+
+    try:
+        with Supervisor(specs, namespace, say) as supervisor:
+            return monitor.watch(supervisor, done, patience=10.0), monitor.estimate
+    finally:
+        monitor.close()
+
+
+def course_of(bag: pathlib.Path, console: Console) -> list[Estimate]:
+    """The estimates after each data point, from what the bag recorded; for figures."""
+    model = load_object(str(bag / offline.OBJECT_FILE))
+    data = offline.observations(bag, model, TrajectoryConfig(), console.print)
+    estimator = Estimator(model.support_points)
+    return [estimator.add(observation) for observation in data]
+
+
+def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
+    """The last estimate beside the truth of a simulated object."""
+    known = TABLE_1[name]
+    size, true = known.outline.size, known.support.center_of_friction
+    center = (msg.center_of_friction.x, msg.center_of_friction.y)
+    table = Table(title=f"{name}: {msg.data_points} data points from {msg.pushes} pushes", title_justify="left", box=None)
+    for column in ("", "estimate", "truth", "error"):
+        table.add_column(column, justify="right" if column else "left")
+    for axis, label in enumerate("xy"):
+        error = abs(center[axis] - true[axis])
+        table.add_row(f"p_CF {label} [mm]", f"{center[axis] * 1e3:.2f}", f"{true[axis] * 1e3:.2f}",
+                      f"{error * 1e3:.2f} mm, {100 * error / size[axis]:.2f} % of the side")
+    friction = msg.contact_friction
+    table.add_row("mu_c, 90 % / 100 %", f"{friction.p90:.2f} / {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
+    table.add_row("fit error [mm]", f"{msg.objective * 1e3:.3f}", "", f"certified to {msg.gap * 1e3:.1e} mm")
+    console.print(table)

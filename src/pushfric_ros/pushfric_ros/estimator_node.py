@@ -1,0 +1,158 @@
+"""The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.settings import setting
+from pushfric_core.trajectory import Trajectory, TrajectoryConfig
+from pushfric_msgs.msg import ContactFriction, FrictionEstimate, PusherState, SupportFriction
+from pushfric_msgs.msg import Observation as ObservationMsg
+from pushfric_msgs.srv import SelectObject
+from pushfric_ros.conversions import (
+    estimate_to_msg,
+    observation_from_msg,
+    observation_to_msg,
+    pose_sample_from_msg,
+    pusher_sample_from_msg,
+)
+from pushfric_ros.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.object_file import ObjectModel, load_object
+from pushfric_ros.parameters import declare
+from pushfric_ros.process import run_node
+from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+
+SOURCES = ("poses", "observations")
+
+
+@dataclass(frozen=True)
+class EstimatorNodeConfig:
+    """Of what object, and where the data points come from."""
+
+    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
+    source: str = setting("poses", "poses: data points from object_pose and pusher_state; observations: from that topic")
+
+    def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise ValueError(f"source must be one of {', '.join(SOURCES)}, got {self.source!r}")
+
+
+class EstimatorNode(Node):
+    """Publishes an estimate after every data point; late subscribers get the last one."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("estimator", **kwargs)
+        config = declare(self, EstimatorNodeConfig)
+        self._trajectory_config = declare(self, TrajectoryConfig)
+        self._estimator_config = declare(self, EstimatorConfig)
+        self._select(load_object(config.object))
+        self._observations_out = None
+        if config.source == "observations":
+            self.create_subscription(ObservationMsg, "observation", self._on_observation, RELIABLE)
+        else:
+            self._observations_out = self.create_publisher(ObservationMsg, "observation", RELIABLE)
+            self.create_subscription(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+            self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+        self._support_friction_out = self.create_publisher(SupportFriction, "support_friction", LATCHED)
+        self._center_of_friction_out = self.create_publisher(PointStamped, "center_of_friction", LATCHED)
+        self._contact_friction_out = self.create_publisher(ContactFriction, "contact_friction", LATCHED)
+        self._estimate_out = self.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
+        self._diagnostics = Diagnostics(self, self._health)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SelectObject, "~/select_object", self._on_select_object)
+        # time that runs backwards means another run of the cell or of a bag: what was learned before may not be mixed with it
+        backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
+
+    def _select(self, model: ObjectModel) -> None:
+        """Start afresh with an object."""
+        self._object = model
+        self._trajectory = Trajectory(model.outline, self._trajectory_config)
+        self._estimator = Estimator(model.support_points, self._estimator_config)
+        self._estimate: Estimate | None = None
+        self._problem: str | None = None
+        self._refused = 0
+
+    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        try:
+            self._take(self._trajectory.add_pose(pose_sample_from_msg(msg)))
+        except ValueError as error:
+            self._refuse("object_pose", error)
+
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        try:
+            self._take(self._trajectory.add_pusher(pusher_sample_from_msg(msg)))
+        except ValueError as error:
+            self._refuse("pusher_state", error)
+
+    def _on_observation(self, msg: ObservationMsg) -> None:
+        try:
+            self._take([observation_from_msg(msg)])
+        except (ValueError, PushfricError) as error:
+            self._refuse("observation", error)
+
+    def _take(self, observations: list[Observation]) -> None:
+        for observation in observations:
+            if self._observations_out is not None:
+                self._observations_out.publish(observation_to_msg(observation, self._object.name))
+            try:
+                self._estimate = self._estimator.add(observation)
+            except PushfricError as error:
+                self._refuse("observation", error)
+                continue
+            self._problem = None
+            self._publish(self._estimate)
+
+    def _publish(self, estimate: Estimate) -> None:
+        msg = estimate_to_msg(estimate, self._object.name)
+        self._support_friction_out.publish(msg.support_friction)
+        self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
+        self._contact_friction_out.publish(msg.contact_friction)
+        self._estimate_out.publish(msg)
+
+    def _refuse(self, what: str, error: Exception) -> None:
+        """Say once, not at camera rate, that input was refused; the estimate stays as it was."""
+        self._refused += 1
+        if self._problem is None:
+            self.get_logger().error(f"{what} refused: {error}")
+        self._problem = str(error)
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._select(self._object)
+        response.success, response.message = True, f"estimation of {self._object.name} starts afresh"
+        return response
+
+    def _on_select_object(self, request: SelectObject.Request, response: SelectObject.Response) -> SelectObject.Response:
+        try:
+            self._select(load_object(request.object))
+        except InvalidInput as error:
+            response.message = str(error)
+        else:
+            response.success = True
+        return response
+
+    def _on_clock_jump(self, jump: TimeJump) -> None:
+        self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts afresh")
+        self._select(self._object)
+
+    def _health(self) -> Health:
+        values = {"object": self._object.name, "refused": self._refused, "data points": 0}
+        if self._estimate is not None:
+            solution = self._estimate.solution
+            values |= {"data points": len(self._estimate.observations), "fit error": solution.objective, "gap": solution.gap,
+                       "status": self._estimate.status.value}
+        if self._problem is not None:
+            return Health(Level.ERROR, self._problem, values)
+        return Health(Level.OK, "estimating" if self._estimate else "waiting for data points", values)
+
+
+def main() -> None:
+    run_node(EstimatorNode)

@@ -1,0 +1,103 @@
+"""The node graph, defined once: the supervisor, in-process composition and the launch files all start from here."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from pushfric_ros.cell_file import CellFile
+from pushfric_ros.offline import Source
+
+PACKAGE = "pushfric_ros"
+NAMESPACE = "/cell"
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node of the graph."""
+
+    name: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    respawn: bool = False  # started again when it dies; only nodes that lose nothing by it
+    ends_run: bool = False  # the run is over when it has done its work
+
+    @property
+    def executable(self) -> str:
+        return f"{self.name}_node"
+
+
+class Topic(NamedTuple):
+    """A topic of the cell, relative to its namespace."""
+
+    name: str
+    type: str
+    qos: str  # sensor_data, reliable or latched
+
+
+TOPICS = (
+    Topic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_data"),
+    Topic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
+    Topic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
+    Topic("plan_progress", "pushfric_msgs/msg/PlanProgress", "latched"),
+    Topic("observation", "pushfric_msgs/msg/Observation", "reliable"),
+    Topic("support_friction", "pushfric_msgs/msg/SupportFriction", "latched"),
+    Topic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
+    Topic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
+    Topic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
+)
+"""What a cell records: all but the images."""
+
+def cell(file: CellFile, bag: str, estimator: Mapping[str, Any] | None = None) -> list[NodeSpec]:
+    """The nodes of a cell that carries out its push plan and records it.
+
+    Args:
+        file: the cell.
+        bag: folder of the bag to record.
+        estimator: further parameters of the estimator.
+    """
+    pusher = file.pusher.model_dump() | {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
+    plan = {"object": file.object, "plan": file.plan.file, "distance": file.plan.distance, "speed": file.plan.speed}
+    return [
+        NodeSpec("recorder", {"bag": bag, "topics": [" ".join(topic) for topic in TOPICS]}),
+        NodeSpec("estimator", {"object": file.object, **(estimator or {})}),
+        NodeSpec("tracker", {"object": file.object, **file.camera.model_dump()}, respawn=True),
+        NodeSpec("actuator", pusher, respawn=True),
+        NodeSpec("experiment", plan, ends_run=True),
+    ]
+
+
+def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[NodeSpec]:
+    """The same cell, with the simulated one behind its camera and serial port.
+
+    Args:
+        file: its camera source must be `topic`; its port is where the simulated one appears.
+        bag: folder of the bag to record.
+        seed: of the simulation.
+        speed: multiple of real time.
+    """
+    line = {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
+    same = {name: getattr(file.pusher, name) for name in ("tip_radius", "stroke", "max_speed")}
+    simulation = {"object": file.object, "calibration": file.camera.calibration, "port_link": file.pusher.port, "seed": seed,
+                  "speed": speed, **line, **same}
+    specs = [NodeSpec("simulated_cell", simulation), *cell(file, bag)]
+    return [with_simulated_time(spec) if spec.name != "simulated_cell" else spec for spec in specs]
+
+
+def replay(bag: str, object_name: str, source: Source, rate: float, estimator: Mapping[str, Any] | None = None) -> list[NodeSpec]:
+    """A bag played into a live estimator.
+
+    Args:
+        bag: path of the bag.
+        object_name: of what object it is.
+        source: what its data points come from.
+        rate: multiple of the recorded speed.
+        estimator: further parameters of the estimator.
+    """
+    topics = list(source.topics)
+    player = NodeSpec("player", {"bag": bag, "rate": rate, "topics": topics, "wait_for": topics}, ends_run=True)
+    live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **(estimator or {})})
+    return [with_simulated_time(live), player]
+
+
+def with_simulated_time(spec: NodeSpec) -> NodeSpec:
+    """The same node on the clock of /clock."""
+    return NodeSpec(spec.name, {**spec.parameters, "use_sim_time": True}, spec.respawn, spec.ends_run)

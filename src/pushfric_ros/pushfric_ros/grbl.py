@@ -1,0 +1,617 @@
+"""Driver of a pusher behind a GRBL 1.1 controller (Arduino GRBL, grblHAL, FluidNC) on a serial port.
+
+Nothing here blocks and there is no thread: the owner calls `poll()` a hundred times a second or more, which reads what has
+arrived and takes the next step of what is under way; `ask()` requests a report. Waits are measured in real time.
+
+Flow control is send-and-wait: a line is sent only after the controller answered the last one. One stroke is one line, so
+nothing is gained from keeping the controller's buffer full, and what was refused is always known.
+
+    DISCONNECTED --connect(), greeting, $I, $$, ?--> IDLE, or ALARM; an alarm is unlocked ($X) unless homing is configured
+    IDLE, ALARM --$H, where configured: once, and on recover()--> HOMING --> IDLE
+    IDLE --move_to()--> RUNNING --target reached--> IDLE
+    RUNNING, HOMING --stop(): feed hold, rest, soft reset--> HOLD --> IDLE; ALARM if the controller lost its position by it
+    RUNNING --a button at the controller--> HOLD --another--> RUNNING
+    any --ALARM:n--> ALARM --recover()--> as after connect()
+    any --port gone, silence, restart of the controller--> DISCONNECTED
+
+Whatever goes wrong is raised by `poll()`, after the pusher has been told to stop. A connection made again never moves the
+pusher: homing waits for `recover()`.
+"""
+
+import contextlib
+import math
+import os
+import re
+import time
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+import serial
+
+from pushfric_core.errors import PushfricError
+
+Script = Generator[None, None, None]
+"""A sequence of commands and answers; poll() takes it a step further."""
+FINISHED = object()
+
+WRITE_TIMEOUT = 0.5  # [s], as all below
+ANSWER_TIMEOUT = 3.0
+HOMING_TIMEOUT = 180.0
+ASK_AGAIN = 0.25
+SILENCE = 2.0
+CLOSE_TIMEOUT = 2.0
+LONGEST_LINE = 4096  # [bytes]
+REPORTS_UNTIL_WCO = 31  # the offset comes with every 30th report at the latest
+IDLE_REPORTS = 10  # as many away from the target mean that the motion ended early
+INCH = 25.4  # [mm]
+MM = 1e-3  # [m]
+MM_PER_MINUTE = MM / 60  # [m/s]
+
+ERRORS = {
+    1: "Expected command letter", 2: "Bad number format", 3: "Invalid statement", 4: "Value < 0", 5: "Setting disabled",
+    6: "Value < 3 usec", 7: "EEPROM read fail. Using defaults", 8: "Not idle", 9: "G-code lock", 10: "Homing not enabled",
+    11: "Line overflow", 12: "Step rate > 30kHz", 13: "Check Door", 14: "Line length exceeded", 15: "Travel exceeded",
+    16: "Invalid jog command", 17: "Setting disabled", 20: "Unsupported command", 21: "Modal group violation",
+    22: "Undefined feed rate", **{code: f"Invalid gcode ID:{code}" for code in range(23, 39)},
+}  # fmt: skip
+ALARMS = {
+    1: "Hard limit", 2: "Soft limit", 3: "Abort during cycle", 4: "Probe fail", 5: "Probe fail", 6: "Homing fail",
+    7: "Homing fail", 8: "Homing fail", 9: "Homing fail",
+}  # fmt: skip
+
+
+class PusherError(PushfricError):
+    """Base of what can go wrong with a pusher."""
+
+
+class NotConnected(PusherError):
+    """No port, no controller at it, or the connection was lost."""
+
+
+class NotReady(PusherError):
+    """A motion was asked for while another runs, or in alarm."""
+
+
+class CommandRefused(PusherError):
+    """The controller answered a line with error:n."""
+
+    def __init__(self, line: str, code: int) -> None:
+        super().__init__(f'"{line}" refused: error:{code} {ERRORS.get(code, "(not of GRBL 1.1)")}')
+        self.code = code
+
+
+class Alarm(PusherError):
+    """The controller stopped with ALARM:n and refuses to move."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"ALARM:{code} {ALARMS.get(code, '(not of GRBL 1.1)')}")
+        self.code = code
+
+
+class Timeout(PusherError):
+    """The controller still reports but did not answer, or did not arrive where it was sent."""
+
+
+class Mode(Enum):
+    """What a pusher is doing; the names are those of PusherState.MODE_*."""
+
+    DISCONNECTED = "disconnected"
+    IDLE = "idle"
+    HOMING = "homing"
+    RUNNING = "running"
+    HOLD = "hold"
+    ALARM = "alarm"
+
+
+class PusherReport(NamedTuple):
+    """Where the pusher is."""
+
+    position: float  # along the stroke [m]
+    speed: float  # [m/s], negative on the way back
+    mode: Mode
+    stamp: int | None  # what ask() was given when this report was requested; None for one that came unasked
+
+
+class Limits(NamedTuple):
+    """What the controller is configured to; infinite where it did not say."""
+
+    travel: float = float("inf")  # enforced by the controller [m]
+    max_speed: float = float("inf")  # [m/s]
+    acceleration: float = float("inf")  # [m/s^2]
+
+
+class Pusher(Protocol):
+    """All that the actuator node asks of a pusher, whatever protocol it speaks."""
+
+    @property
+    def mode(self) -> Mode: ...
+
+    @property
+    def busy(self) -> bool:
+        """Whether a connection, motion, homing or stop is under way."""
+
+    @property
+    def limits(self) -> Limits: ...
+
+    @property
+    def name(self) -> str:
+        """What answered, for people."""
+
+    def connect(self) -> None:
+        """Open the port and begin to connect. Raises NotConnected."""
+
+    def close(self) -> None:
+        """Stop a motion, waiting for it [a few seconds at most], and leave the port."""
+
+    def recover(self) -> None:
+        """On a person's request: connect afresh, unlock or home. May move. Raises NotConnected."""
+
+    def move_to(self, position: float, speed: float) -> None:
+        """Begin a motion to `position` [m] at `speed` [m/s]; done when no longer busy. Raises NotConnected, NotReady."""
+
+    def stop(self) -> None:
+        """Begin to stop; done when no longer busy. Raises NotConnected."""
+
+    def ask(self, stamp: int) -> None:
+        """Request a report, which will carry `stamp`. Nothing happens while disconnected. Raises NotConnected."""
+
+    def poll(self) -> PusherReport | None:
+        """Read and act; the newest report that came. Raises every PusherError, once, with the pusher told to stop."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """A status report, in the controller's units (mm or inch, per minute)."""
+
+    state: str  # Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep; grblHAL also Tool
+    substate: int | None = None  # Hold:0 at rest, Hold:1 braking; Door:0-3
+    machine_position: tuple[float, ...] | None = None  # MPos
+    work_position: tuple[float, ...] | None = None  # WPos
+    work_offset: tuple[float, ...] | None = None  # WCO = MPos - WPos
+    buffer: tuple[int, ...] | None = None  # Bf: free blocks of the planner, free bytes of the receiver
+    line: int | None = None  # Ln
+    feed: float | None = None  # F, FS
+    spindle: float | None = None  # FS [1/min]
+    pins: str = ""  # Pn: active inputs, X Y Z for limit switches
+    overrides: tuple[int, ...] | None = None  # Ov: feed, rapids, spindle [%]
+    accessories: str = ""  # A
+    others: dict[str, str] = field(default_factory=dict)  # fields of other firmware
+
+
+STATUS = re.compile(r"<([A-Za-z]+)(?::(\d+))?((?:\|[^<>|]+)*)>")
+GREETING = re.compile(r"grbl(?:hal)? (\d+\.\S+) \[.*\]", re.IGNORECASE)
+BUILD = re.compile(r"\[VER:([^:\]]+)")
+SETTING = re.compile(r"\$(\d+)=([^ (]*)")
+CODE = re.compile(r"(error|ALARM):\s*(\d+)")
+
+STATE_MODES = {"Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM,
+               "Sleep": Mode.ALARM}  # any other state is one the pusher rests in and does not accept a motion: HOLD
+
+
+class RealTime(Enum):
+    """Single bytes obeyed at once, outside the flow of lines."""
+
+    ASK = b"?"
+    HOLD = b"!"
+    RESUME = b"~"
+    RESET = b"\x18"
+    CANCEL_JOG = b"\x85"
+
+
+def parse_status(line: str) -> Status | None:
+    """The status report in a line; None where there is none, or only a damaged one."""
+    match = STATUS.search(line)
+    if match is None:
+        return None
+    state, substate, rest = match.groups()
+    fields = dict(text.partition(":")[::2] for text in rest.split("|")[1:])
+
+    def numbers(key: str) -> tuple[float, ...] | None:
+        text = fields.pop(key, None)
+        return None if text is None else tuple(float(number) for number in text.split(","))
+
+    def integers(key: str) -> tuple[int, ...] | None:
+        text = fields.pop(key, None)
+        return None if text is None else tuple(int(number) for number in text.split(","))
+
+    try:
+        feed, spindle = (*(numbers("FS") or numbers("F") or (None,)), None)[:2]
+        return Status(
+            state=state,
+            substate=None if substate is None else int(substate),
+            machine_position=numbers("MPos"),
+            work_position=numbers("WPos"),
+            work_offset=numbers("WCO"),
+            buffer=integers("Bf"),
+            line=(integers("Ln") or (None,))[0],
+            feed=feed,
+            spindle=spindle,
+            pins=fields.pop("Pn", ""),
+            overrides=integers("Ov"),
+            accessories=fields.pop("A", ""),
+            others=fields,
+        )
+    except ValueError:
+        return None  # bytes were lost inside a number; the next report is a twentieth of a second away
+
+
+class Grbl:
+    """A Pusher: one linear axis of a GRBL 1.1 controller.
+
+    Stroke position 0 is where the axis rests after homing; without homing, zero of the controller's work coordinates.
+    """
+
+    def __init__(self, port: str, baud: int = 115200, axis: str = "X", home: bool = False, greeting_timeout: float = 2.0) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            port: of the controller, such as /dev/ttyUSB0.
+            baud: [bit/s]
+            axis: X, Y, Z, A, B or C, with a minus sign where the stroke runs towards negative coordinates.
+            home: seek the home switch on the first connection and on `recover`; otherwise an alarm is unlocked.
+            greeting_timeout: how long a controller may take to boot [s].
+        Raises:
+            ValueError: axis is none of these.
+        """
+        if re.fullmatch("-?[XYZABC]", axis) is None:
+            raise ValueError(f"axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got {axis!r}")
+        self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
+        self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
+        self._index = "XYZABC".index(self._letter)
+        self._may_home = home
+        self._zero = 0.0  # work coordinate of stroke position 0 [mm]
+        self._port: serial.Serial | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing is known of a controller until it has answered."""
+        self._buffer = b""
+        self._script: Script | None = None
+        self._connected = self._homing = self._resetting = self._greeted = False
+        self._status: Status | None = None
+        self._statuses = 0
+        self._offset: tuple[float, ...] | None = None
+        self._last: PusherReport | None = None
+        self._fresh: PusherReport | None = None
+        self._stamp: int | None = None
+        self._asked: float | None = None  # when the last question was sent, if it is unanswered
+        self._silent_since: float | None = None
+        self._pending: str | None = None  # the line sent and not answered yet
+        self._answer: CommandRefused | str | None = None
+        self._settings: dict[int, str] = {}
+        self._version = ""
+        self._trouble: PusherError | None = None
+
+    @property
+    def mode(self) -> Mode:
+        if not self._connected or self._status is None:
+            return Mode.DISCONNECTED
+        return Mode.HOMING if self._homing else STATE_MODES.get(self._status.state, Mode.HOLD)
+
+    @property
+    def busy(self) -> bool:
+        return self._script is not None
+
+    @property
+    def name(self) -> str:
+        return f"{self._version or 'no controller'} at {self._path}"
+
+    @property
+    def limits(self) -> Limits:
+        def setting(first: int) -> float:
+            try:
+                return float(self._settings[first + self._index])
+            except (KeyError, ValueError):  # firmware that keeps it elsewhere
+                return float("inf")
+
+        enforced = self._settings.get(20, "0") != "0"
+        return Limits(setting(130) * MM if enforced else float("inf"), setting(110) * MM_PER_MINUTE, setting(120) * MM)
+
+    def connect(self) -> None:
+        if self._port is not None:
+            return
+        if not os.path.exists(self._path):
+            raise NotConnected(f"no serial port at {self._path}")
+        self._forget()
+        try:
+            self._port = serial.Serial(self._path, self._baud, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True)
+        except (OSError, ValueError) as error:
+            raise NotConnected(f"cannot open {self._path}: {error}") from error
+        self._script = self._connecting()
+
+    def close(self) -> None:
+        deadline = time.monotonic() + CLOSE_TIMEOUT
+        try:
+            if self._in_motion:
+                self.stop()
+            while self._in_motion and time.monotonic() < deadline:
+                self.poll()
+                time.sleep(0.005)
+        except PusherError:
+            pass  # the port is being left all the same, and _drop() sends the stop once more
+        finally:
+            self._drop()
+
+    def recover(self) -> None:
+        self.close()
+        self._may_home = self._home
+        self.connect()
+
+    def move_to(self, position: float, speed: float) -> None:
+        """Raises ValueError where the speed is not positive; see Pusher."""
+        if not speed > 0:
+            raise ValueError(f"speed must be positive, got {speed}")
+        if self.mode is not Mode.IDLE or self.busy:
+            raise NotReady(f"the pusher is {'busy' if self.mode is Mode.IDLE else self.mode.value}, expected idle")
+        self._script = self._moving(position, speed)
+
+    def stop(self) -> None:
+        if not self._connected or self._resetting:
+            return
+        self.send(RealTime.HOLD)
+        at_once = self._homing  # the controller is deaf to a feed hold then
+        if self._script is not None:
+            self._script.close()
+        self._script = self._stopping(at_once)
+
+    def send(self, command: RealTime) -> None:
+        """Send a real-time command. Raises NotConnected."""
+        self._write(command.value)
+
+    def ask(self, stamp: int) -> None:
+        if self._connected and not self._homing:
+            self._ask(stamp)
+
+    def poll(self) -> PusherReport | None:
+        if self._port is None:
+            raise NotConnected(f"{self._path} is not open")
+        self._fresh = None
+        try:
+            self._read()
+            self._judge()
+            self._step()
+        except NotConnected:
+            self._drop()
+            raise
+        except PusherError as error:
+            if self._connected and not self._resetting:
+                self.stop()
+                raise
+            lost = NotConnected(f"{self.name}: {error}")
+            self._drop()
+            raise lost from error
+        return self._fresh
+
+    # What poll() does first: bytes, lines, meaning
+
+    def _write(self, data: bytes) -> None:
+        if self._port is None:
+            raise NotConnected(f"{self._path} is not open")
+        try:
+            self._port.write(data)
+        except OSError as error:
+            self._drop()
+            raise NotConnected(f"lost {self._path}: {error}") from error
+
+    def _read(self) -> None:
+        assert self._port is not None
+        try:
+            self._buffer += self._port.read(LONGEST_LINE)
+        except OSError as error:
+            raise NotConnected(f"lost {self._path}: {error}") from error
+        *lines, self._buffer = self._buffer.split(b"\n")
+        self._buffer = self._buffer[-LONGEST_LINE:]  # noise without an end of line
+        for line in lines:
+            self._take(line.decode("ascii", errors="replace").strip())
+
+    def _take(self, line: str) -> None:
+        """What is not understood (startup lines, echoes, feedback, noise) is none of a pusher's business."""
+        if (status := parse_status(line)) is not None:
+            self._take_status(status)
+        elif line == "ok" or line.startswith("error:"):
+            code = CODE.fullmatch(line)
+            if self._pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
+                self._answer = line if code is None else CommandRefused(self._pending, int(code[2]))
+                self._pending = None
+        elif (code := CODE.fullmatch(line)) is not None:
+            self._status = Status("Alarm")
+            self._trouble = Alarm(int(code[2]))
+        elif (greeting := GREETING.search(line)) is not None:
+            self._greeted, self._version = True, f"Grbl {greeting[1]}"
+            self._trouble = NotConnected(f"the controller at {self._path} restarted")
+        elif (build := BUILD.match(line)) is not None:
+            self._version = f"Grbl {build[1]}"
+        elif (setting := SETTING.match(line)) is not None:
+            self._settings[int(setting[1])] = setting[2]
+
+    def _take_status(self, status: Status) -> None:
+        self._status, self._statuses = status, self._statuses + 1
+        self._offset = status.work_offset or self._offset
+        stamp, self._stamp, self._asked, self._silent_since = self._stamp, None, None, None
+        offset = self._offset or (0.0,) * (self._index + 1)
+        position = status.work_position
+        if position is None and status.machine_position is not None:
+            position = tuple(m - o for m, o in zip(status.machine_position, offset, strict=False))
+        if position is None or len(position) <= self._index:
+            return
+        here = self._sign * (position[self._index] * self._unit - self._zero) * MM
+        self._fresh = self._last = PusherReport(here, self._speed(here, status.feed, stamp), self.mode, stamp)
+
+    def _speed(self, position: float, feed: float | None, stamp: int | None) -> float:
+        """The controller says how fast, the positions say which way; both, where the controller says nothing."""
+        if self._last is None or position == self._last.position:
+            return 0.0
+        moved = position - self._last.position
+        if feed is not None:
+            return math.copysign(feed * self._unit * MM_PER_MINUTE, moved)
+        if stamp is None or self._last.stamp is None or stamp <= self._last.stamp:
+            return 0.0
+        return moved / ((stamp - self._last.stamp) * 1e-9)
+
+    @property
+    def _unit(self) -> float:
+        """Of reports [mm]; settings and commands are always in mm."""
+        return INCH if self._settings.get(13) == "1" else 1.0
+
+    def _judge(self) -> None:
+        """Raise what the lines just read mean for a connection; a reset brings alarms and greetings of its own."""
+        trouble, self._trouble = self._trouble, None
+        if not self._connected or self._resetting:
+            return
+        if trouble is not None:
+            raise trouble
+        if self._silent_since is not None and not self._homing and time.monotonic() - self._silent_since > SILENCE:
+            raise NotConnected(f"the controller at {self._path} is silent for {SILENCE:g} s")
+
+    def _step(self) -> None:
+        if self._script is not None and next(self._script, FINISHED) is FINISHED:
+            self._script = None
+
+    @property
+    def _in_motion(self) -> bool:
+        """Whether it may be moving now or later."""
+        return self._connected and (self.busy or self.mode not in (Mode.IDLE, Mode.ALARM))
+
+    def _drop(self) -> None:
+        """Leave the port; a pusher that may be moving is told to stop, though nobody can wait for it any more."""
+        port, in_motion = self._port, self._in_motion
+        self._forget()
+        self._port = None
+        if port is None:
+            return
+        with contextlib.suppress(OSError):  # it may be the loss of the port that led here
+            if in_motion:
+                port.write(RealTime.HOLD.value + RealTime.RESET.value)
+        port.close()
+
+    def _ask(self, stamp: int | None) -> None:
+        now = time.monotonic()
+        if self._asked is not None and now - self._asked < ASK_AGAIN:
+            return
+        self.send(RealTime.ASK)
+        self._stamp, self._asked = stamp, now
+        self._silent_since = self._silent_since or now
+
+    # Scripts
+
+    def _connecting(self) -> Script:
+        yield from self._greeting()
+        yield from self._command("$I")
+        yield from self._command("$$")
+        for _ in range(REPORTS_UNTIL_WCO):
+            status = yield from self._report()
+            if status.work_position is not None or self._offset is not None:
+                break
+        self._connected = True
+        if self._may_home:
+            yield from self._seek_home()
+        elif status.state == "Alarm" and not self._home:
+            yield from self._command("$X")
+            yield from self._report()
+        yield from self._prepare()
+
+    def _greeting(self) -> Script:
+        """A board that boots when its port is opened greets; a running one greets after a reset, or answers `?` only."""
+        yield from self._until_greeted()
+        if not self._greeted:
+            self.send(RealTime.RESET)
+            yield from self._until_greeted()
+        if not self._greeted:
+            try:
+                yield from self._report()
+            except Timeout as error:
+                raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
+        if self._version.startswith("Grbl 0."):
+            raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
+
+    def _until_greeted(self) -> Script:
+        deadline = time.monotonic() + self._greeting_timeout
+        while not self._greeted and time.monotonic() < deadline:
+            yield
+
+    def _seek_home(self) -> Script:
+        self._may_home, self._homing = False, True
+        try:
+            yield from self._command("$H", HOMING_TIMEOUT)
+            yield from self._report()
+        finally:
+            self._homing = False
+        if self._last is not None:
+            self._zero += self._sign * self._last.position / MM
+
+    def _prepare(self) -> Script:
+        """Millimetres, absolute, per minute: a reset or a startup line may have changed them."""
+        if self.mode is not Mode.ALARM:
+            yield from self._command("G21 G90 G94")
+
+    def _moving(self, position: float, speed: float) -> Script:
+        # adding 0.0 turns -0.0 into 0.0
+        target = round(self._zero + self._sign * position / MM, 3) + 0.0
+        yield from self._command(f"G1 {self._letter}{target:.3f} F{speed / MM_PER_MINUTE:.3f}")
+        idle = 0
+        while idle < IDLE_REPORTS:
+            seen = self._statuses
+            while self._statuses == seen:
+                yield
+            # right after its `ok` a controller may still report to be idle where it was
+            idle = idle + 1 if self.mode is Mode.IDLE else 0
+            if idle and self._last is not None and abs(self._last.position - position) <= self._resolution:
+                return
+        raise Timeout(f"the pusher rests at {self._last.position if self._last else 0:.4f} m, was sent to {position:.4f} m")
+
+    @property
+    def _resolution(self) -> float:
+        """How near the controller gets to a target [m]: a motor step, and the last digit of a report in inches."""
+        steps = float(self._settings.get(100 + self._index, "0") or 0)
+        return max(0.02, 1 / steps if steps > 0 else 0) * MM
+
+    def _stopping(self, at_once: bool) -> Script:
+        self._resetting = True
+        try:
+            if not at_once:
+                yield from self._resting()
+            self._greeted = False
+            self._pending = self._asked = self._silent_since = None
+            self.send(RealTime.RESET)
+            yield from self._until_greeted()
+            yield from self._report()
+            yield from self._prepare()
+        finally:
+            self._resetting = False
+
+    def _resting(self) -> Script:
+        """Wait for the end of a feed hold: reset earlier, a controller loses its position. A stuck one is reset anyway."""
+        braking = self.limits.max_speed / self.limits.acceleration
+        deadline = time.monotonic() + 1 + (braking if math.isfinite(braking) else 0)
+        before = None
+        while time.monotonic() < deadline:
+            status = yield from self._report()
+            moving = status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)
+            place = status.machine_position or status.work_position
+            if not moving and place == before:
+                return
+            before = None if moving else place
+
+    def _command(self, line: str, timeout: float = ANSWER_TIMEOUT) -> Script:
+        self._pending, self._answer = line, None
+        self._write(line.encode() + b"\n")
+        deadline = time.monotonic() + timeout
+        while self._answer is None:
+            if time.monotonic() > deadline:
+                self._pending = None
+                raise Timeout(f'no answer to "{line}" within {timeout:g} s')
+            yield
+        if isinstance(self._answer, CommandRefused):
+            raise self._answer
+
+    def _report(self) -> Generator[None, None, Status]:
+        seen = self._statuses
+        deadline = time.monotonic() + SILENCE
+        while self._statuses == seen or self._status is None:
+            if time.monotonic() > deadline:
+                raise Timeout(f"no answer to ? within {SILENCE:g} s")
+            self._ask(None)
+            yield
+        return self._status

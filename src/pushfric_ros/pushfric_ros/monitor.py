@@ -1,0 +1,110 @@
+"""The operator's view of a running graph: a node of the command line that keeps the last estimate of every push."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from pushfric_msgs.msg import FrictionEstimate, PlanProgress
+from pushfric_ros.qos import LATCHED
+from pushfric_ros.supervisor import Ended, Supervisor
+
+
+class Monitor:
+    """Watches friction_estimate and plan_progress while a supervisor runs the graph, and shows them.
+
+    Args:
+        namespace: of the cell.
+        what: is going on, for the progress bar.
+        steps: pushes awaited; None where the plan's progress tells.
+        live: a table that is drawn anew in place; otherwise a line for each push.
+    """
+
+    def __init__(self, console: Console, namespace: str, what: str, steps: int | None, live: bool) -> None:
+        self.estimate: FrictionEstimate | None = None
+        self._console, self._live = console, live
+        self._rows: dict[int, FrictionEstimate] = {}
+        self._progress = Progress(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+                                  TimeElapsedColumn(), console=console)
+        self._task = self._progress.add_task(what, total=steps or 1)
+        self._message = ""
+        self._plan_leads = steps is None
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, args=[])
+        self._node = Node("monitor", namespace=namespace, context=self._context)
+        self._node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED)
+        self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, LATCHED)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def watch(self, supervisor: Supervisor, done: Callable[[], bool] = lambda: False, patience: float = 0.0) -> Ended:
+        """Show what happens until the run ends; then wait, at most `patience` [s], until `done`."""
+        ended = None
+        deadline = float("inf")
+        with Live(self._view(), console=self._console, refresh_per_second=8, transient=False) if self._live else _Quiet() as view:
+            while True:
+                self._executor.spin_once(timeout_sec=0.05)
+                view.update(self._view())
+                if ended is None and (ended := supervisor.poll()) is not None:
+                    deadline = time.monotonic() + (patience if ended.code == 0 else 0.0)
+                if ended is not None and (done() or time.monotonic() >= deadline):
+                    return ended
+
+    def _on_estimate(self, msg: FrictionEstimate) -> None:
+        push = msg.pushes
+        if not self._live and self.estimate is not None and push != self.estimate.pushes:
+            self._console.print(line_of(self.estimate))
+        self.estimate = self._rows[push] = msg
+        if not self._plan_leads:
+            self._progress.update(self._task, completed=push)
+
+    def _on_progress(self, msg: PlanProgress) -> None:
+        self._message = msg.message
+        if self._plan_leads:
+            self._progress.update(self._task, total=max(msg.count, 1), completed=msg.completed + msg.aborted)
+
+    def _view(self) -> RenderableType:
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        for name in ("push", "data points", "p_CF x [mm]", "p_CF y [mm]", "mu_c 90 %", "mu_c 100 %", "fit error [mm]"):
+            table.add_column(name, justify="right")
+        for push, msg in self._rows.items():
+            table.add_row(str(push), *_cells(msg))
+        return Group(table, self._progress, self._message)
+
+
+def line_of(msg: FrictionEstimate) -> str:
+    """An estimate as a line of text."""
+    points, x, y, p90, largest, error = _cells(msg)
+    return f"push {msg.pushes:3d}  {points} data points  p_CF ({x}, {y}) mm  mu_c {p90} / {largest}  fit error {error} mm"
+
+
+def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
+    center, friction = msg.center_of_friction, msg.contact_friction
+    return (f"{msg.data_points:3d}", f"{center.x * 1e3:7.2f}", f"{center.y * 1e3:7.2f}", f"{friction.p90:.2f}", f"{friction.max:.2f}",
+            f"{msg.objective * 1e3:.3f}")
+
+
+class _Quiet:
+    """Takes the place of the live display where there is none."""
+
+    def __enter__(self) -> "_Quiet":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def update(self, _: Any) -> None:
+        pass

@@ -1,0 +1,108 @@
+"""Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate a live run would end with."""
+
+import pathlib
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimator import Estimate, Estimator
+from pushfric_core.observation import Observation
+from pushfric_core.trajectory import Trajectory, TrajectoryConfig
+from pushfric_ros import bag
+from pushfric_ros.conversions import observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
+from pushfric_ros.object_file import ObjectModel
+from pushfric_ros.observation_file import read_observations
+
+Warn = Callable[[str], None]
+
+OBJECT_FILE = "object.yaml"
+"""A bag's folder may say under this name of what object it is."""
+
+POSES, OBSERVATIONS = ("object_pose", "pusher_state"), ("observation",)
+"""Topics that data points are made from, and the one of data points themselves."""
+
+
+class Source(NamedTuple):
+    """What a bag's data points come from."""
+
+    kind: str  # poses or observations: the estimator node's parameter `source`
+    namespace: str  # of the cell that was recorded
+    topics: tuple[str, ...]  # full names
+
+
+def object_beside(path: pathlib.Path) -> pathlib.Path | None:
+    """The object's YAML file that lies in a bag's folder, if there is one."""
+    file = (path if path.is_dir() else path.parent) / OBJECT_FILE
+    return file if path.suffix != ".csv" and file.is_file() else None
+
+
+def source_of(path: pathlib.Path) -> Source:
+    """What the data points of a bag come from: poses where there are any, so that they are made as in a live run.
+
+    Raises:
+        InvalidInput: it holds neither poses with pusher states nor observations, or cannot be read.
+    """
+    names = [topic.name for topic in bag.describe(path).topics if topic.message_count]
+    for kind, wanted in (("poses", POSES), ("observations", OBSERVATIONS)):
+        for namespace in (name.rpartition("/")[0] for name in names if name.endswith(f"/{wanted[0]}")):
+            topics = tuple(f"{namespace}/{name}" for name in wanted)
+            if set(topics) <= set(names):
+                return Source(kind, namespace, topics)
+    raise InvalidInput(f"{path}: no data points; expected the topics {' and '.join(POSES)}, or {OBSERVATIONS[0]}")
+
+
+def observations(path: pathlib.Path, model: ObjectModel, config: TrajectoryConfig, warn: Warn) -> list[Observation]:
+    """The data points of a CSV file or a bag, in order; `warn` gets a line for each message that is refused.
+
+    Raises:
+        InvalidInput: the file cannot be read, or holds no data points.
+    """
+    if not path.exists():
+        raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
+    if path.suffix == ".csv":
+        return read_observations(path)
+    source = source_of(path)
+    found = list(_from_poses(path, source, model, config, warn) if source.kind == "poses" else _recorded(path, source, warn))
+    if not found:
+        raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
+    return found
+
+
+def _from_poses(path: pathlib.Path, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn) -> Iterator[Observation]:
+    trajectory = Trajectory(model.outline, config)
+    pose_topic, _ = source.topics
+    for message in bag.read(path, source.topics):
+        try:
+            if message.topic == pose_topic:
+                yield from trajectory.add_pose(pose_sample_from_msg(bag.deserialize(message)))
+            else:
+                yield from trajectory.add_pusher(pusher_sample_from_msg(bag.deserialize(message)))
+        except ValueError as error:
+            warn(f"{message.topic} refused: {error}")
+
+
+def _recorded(path: pathlib.Path, source: Source, warn: Warn) -> Iterator[Observation]:
+    for message in bag.read(path, source.topics):
+        try:
+            yield observation_from_msg(bag.deserialize(message))
+        except (ValueError, PushfricError) as error:
+            warn(f"{message.topic} refused: {error}")
+
+
+def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
+    """Let the estimator take the data points one by one, as a live one does; data points it refuses are left out.
+
+    Raises:
+        PushfricError: the last refusal, where it refused them all.
+    """
+    last = None
+    refusal: PushfricError = InvalidInput("no data points")
+    for observation in data:
+        try:
+            last = estimator.add(observation)
+        except PushfricError as error:
+            refusal = error
+            warn(f"data point of push {observation.push_id} refused: {error}")
+    if last is None:
+        raise refusal
+    return last

@@ -1,0 +1,48 @@
+"""A push plan as a YAML file."""
+
+import math
+import pathlib
+
+import pydantic
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.push_plan import PlannedPush, even_pushes
+from pushfric_core.simulation import TABLE_1
+from pushfric_ros.object_file import ObjectModel, Strict, read_yaml
+
+EDGE_PUSHES = 5
+"""Pushes along each edge where no plan is given."""
+
+
+class PushEntry(Strict):
+    """One push against an edge."""
+
+    edge: int = pydantic.Field(ge=0)
+    offset: float = 0.0  # from the middle of the edge, along it [m]
+    angle_deg: float = pydantic.Field(0.0, gt=-90, lt=90)  # against the inward normal, counter-clockwise
+
+
+class PlanFile(Strict):
+    """Which pushes, in which order."""
+
+    pushes: list[PushEntry] = pydantic.Field(min_length=1)
+
+
+def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
+    """The pushes of a plan file; without a path, the paper's for an object of Table 1 and else a few along each edge.
+
+    Raises:
+        InvalidInput: the file is no plan, or names an edge or offset the object does not have.
+    """
+    if not path:
+        counts = TABLE_1[model.name].pushes if model.name in TABLE_1 else [EDGE_PUSHES] * len(model.outline.vertices)
+        return even_pushes(model.outline, counts)
+    entries = read_yaml(pathlib.Path(path), PlanFile).pushes
+    for index, entry in enumerate(entries):
+        where = f"{path}: pushes.{index}"
+        if entry.edge >= len(model.outline.vertices):
+            raise InvalidInput(f"{where}: edge must be below {len(model.outline.vertices)}, got {entry.edge}")
+        half = model.outline.lengths[entry.edge] / 2
+        if abs(entry.offset) >= half:
+            raise InvalidInput(f"{where}: offset must lie within {half:g} m of the middle of edge {entry.edge}, got {entry.offset:g}")
+    return [PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg)) for entry in entries]

@@ -1,0 +1,176 @@
+"""The recorder node: the bytes of every message of the chosen topics into a bag."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.settings import setting
+from pushfric_ros.bag import BagWriter, message_class
+from pushfric_ros.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.parameters import declare
+from pushfric_ros.process import run_node
+from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
+
+QUEUE_DEPTH = 1000
+QOS = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
+
+
+class KnownTopic(NamedTuple):
+    """A topic that is subscribed at once, before anyone publishes it."""
+
+    name: str
+    type_name: str
+    qos: QoSProfile
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """What is recorded, and where to."""
+
+    bag: str = setting("", "folder of the bag, new or empty")
+    # an empty list would be declared as one of bytes
+    topics: tuple[str, ...] = setting(("",), "each 'name package/msg/Type qos', qos one of sensor_data, reliable, latched")
+    discover: bool = setting(False, "record every other topic too, from when it is first seen")
+
+    def __post_init__(self) -> None:
+        if not self.bag:
+            raise ValueError("bag must name the folder to record into, got nothing")
+        if not (self.discover or self.known_topics):
+            raise ValueError("topics must name what to record unless discover is true, got nothing")
+
+    @property
+    def known_topics(self) -> list[KnownTopic]:
+        """The topics, parsed.
+
+        Raises:
+            ValueError: one is not 'name type qos'.
+        """
+        return [_known_topic(text) for text in self.topics if text]
+
+
+def _known_topic(text: str) -> KnownTopic:
+    words = text.split()
+    if len(words) != 3 or words[2] not in QOS:
+        raise ValueError(f"topics must be 'name package/msg/Type {'|'.join(QOS)}', got {text!r}")
+    return KnownTopic(words[0], words[1], QOS[words[2]])
+
+
+class RecorderNode(Node):
+    """Records raw messages, stamped with the node's clock as they come; the bag is finished when the node is destroyed.
+
+    Under use_sim_time, what comes before the first /clock waits for it and gets the first time known.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("recorder", **kwargs)
+        config = declare(self, RecorderConfig)
+        known = [self._resolved(topic) for topic in config.known_topics]
+        for topic in known:  # before there is a file
+            message_class(topic.type_name)
+        self._bag = BagWriter(config.bag)
+        self._bytes = 0
+        self._lost = 0
+        self._waiting: list[tuple[str, bytes]] = []  # for the first /clock
+        self._refused: set[str] = set()
+        for topic in known:
+            self._record(topic.name, topic.type_name, [topic.qos], topic.qos)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        if config.discover:
+            self.create_timer(0.1, self._discover, clock=wall)
+        self.create_timer(1.0, self._flush, clock=wall)
+        self._diagnostics = Diagnostics(self, self._health)
+
+    def destroy_node(self) -> None:
+        """Finish the bag and leave."""
+        now = self.get_clock().now().nanoseconds
+        self._write_waiting(now)
+        self._bag.close()
+        super().destroy_node()
+
+    def _resolved(self, topic: KnownTopic) -> KnownTopic:
+        try:
+            return topic._replace(name=self.resolve_topic_name(topic.name))
+        except InvalidTopicNameException as error:
+            raise InvalidInput(f"{self.get_fully_qualified_name()}: parameter topics: {topic.name!r} is not a topic") from error
+
+    def _record(
+        self, name: str, type_name: str, offered: Sequence[QoSProfile], wanted: QoSProfile, hash_text: str | None = None
+    ) -> None:
+        self._bag.add_topic(name, type_name, offered, hash_text)
+        deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
+        events = SubscriptionEventCallbacks(message_lost=self._on_message_lost)
+        self.create_subscription(
+            message_class(type_name), name, lambda raw: self._on_message(name, raw), deep, raw=True, event_callbacks=events
+        )
+
+    def _on_message(self, name: str, raw: bytes) -> None:
+        self._bytes += len(raw)
+        now = self.get_clock().now().nanoseconds
+        if now == 0:
+            self._waiting.append((name, raw))
+            return
+        self._write_waiting(now)
+        self._bag.write(name, now, raw)
+
+    def _write_waiting(self, stamp_ns: int) -> None:
+        for name, raw in self._waiting:
+            self._bag.write(name, stamp_ns, raw)
+        self._waiting.clear()
+
+    def _flush(self) -> None:
+        now = self.get_clock().now().nanoseconds
+        if now > 0:
+            self._write_waiting(now)
+        self._bag.flush()
+
+    def _discover(self) -> None:
+        """Record the topics that others publish; those named with a leading underscore are hidden."""
+        for name, type_names in self.get_topic_names_and_types():
+            if name in self._bag.topics or name in self._refused or "/_" in name:
+                continue
+            publishers = self.get_publishers_info_by_topic(name)
+            if not publishers:
+                continue
+            offered = [publisher.qos_profile for publisher in publishers]
+            try:
+                self._record(name, type_names[0], offered, _met_by_all(offered), str(publishers[0].topic_type_hash))
+            except InvalidInput as error:
+                self._refused.add(name)
+                self.get_logger().error(f"{name} is not recorded: {error}")
+
+    def _on_message_lost(self, event: QoSMessageLostInfo) -> None:
+        self._lost += event.total_count_change
+
+    def _health(self) -> Health:
+        count = self._bag.message_count + len(self._waiting)
+        values = {"messages": count, "bytes": self._bytes, "lost": self._lost, "topics": len(self._bag.topics)}
+        if self._lost:
+            return Health(Level.WARN, f"{self._lost} messages were lost before they could be recorded", values)
+        return Health(Level.OK, f"{count} messages recorded", values)
+
+
+def _met_by_all(offered: Sequence[QoSProfile]) -> QoSProfile:
+    """The strongest request that every one of the publishers meets."""
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in offered)
+    latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offered)
+    return QoSProfile(
+        depth=QUEUE_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def main() -> None:
+    """Entry point."""
+    run_node(RecorderNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""An estimate as one JSON object, the same for live, replayed and offline ones."""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from pushfric_core.simulation import TABLE_1
+from pushfric_msgs.msg import FrictionEstimate
+
+STATUS_NAMES = {
+    FrictionEstimate.STATUS_NO_DATA: "no data",
+    FrictionEstimate.STATUS_OPTIMAL: "optimal",
+    FrictionEstimate.STATUS_UNCERTIFIED: "uncertified",
+    FrictionEstimate.STATUS_INFEASIBLE: "infeasible",
+}
+
+
+def report(msg: FrictionEstimate) -> dict[str, Any]:
+    """All figures of an estimate under the names of the command line's JSON; SI units, object frame."""
+    friction = msg.support_friction
+    figures = {
+        "object": msg.object,
+        "objective": msg.objective,
+        "lower_bound": msg.lower_bound,
+        "gap": msg.gap,
+        "w": list(friction.weights),
+        "support_points": [[point.x, point.y] for point in friction.support_points],
+        "center_of_friction": [msg.center_of_friction.x, msg.center_of_friction.y],
+        "mu_c": {"p90": msg.contact_friction.p90, "max": msg.contact_friction.max},
+        "data_points": msg.data_points,
+        "pushes": msg.pushes,
+        "status": STATUS_NAMES[msg.status],
+    }
+    if msg.confidence:
+        figures["confidence"] = msg.confidence[0]
+    return figures
+
+
+def truth(name: str) -> dict[str, Any]:
+    """What is true of a simulated object of Table 1, under the same names."""
+    known = TABLE_1[name]
+    return {
+        "center_of_friction": known.support.center_of_friction.tolist(),
+        "support_points": known.support.points.tolist(),
+        "w": known.support.weights.tolist(),
+        "mu_c": known.mu_c,
+    }
+
+
+def to_json(figures: Any) -> str:
+    """JSON on one line; an infinite number becomes the string "inf"."""
+    return json.dumps(_finite(figures), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_finite(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else str(float(value))
+    return value.item() if isinstance(value, np.generic) else value

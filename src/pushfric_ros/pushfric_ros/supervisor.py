@@ -1,0 +1,141 @@
+"""Runs the processes of a node graph: starts them, restarts what may be restarted, and leaves none behind."""
+
+import contextlib
+import ctypes
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import yaml
+from ament_index_python.packages import get_package_prefix
+
+from pushfric_ros.graph import PACKAGE, NodeSpec
+
+PATIENCE = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
+"""How a process is asked to end, and for how long it is waited for each time [s]."""
+
+RESPAWN_DELAY = 1.0
+"""A node that ended is restarted after this long [s]."""
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+class Ended(NamedTuple):
+    """How a run came to its end."""
+
+    code: int  # exit code for the command line
+    reason: str
+
+
+class Supervisor:
+    """The processes of one graph, each a group of its own; use as a context manager and call `poll` often.
+
+    Args:
+        specs: the nodes.
+        namespace: of all of them.
+        say: gets (node name, line) for all they print; called from threads.
+    """
+
+    def __init__(self, specs: Sequence[NodeSpec], namespace: str, say: Callable[[str, str], None]) -> None:
+        self._specs, self._namespace, self._say = list(specs), namespace, say
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._listeners: list[threading.Thread] = []
+        self._due: dict[str, float] = {}  # when a node is started again
+        self._files = tempfile.TemporaryDirectory(prefix="pushfric-")
+
+    def __enter__(self) -> "Supervisor":
+        try:
+            for spec in self._specs:
+                self._start(spec)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def poll(self) -> Ended | None:
+        """Look after the processes; returns how the run ended once a node that may end it has."""
+        for spec in self._specs:
+            code = self._processes[spec.name].poll()
+            if code is None:
+                continue
+            if spec.name in self._due:
+                if time.monotonic() >= self._due[spec.name]:
+                    del self._due[spec.name]
+                    self._start(spec)
+            elif code == 0 and spec.ends_run:
+                return Ended(0, f"{spec.name} has finished")
+            elif spec.respawn and code not in (0, 2):  # 2: unusable input, which a restart does not mend
+                self._say("supervisor", f"{spec.name} {describe(code)}; starting it again")
+                self._due[spec.name] = time.monotonic() + RESPAWN_DELAY
+            else:
+                return Ended(code if code > 0 else 1, f"{spec.name} {describe(code)}")
+        return None
+
+    def stop(self) -> None:
+        """End all processes: asked politely first, by force last."""
+        for number, seconds in PATIENCE:
+            alive = [process for process in self._processes.values() if process.poll() is None]
+            for process in alive:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, number)
+            deadline = time.monotonic() + seconds
+            for process in alive:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, deadline - time.monotonic()))
+        for listener in self._listeners:
+            listener.join(1.0)
+        self._files.cleanup()
+
+    def _start(self, spec: NodeSpec) -> None:
+        process = subprocess.Popen(
+            command(spec, self._namespace, pathlib.Path(self._files.name)),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,  # the terminal's Ctrl-C reaches the supervisor alone, which then ends them in order
+            preexec_fn=_die_with_parent,
+        )
+        self._processes[spec.name] = process
+        listener = threading.Thread(target=self._listen, args=(spec.name, process), daemon=True)
+        listener.start()
+        self._listeners.append(listener)
+
+    def _listen(self, name: str, process: "subprocess.Popen[str]") -> None:
+        assert process.stdout is not None
+        with process.stdout as lines:
+            for line in lines:
+                self._say(name, line.rstrip())
+
+
+def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
+    """The command line of a node; its parameters go into a file in `folder`."""
+    parameters = folder / f"{spec.name}.yaml"
+    parameters.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(spec.parameters)}}))
+    executable = pathlib.Path(get_package_prefix(PACKAGE)) / "lib" / PACKAGE / spec.executable
+    remaps = [f"__node:={spec.name}", f"__ns:={namespace}"]
+    return [sys.executable, str(executable), "--ros-args", *(part for remap in remaps for part in ("-r", remap)),
+            "--params-file", str(parameters)]
+
+
+def describe(code: int) -> str:
+    """How a process ended, for people."""
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
+
+
+def _die_with_parent() -> Any:
+    """Even a supervisor that is killed leaves nothing running: the kernel then asks the node to end."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

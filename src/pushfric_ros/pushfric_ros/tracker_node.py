@@ -1,0 +1,332 @@
+"""The tracker node: camera images -> the object's pose on the table."""
+
+import array
+import glob
+import itertools
+import pathlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image as ImageMsg
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose, transform
+from pushfric_core.settings import setting
+from pushfric_ros.camera import Image, load_camera
+from pushfric_ros.contour_tracker import ContourTracker, NotSeen, Sighting
+from pushfric_ros.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.object_file import load_object
+from pushfric_ros.parameters import declare
+from pushfric_ros.process import run_node
+from pushfric_ros.qos import LATCHED, SENSOR_DATA
+
+IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""More than a second of frames: a busy moment loses none."""
+
+TO_GREY = {"mono8": None, "bgr8": cv2.COLOR_BGR2GRAY, "rgb8": cv2.COLOR_RGB2GRAY}
+"""The encodings understood."""
+
+DISORDER = 1_000_000_000
+"""Frames that come late by up to this [ns] are dropped; a longer step back is another run of the clock."""
+
+REPLACED = 0.03
+"""An object seen this far [m] from where it was the frame before was taken there by hand."""
+
+FROZEN_FRAMES = 3
+"""As many identical frames in a row come from no living camera."""
+
+OVERLAY_PERIOD = 0.2
+"""Between overlays [s]."""
+
+PICTURE_PERIOD = 1 / 30
+"""Between the pictures of a folder [s]."""
+
+REOPEN_PERIOD = 1.0
+"""Between attempts to find a camera that went away [s]."""
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """What is looked for, and where its images come from."""
+
+    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
+    calibration: str = setting("", "path of the camera's calibration YAML: CameraInfo's fields and table_homography")
+    source: str = setting("topic", "topic: image_raw; else a device index, URL, video file, or folder or glob of pictures")
+    threshold: int = setting(0, "grey level between table and object; 0: found in each frame (Otsu)", 0, 255)
+    time_offset: float = setting(0.0, "added to the stamps of the images [s]", -10.0, 10.0)
+
+
+class TrackerNode(Node):
+    """Publishes the object's pose for every frame that shows it, and nothing for the others."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("tracker", **kwargs)
+        config = declare(self, TrackerConfig)
+        if not config.calibration:
+            raise InvalidInput("the tracker needs calibration, the path of the camera's calibration YAML")
+        self._config = config
+        self._object = load_object(config.object)
+        self._camera = load_camera(config.calibration)
+        outline = self._object.outline.vertices
+        self._tracker = ContourTracker(self._camera, outline, self._object.height, config.threshold or None)
+
+        self._stamp = 0  # of the newest frame [ns]
+        self._last: Pose | None = None  # where the object was last seen
+        self._placement: Pose | None = None  # where it is awaited and was not seen yet
+        self._in_sight = False
+        self._sighting: Sighting | None = None  # in the newest frame
+        self._reason = "no frame yet"  # why not
+        self._counts = dict.fromkeys(("frames", "seen", "late frames dropped", "unusable frames"), 0)
+        self._reported = (time.monotonic(), 0, 0)
+        self._latency = 0.0
+        self._overlay_time = 0.0
+        self._complaints: set[str] = set()
+
+        self._pose_out = self.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self._overlay_out = self.create_publisher(CompressedImage, "overlay/compressed", SENSOR_DATA)
+        self._diagnostics = Diagnostics(self, self._health)
+        self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
+        self._device: Device | None = None
+        self._source = "image_raw" if config.source == "topic" else config.source
+        if config.source == "topic":
+            self.create_subscription(ImageMsg, "image_raw", self._on_image, IMAGE_QUEUE)
+        else:
+            arrived = self.create_guard_condition(self._on_device_frames)
+            size = (self._camera.width, self._camera.height)
+            self._device = Device(config.source, size, lambda: self.get_clock().now().nanoseconds, arrived.trigger)
+            self._device.start()
+
+    def destroy_node(self) -> None:
+        """Let go of the camera with the node."""
+        if self._device is not None:
+            self._device.close()
+        super().destroy_node()
+
+    def _on_placement(self, msg: PoseStamped) -> None:
+        try:
+            self._placement = pose_from_msg(msg.pose)
+        except ValueError as error:
+            self._complain(f"placement ignored: {error}")
+
+    def _on_image(self, msg: ImageMsg) -> None:
+        try:
+            frame = grey_from_msg(msg)
+        except ValueError as error:
+            self._refuse(str(error))
+            return
+        self._on_frame(frame, stamp_from_msg(msg.header.stamp))
+
+    def _on_device_frames(self) -> None:
+        assert self._device is not None
+        while self._device.frames:
+            stamp, frame, repeats = self._device.frames.popleft()
+            self._on_frame(frame, stamp, frozen=repeats >= FROZEN_FRAMES)
+
+    def _on_frame(self, frame: Image, stamp: int, frozen: bool = False) -> None:
+        if frame.shape != (self._camera.height, self._camera.width):
+            self._refuse(f"the camera is calibrated for {self._camera.width} x {self._camera.height} px, "
+                         f"the image has {frame.shape[1]} x {frame.shape[0]}")
+            return
+        if -DISORDER < stamp - self._stamp <= 0:
+            self._counts["late frames dropped"] += 1
+            return
+        if stamp < self._stamp:
+            self._in_sight = False
+        self._stamp = stamp
+        self._counts["frames"] += 1
+        try:
+            if frozen:
+                raise NotSeen("frozen frame")
+            self._sighting = self._track(frame)
+        except NotSeen as reason:
+            self._sighting, self._reason, self._in_sight = None, str(reason), False
+        else:
+            self._counts["seen"] += 1
+            self._last, self._in_sight = self._sighting.pose, True
+            self._publish(self._sighting, stamp)
+        if self._overlay_out.get_subscription_count() and time.monotonic() - self._overlay_time >= OVERLAY_PERIOD:
+            self._publish_overlay(frame, stamp)
+
+    def _track(self, frame: Image) -> Sighting:
+        """Tell orientations that look alike apart: in sight by continuity, on its return by where it was to be put."""
+        awaited = self._placement or self._last
+        sighting = self._tracker.track(frame, self._last if self._in_sight else awaited)
+        returns = not self._in_sight
+        if self._in_sight and self._last and _apart(sighting.pose, self._last):
+            sighting, returns = self._tracker.track(frame, awaited), True
+        if returns and self._placement and not _apart(sighting.pose, self._placement):
+            self._placement = None
+        return sighting
+
+    def _publish(self, sighting: Sighting, stamp: int) -> None:
+        msg = PoseWithCovarianceStamped()
+        msg.header.stamp, msg.header.frame_id = self._shifted(stamp), TABLE
+        msg.pose.pose = pose_to_msg(sighting.pose)
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_((0, 1, 5), (0, 1, 5))] = sighting.covariance
+        msg.pose.covariance = covariance.ravel()
+        self._pose_out.publish(msg)
+        self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
+
+    def _publish_overlay(self, frame: Image, stamp: int) -> None:
+        """The frame with the outline where it was seen, or why it was not."""
+        self._overlay_time = time.monotonic()
+        picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
+        if self._sighting is not None:
+            corners = self._camera.project(transform(self._sighting.pose, self._object.outline.vertices), self._object.height)
+            cv2.polylines(picture, [np.rint(corners).astype(np.int32)], True, (0, 200, 0))
+        text = f"{self._sighting.residual_px:.2f} px" if self._sighting else self._reason
+        cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 200, 255))
+        _, jpeg = cv2.imencode(".jpg", picture)
+        msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))
+        msg.header.stamp, msg.header.frame_id = self._shifted(stamp), "camera"
+        self._overlay_out.publish(msg)
+
+    def _shifted(self, stamp: int) -> Any:
+        return stamp_to_msg(stamp + round(self._config.time_offset * 1e9))
+
+    def _refuse(self, why: str) -> None:
+        self._counts["unusable frames"] += 1
+        self._sighting, self._reason, self._in_sight = None, why, False
+        self._complain(f"frames are unusable: {why}")
+
+    def _complain(self, text: str) -> None:
+        """Log a line once."""
+        if text not in self._complaints:
+            self._complaints.add(text)
+            self.get_logger().error(text)
+
+    def _health(self) -> Health:
+        now = time.monotonic()
+        then, frames_before, seen_before = self._reported
+        self._reported = now, self._counts["frames"], self._counts["seen"]
+        frames, seen = self._counts["frames"] - frames_before, self._counts["seen"] - seen_before
+        values = {"object": self._object.name, "frames/s": round(frames / max(now - then, 1e-9), 1), **self._counts,
+                  "last reason": self._reason, "latency [s]": round(self._latency, 4)}
+        if self._sighting is not None:
+            values |= {"residual [px]": round(self._sighting.residual_px, 3), "orientations": self._sighting.orientations,
+                       "visible": round(self._sighting.visible_fraction, 2)}
+        if self._device is not None:
+            values["device frames dropped"] = self._device.dropped
+        if not frames:
+            return Health(Level.ERROR, f"no frames from {self._source}", values)
+        if not seen:
+            return Health(Level.WARN, f"not seen: {self._reason}", values)
+        return Health(Level.OK, "seen", values)
+
+
+class Device(threading.Thread):
+    """Reads frames into a short queue; of a camera's, the newest matter most.
+
+    Args:
+        source: device index, URL, video file, or folder or glob of pictures.
+        size: width and height asked of a camera [px].
+        now: the time [ns] to stamp frames with.
+        arrived: called after each frame.
+    Raises:
+        InvalidInput: there is nothing to read at `source`.
+    """
+
+    def __init__(self, source: str, size: tuple[int, int], now: Callable[[], int], arrived: Callable[[], None]) -> None:
+        super().__init__(name="device")
+        self._source, self._size, self._now, self._arrived = source, size, now, arrived
+        self._closing = threading.Event()
+        self.frames: deque[tuple[int, Image, int]] = deque(maxlen=8)  # stamp [ns], mono8, how many alike in a row
+        self.dropped = 0
+        self._read, self._period = self._open()
+
+    def close(self) -> None:
+        """End the thread and let go of the device."""
+        self._closing.set()
+        self.join()
+
+    def run(self) -> None:
+        previous, repeats = None, 0
+        while not self._closing.wait(self._period):
+            if self._period and len(self.frames) == self.frames.maxlen:
+                continue  # a file waits
+            frame = self._read()
+            if frame is None:
+                if self._period:
+                    return
+                self._reopen()
+                continue
+            stamp = self._now()
+            grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            repeats = repeats + 1 if previous is not None and np.array_equal(grey, previous) else 1
+            previous = grey
+            self.dropped += len(self.frames) == self.frames.maxlen
+            self.frames.append((stamp, grey, repeats))
+            self._arrived()
+
+    def _open(self) -> tuple[Callable[[], Image | None], float]:
+        """What reads the next frame, None at the end, and the time between frames [s]; 0 for a camera, which sets it."""
+        pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
+        if glob.has_magic(pattern):
+            pictures = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sorted(glob.glob(pattern)))
+            frames = (picture for picture in pictures if picture is not None)
+            first = next(frames, None)
+            if first is None:
+                raise InvalidInput(f"no pictures at {self._source!r}")
+            sequence = itertools.chain((first,), frames)
+            return lambda: next(sequence, None), PICTURE_PERIOD
+        # what cannot be opened is said below, in one line
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+        capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
+        if not capture.isOpened():
+            expected = "topic, a device index, a URL, a video file or pictures"
+            raise InvalidInput(f"no camera at {self._source!r}: expected {expected}")
+        if pathlib.Path(self._source).is_file():
+            rate = capture.get(cv2.CAP_PROP_FPS)
+            return lambda: capture.read()[1], 1 / rate if rate > 0 else PICTURE_PERIOD
+        width, height = self._size
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
+        return lambda: capture.read()[1], 0.0
+
+    def _reopen(self) -> None:
+        """Wait for a camera that went away."""
+        while not self._closing.wait(REOPEN_PERIOD):
+            try:
+                self._read, self._period = self._open()
+            except InvalidInput:
+                continue  # still away; the diagnostics say that no frames come
+            return
+
+
+def grey_from_msg(msg: ImageMsg) -> Image:
+    """The image (height, width) in grey; a mono8 one shares the message's memory.
+
+    Raises:
+        ValueError: an encoding other than those of TO_GREY, or sizes that do not fit the data.
+    """
+    if msg.encoding not in TO_GREY:
+        raise ValueError(f"encoding must be {', '.join(TO_GREY)}, got {msg.encoding!r}")
+    conversion = TO_GREY[msg.encoding]
+    channels = 1 if conversion is None else 3
+    data = np.frombuffer(msg.data, np.uint8)
+    if msg.step < msg.width * channels or msg.height * msg.step != len(data) or not len(data):
+        raise ValueError(f"{msg.width} x {msg.height} {msg.encoding} with step {msg.step} does not fit {len(data)} bytes")
+    rows = data.reshape(msg.height, msg.step)[:, : msg.width * channels]
+    if conversion is None:
+        return rows
+    return np.asarray(cv2.cvtColor(rows.reshape(msg.height, msg.width, channels), conversion))
+
+
+def _apart(a: Pose, b: Pose) -> bool:
+    return bool(np.hypot(a.x - b.x, a.y - b.y) > REPLACED)
+
+
+def main() -> None:
+    run_node(TrackerNode)

@@ -1,0 +1,40 @@
+from glob import glob
+
+from setuptools import setup
+
+NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player", "simulated_cell")
+
+setup(
+    name="pushfric_ros",
+    version="0.1.0",
+    description="Robot cell that estimates the friction parameters of pushed objects.",
+    maintainer="pushfric maintainers",
+    maintainer_email="pushfric@users.noreply.github.com",
+    license="Apache-2.0",
+    packages=["pushfric_ros"],
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/pushfric_ros"]),
+        ("share/pushfric_ros", ["package.xml"]),
+        ("share/pushfric_ros/launch", glob("launch/*.launch.py")),
+        ("share/pushfric_ros/config", glob("config/*")),
+    ],
+    install_requires=[
+        "numpy",
+        "opencv-python-headless",
+        "pyserial",
+        "mcap",
+        "zstandard",
+        "PyYAML",
+        "pydantic",
+        "typer",
+        "rich",
+        "matplotlib",
+    ],
+    entry_points={
+        "console_scripts": [
+            "pushfric = pushfric_ros.cli:main",
+            *(f"{name}_node = pushfric_ros.{name}_node:main" for name in NODES),
+        ],
+    },
+    zip_safe=False,
+)

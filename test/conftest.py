@@ -1,0 +1,98 @@
+"""Fixtures shared by all tests: the real middleware on a domain of its own, seeded randomness, real pushes where present."""
+
+import contextlib
+import os
+import pathlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+REAL_PUSHES = ROOT.parent / "shared/data/zhou2015_triangle"
+
+# Before rclpy is imported: no other ROS 2 system, nor another test run on this machine, is heard or disturbed. Domains above
+# 101 collide with the ephemeral ports.
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def real_pushes() -> pathlib.Path:
+    """Folder of the public data set of real pushes (Zhou et al. 2015)."""
+    if not REAL_PUSHES.is_dir():
+        pytest.skip(f"the real pushes are not at {REAL_PUSHES}")
+    return REAL_PUSHES
+
+
+class Ros:
+    """rclpy nodes of one test, spun by one background thread."""
+
+    def __init__(self) -> None:
+        from rclpy.executors import SingleThreadedExecutor
+
+        self._executor = SingleThreadedExecutor()
+        self._nodes: list = []
+        self._thread = threading.Thread(target=self._spin, name="ros")
+        self._stopping = False
+        self._failure: BaseException | None = None
+        self._thread.start()
+
+    def _spin(self) -> None:
+        try:
+            while not self._stopping:
+                self._executor.spin_once(timeout_sec=0.05)
+        except BaseException as error:  # noqa: BLE001 - handed to the test's own thread
+            self._failure = error
+
+    def compose(self, *nodes):
+        """Spin nodes until the test ends; returns them."""
+        for node in nodes:
+            self._nodes.append(node)
+            self._executor.add_node(node)
+        return nodes[0] if len(nodes) == 1 else nodes
+
+    def node(self, name: str, **kwargs):
+        """A plain node, already spinning."""
+        from rclpy.node import Node
+
+        return self.compose(Node(name, **kwargs))
+
+    def wait_for(self, predicate: Callable[[], object], timeout: float = 10.0, what: str = "the awaited event") -> None:
+        """Wait until `predicate` holds; fail naming `what` after `timeout` [s], or at once where a callback raised."""
+        deadline = time.monotonic() + timeout
+        while not predicate():
+            if self._failure is not None:
+                raise self._failure
+            assert time.monotonic() < deadline, f"{what} did not happen within {timeout} s"
+            time.sleep(0.005)
+
+    def close(self) -> None:
+        self._stopping = True
+        self._executor.wake()
+        self._thread.join()
+        self._executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
+        if self._failure is not None and not isinstance(self._failure, SystemExit):
+            raise self._failure
+
+
+@pytest.fixture
+def ros() -> Iterator[Ros]:
+    import rclpy
+
+    rclpy.init()
+    with contextlib.ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
+        ros = Ros()
+        stack.callback(ros.close)
+        yield ros

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from pushfric_core.outline import Outline
+
+L_SHAPE = np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1)))
+TRIANGLE = np.array(((0, 0), (0.15, 0), (0, 0.15)))
+
+
+def test_vertices_are_made_counter_clockwise_and_normals_point_outward():
+    outline = Outline(TRIANGLE[::-1])
+    area = 0.5 * np.sum(outline.vertices[:, 0] * np.roll(outline.vertices[:, 1], -1)
+                        - np.roll(outline.vertices[:, 0], -1) * outline.vertices[:, 1])
+    assert area == pytest.approx(0.15**2 / 2)
+    middles = outline.vertices + outline.edges / 2
+    assert not outline.contains(middles + 1e-4 * outline.normals).any()
+    assert outline.contains(middles - 1e-4 * outline.normals).all()
+
+
+def test_measures_of_an_l_shape():
+    outline = Outline(L_SHAPE)
+    assert outline.perimeter == pytest.approx(0.4)
+    assert np.allclose(outline.size, (0.1, 0.1))
+    assert list(outline.contains(((0.02, 0.08), (0.08, 0.08)))) == [True, False]
+
+
+def test_distance_to_the_outline_counts_from_inside_too():
+    assert Outline.rectangle(0.1, 0.1).distance_to((0.0, 0.03)) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("vertices", "text"), [
+    (((0, 0), (1, 0)), "at least 3 vertices"),
+    (((0, 0), (1, 0), (2, 0)), "simple polygon with an area"),
+    (((0, 0), (1, 1), (1, 0), (0, 1)), "simple polygon with an area: Self-intersection"),
+    (((0, 0), (1, 0), (np.nan, 1)), "must be finite"),
+])
+def test_bad_outlines_are_refused(vertices, text):
+    with pytest.raises(ValueError, match=text):
+        Outline(np.array(vertices))
+
+
+def test_a_grid_over_a_triangle_keeps_the_points_on_its_long_side():
+    assert len(Outline(TRIANGLE).grid(10, 10, inset=0.0075)) == 55
+
+
+def test_a_grid_spans_the_box_shrunk_by_the_inset():
+    grid = Outline.rectangle(0.127, 0.064).grid(5, 3, inset=0.01)
+    assert len(grid) == 15
+    assert np.allclose(grid.min(axis=0), (-0.0535, -0.022))
+    assert np.allclose(grid.max(axis=0), (0.0535, 0.022))
+
+
+def test_a_single_row_lies_in_the_middle():
+    assert np.allclose(Outline.rectangle(0.1, 0.1).grid(2, 1)[:, 1], 0)
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    ((0, 3), "at least 1 column and 1 row"),
+    ((3, 3, 0.05), r"inset must lie in \[0, 0.05\)"),
+    ((3, 3, -0.01), "inset must lie"),
+])
+def test_bad_grids_are_refused(arguments, text):
+    with pytest.raises(ValueError, match=text):
+        Outline.rectangle(0.1, 0.1).grid(*arguments)
+
+
+def test_a_grid_without_a_point_inside_is_refused():
+    with pytest.raises(ValueError, match="no point of the 1 x 1 grid"):
+        Outline(L_SHAPE * (1, 1)).grid(1, 1, inset=0.0)
+
+
+def test_a_tip_meets_the_nearer_edge():
+    touch = Outline.rectangle(0.1, 0.06).first_touch((0.02, -1), (0, 1), radius=0.005)
+    assert touch.distance == pytest.approx(1 - 0.03 - 0.005)
+    assert np.allclose(touch.point, (0.02, -0.03))
+    assert np.allclose(touch.normal, (0, -1))
+    assert touch.edge == 0
+
+
+def test_a_tip_meets_an_inclined_edge_beside_its_line():
+    touch = Outline(TRIANGLE).first_touch((0.2, 0.075), (-1, 0), radius=0.01)
+    assert touch.edge == 1
+    assert touch.point.sum() == pytest.approx(0.15)
+    center = touch.point + 0.01 * touch.normal
+    assert np.allclose(center, (0.2 - touch.distance, 0.075))
+
+
+def test_a_tip_that_grazes_a_corner_touches_it():
+    touch = Outline.rectangle(0.1, 0.1).first_touch((0.053, -1), (0, 1), radius=0.005)
+    assert touch.edge is None
+    assert np.allclose(touch.point, (0.05, -0.05))
+    assert np.hypot(*touch.normal) == pytest.approx(1)
+
+
+def test_a_tip_passes_by():
+    outline = Outline.rectangle(0.1, 0.1)
+    assert outline.first_touch((0.056, -1), (0, 1), radius=0.005) is None
+    assert outline.first_touch((0.056, -1), (0, 1)) is None

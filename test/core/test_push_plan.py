@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+from pushfric_core.contact import PushingLine
+from pushfric_core.outline import Outline
+from pushfric_core.planar import rotation
+from pushfric_core.push_plan import PlannedPush, even_pushes, placement
+
+OUTLINE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
+LINE = PushingLine((0.02, -0.05), (0.0, 1.0), 0.003)
+
+
+def test_even_pushes_split_each_edge_equally():
+    pushes = even_pushes(Outline.rectangle(0.08, 0.04), (3, 0, 1, 0))
+    assert [push.edge for push in pushes] == [0, 0, 0, 2]
+    assert [push.offset for push in pushes] == pytest.approx([-0.02, 0.0, 0.02, 0.0])
+
+
+@pytest.mark.parametrize("push", [PlannedPush(0, 0.03), PlannedPush(1, -0.05, 0.4), PlannedPush(2, 0.06, -0.7)])
+def test_the_tip_touches_the_placed_object_as_planned(push):
+    pose = placement(OUTLINE, push, LINE, position=0.01)
+    touch = LINE.touch(OUTLINE, pose)
+    assert touch.edge == push.edge
+    assert touch.distance == pytest.approx(0.01)
+    middle = OUTLINE.vertices[push.edge] + OUTLINE.edges[push.edge] / 2
+    assert (touch.point - middle) @ OUTLINE.edges[push.edge] == pytest.approx(push.offset * OUTLINE.lengths[push.edge])
+    direction = rotation(-pose.theta) @ LINE.direction
+    assert np.allclose(direction, rotation(push.angle) @ -OUTLINE.normals[push.edge])
+
+
+@pytest.mark.parametrize(("push", "text"), [
+    (PlannedPush(3, 0.0), r"edge must lie in \[0, 2\], got 3"),
+    (PlannedPush(0, 0.08), "offset must lie within 0.075 m of the middle of edge 0"),
+    (PlannedPush(0, 0.0, 1.6), "angle must lie within 90 degrees"),
+])
+def test_impossible_pushes_are_refused(push, text):
+    with pytest.raises(ValueError, match=text):
+        placement(OUTLINE, push, LINE, 0.0)
+
+
+def test_counts_must_fit_the_edges():
+    with pytest.raises(ValueError, match="expected 3 counts"):
+        even_pushes(OUTLINE, (1, 1))

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+from pushfric_core.contact import PushingLine
+from pushfric_core.outline import Outline, Touch
+from pushfric_core.planar import Pose, cross, left_of, rotation, velocity_at
+from pushfric_core.simulation import TABLE_1, ContactMode, PushedObject, pushed_motion
+from pushfric_core.support import Support
+
+ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
+SIDE = Touch(0.0, np.array((0.0, 0.0)), np.array((0.0, -1.0)), 0)
+
+
+def random_push(outline, rng):
+    edge = int(rng.integers(len(outline.vertices)))
+    point = outline.vertices[edge] + rng.uniform(0.02, 0.98) * outline.edges[edge]
+    normal = outline.normals[edge]
+    return Touch(0.0, point, normal, edge), rotation(rng.uniform(-1.3, 1.3)) @ -normal
+
+
+def test_a_push_through_the_center_translates():
+    motion = pushed_motion(ROD, SIDE, np.array((0.0, 0.02)), 0.3)
+    assert motion.mode is ContactMode.STICKING
+    assert motion.twist == pytest.approx((0, 0.02, 0), abs=1e-9)
+    assert np.allclose(motion.force, (0, 1))
+
+
+def test_without_friction_an_oblique_push_moves_along_the_normal():
+    motion = pushed_motion(ROD, SIDE, np.array((0.02, 0.02)), 0.0)
+    assert motion.mode is ContactMode.SLIDING
+    assert motion.twist == pytest.approx((0, 0.02, 0), abs=1e-9)
+
+
+@pytest.mark.parametrize("mu_c", [0.0, 0.1, 0.3, 0.9])
+@pytest.mark.parametrize("name", ["rubber_rect4", "delrin_rect_right"])
+def test_forces_balance_and_obey_coulomb(name, mu_c, rng):
+    known = TABLE_1[name]
+    for _ in range(100):
+        touch, velocity = random_push(known.outline, rng)
+        motion = pushed_motion(known.support, touch, velocity, mu_c)
+        contact_velocity = velocity_at(motion.twist, touch.point)
+        normal, along = -motion.force @ touch.normal, motion.force @ left_of(touch.normal)
+        slip = (velocity - contact_velocity) @ left_of(touch.normal)
+        assert contact_velocity @ touch.normal == pytest.approx(velocity @ touch.normal)
+        assert normal > 0
+        if motion.mode is ContactMode.STICKING:
+            assert slip == pytest.approx(0, abs=1e-9)
+            assert abs(along) <= mu_c * normal + 1e-9
+        else:
+            assert abs(along) == pytest.approx(mu_c * normal, abs=1e-4)
+            assert slip * along >= -1e-6
+        velocities = velocity_at(motion.twist, known.support.points)
+        speeds = np.linalg.norm(velocities, axis=1)
+        if speeds.min() > 0.01:  # away from the rounded corner of Coulomb's law
+            forces = -velocities / speeds[:, None] * known.support.weights[:, None]
+            assert np.allclose(-forces.sum(axis=0), motion.force, atol=1e-6)
+            assert cross(known.support.points - touch.point, forces).sum() == pytest.approx(0, abs=1e-6)
+
+
+def test_a_tip_that_leaves_the_object_does_not_push_it():
+    with pytest.raises(ValueError, match="must move into the object"):
+        pushed_motion(ROD, SIDE, np.array((0.0, -0.02)), 0.3)
+
+
+def test_a_straight_push_carries_the_object_along():
+    pushed = PushedObject(Outline.rectangle(0.1, 0.06), TABLE_1["wood_rect4"].support, 0.3, Pose(0.0, 0.04, 0.0))
+    line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.002)
+    assert pushed.push(line, 0.007) is ContactMode.FREE
+    assert pushed.push(line, 0.03) is ContactMode.STICKING
+    assert pushed.pose == pytest.approx((0, 0.03 + 0.002 + 0.03, 0), abs=1e-6)
+    assert pushed.push(line, 0.01) is ContactMode.FREE
+
+
+def test_many_small_steps_end_where_few_large_ones_do():
+    ends = []
+    for steps in (1, 500):
+        pushed = PushedObject(Outline.rectangle(0.127, 0.064), TABLE_1["wood_rect4"].support, 0.3, Pose(-0.03, 0.04, 0.1))
+        for step in range(steps):
+            pushed.push(PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.05 * (step + 1) / steps)
+        ends.append(pushed.pose)
+    assert ends[0] == pytest.approx(ends[1], abs=1e-5)
+
+
+@pytest.mark.parametrize("name", TABLE_1)
+def test_the_objects_of_table_1_have_their_centers_of_friction(name):
+    known = TABLE_1[name]
+    assert known.support.center_of_friction == pytest.approx((0.007 if name == "delrin_rect_right" else 0.0, 0.0), abs=1e-9)
+    assert known.outline.contains(known.support.points).all()
+    assert len(known.support_points) == known.grid[0] * known.grid[1]
+
+
+@pytest.mark.parametrize("name", ["wood_rect4", "rubber_rect4"])
+def test_the_feet_are_the_corners_of_the_grid(name):
+    known = TABLE_1[name]
+    corners = known.support_points[[0, 4, 10, 14]]
+    assert np.allclose(np.sort(corners, axis=0), np.sort(known.support.points, axis=0))

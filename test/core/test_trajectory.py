@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+from pushfric_core.contact import PushingLine
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Pose, Twist, compose, exp
+from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory, TrajectoryConfig
+
+OUTLINE = Outline.rectangle(0.127, 0.064)
+LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
+FRAME = round(1e9 / 14)
+
+
+def samples_of_a_push(push_id=0, frames=40, start=0, speed=0.02, offset=-0.02):
+    """What camera and pusher would say of a push of 5 cm."""
+    pushed = PushedObject(OUTLINE, TABLE_1["wood_rect4"].support, 0.3, Pose(offset, 0.04, 0.02))
+    poses, pushers = [], []
+    for frame in range(frames):
+        position = min(0.05, frame * speed / 14)
+        pushed.push(LINE, position)
+        stamp = start + frame * FRAME
+        poses.append(PoseSample(stamp, pushed.pose))
+        pushers.append(PusherSample(stamp + 3_000_000, position, speed, LINE, push_id))
+    return poses, pushers
+
+
+def feed(trajectory, samples):
+    found = []
+    for sample in samples:
+        found += trajectory.add_pose(sample) if isinstance(sample, PoseSample) else trajectory.add_pusher(sample)
+    return found
+
+
+def in_time(poses, pushers):
+    return sorted([*poses, *pushers], key=lambda sample: sample.stamp)
+
+
+def test_a_typical_push_gives_three_to_six_observations():
+    observations = feed(Trajectory(OUTLINE), in_time(*samples_of_a_push()))
+    assert 3 <= len(observations) <= 6
+    steps = np.diff([o.stamp for o in observations]) / FRAME
+    assert np.allclose(steps, 5)
+    assert all(o.push_id == 0 and np.allclose(o.contact_normal, (0, -1)) for o in observations)
+
+
+def test_observations_do_not_depend_on_how_the_topics_interleave():
+    poses, pushers = samples_of_a_push()
+    expected = feed(Trajectory(OUTLINE), in_time(poses, pushers))
+    assert expected
+    assert feed(Trajectory(OUTLINE), [*poses, *pushers]) == expected
+    assert feed(Trajectory(OUTLINE), [*pushers[:20], *poses[:30], *pushers[20:], *poses[30:]]) != []
+    delayed = in_time([PoseSample(p.stamp, p.pose) for p in poses], pushers)
+    assert feed(Trajectory(OUTLINE), delayed) == expected
+
+
+def test_the_motion_is_the_central_difference_of_smoothed_poses():
+    # a constant twist along the line: smoothing leaves a uniform translation as it is
+    velocity, start = 0.02, Pose(0.0, 0.04, 0.0)
+    poses = [PoseSample(k * FRAME, Pose(0.0, start.y + velocity * k * FRAME * 1e-9, 0.0)) for k in range(12)]
+    pushers = [PusherSample(k * FRAME, 0.005 + velocity * k * FRAME * 1e-9, velocity, LINE, 3) for k in range(-1, 12)]
+    first = feed(Trajectory(OUTLINE), in_time(poses, pushers))[0]
+    assert first.twist == pytest.approx((0, velocity, 0))
+    assert first.contact_point == pytest.approx((0.0, -0.032))
+    assert first.duration == pytest.approx(2 * FRAME * 1e-9)
+    assert first.stamp == poses[3].stamp
+    assert first.push_id == 3
+
+
+def test_angles_that_wrap_do_not_disturb_the_motion():
+    twist = Twist(0.02, 0.0, 0.3)
+    line = PushingLine((-0.2, 0.0), (1.0, 0.0), 0.0)
+    found = []
+    for offset in (0.0, 2 * np.pi):
+        trajectory = Trajectory(OUTLINE, TrajectoryConfig(contact_tolerance=0.1))
+        for k in range(12):
+            x, y, theta = compose(Pose(0, 0, np.pi - 0.1), exp(twist, k / 14))
+            wrapped = theta - offset if k % 2 else theta  # as a tracker that reports in (-pi, pi] does near pi
+            samples = [PoseSample(k * FRAME, Pose(x, y, wrapped)), PusherSample(k * FRAME, 0.3, 0.02, line, 0)]
+            found.append([]) if not k else None
+            found[-1] += feed(trajectory, samples)
+    assert len(found[0]) == len(found[1]) > 0
+    assert np.allclose([o.twist for o in found[0]], [o.twist for o in found[1]])
+
+
+def test_nothing_is_observed_without_contact_or_push():
+    poses, pushers = samples_of_a_push()
+    idle = [p._replace(push_id=None) for p in pushers]
+    short = [p._replace(position=p.position - 0.01) for p in pushers]
+    assert feed(Trajectory(OUTLINE), in_time(poses, idle)) == []
+    assert feed(Trajectory(OUTLINE), in_time(poses, short)) == []
+
+
+def test_an_object_at_rest_gives_nothing():
+    poses, pushers = samples_of_a_push()
+    resting = [PoseSample(p.stamp, poses[20].pose) for p in poses]
+    blocked = [p._replace(position=pushers[20].position) for p in pushers]
+    assert feed(Trajectory(OUTLINE), in_time(resting, blocked)) == []
+
+
+def test_a_gap_in_the_poses_is_not_bridged():
+    poses, pushers = samples_of_a_push()
+    gap = TrajectoryConfig(longest_gap=0.2)
+    kept = [p for k, p in enumerate(poses) if not 15 <= k < 20]
+    whole = {o.stamp for o in feed(Trajectory(OUTLINE, gap), in_time(poses, pushers))}
+    broken = {o.stamp for o in feed(Trajectory(OUTLINE, gap), in_time(kept, pushers))}
+    assert not any(poses[12].stamp < stamp < poses[23].stamp for stamp in broken)
+    assert len(broken) < len(whole)
+
+
+def test_late_and_repeated_samples_are_ignored():
+    poses, pushers = samples_of_a_push()
+    expected = feed(Trajectory(OUTLINE), in_time(poses, pushers))
+    doubled = [sample for sample in in_time(poses, pushers) for _ in range(2)]
+    assert feed(Trajectory(OUTLINE), doubled) == expected
+
+
+def test_a_push_against_a_corner_gives_nothing():
+    corner = [PoseSample(k * FRAME, Pose(0.0635 + 0.002, 0.0, 0.0)) for k in range(20)]
+    pushers = [PusherSample(k * FRAME, 0.02 * k, 0.02, PushingLine((0, -0.1), (0, 1), 0.003), 0) for k in range(20)]
+    assert feed(Trajectory(OUTLINE), in_time(corner, pushers)) == []
+
+
+def test_a_pose_that_is_not_finite_is_refused():
+    with pytest.raises(ValueError, match="must be finite"):
+        Trajectory(OUTLINE).add_pose(PoseSample(1, Pose(np.nan, 0, 0)))
+
+
+@pytest.mark.parametrize(("change", "text"), [({"window": 4}, "window must be odd"), ({"stride": 0}, "stride must lie in")])
+def test_bad_configurations_are_refused(change, text):
+    with pytest.raises(ValueError, match=text):
+        TrajectoryConfig(**change)

@@ -1,0 +1,77 @@
+"""Worked problems with known answers, shared by the tests."""
+
+from typing import NamedTuple
+
+import numpy as np
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline, Touch
+from pushfric_core.planar import Array, rotation, velocity_at
+from pushfric_core.simulation import pushed_motion
+from pushfric_core.support import Support
+
+
+class Problem(NamedTuple):
+    """An object whose support is known, and noiseless data points of it."""
+
+    name: str
+    outline: Outline
+    truth: Support
+    observations: list[Observation]
+
+
+def square(side: float = 0.1) -> Outline:
+    return Outline.rectangle(side, side)
+
+
+def observations_of(outline: Outline, support: Support, mu_c: float, count: int, rng: np.random.Generator) -> list[Observation]:
+    """Noiseless data points: random contacts on the edges, random directions of the tip, motions from the forward model."""
+    found: list[Observation] = []
+    while len(found) < count:
+        edge = int(rng.integers(len(outline.vertices)))
+        point = outline.vertices[edge] + rng.uniform(0.05, 0.95) * outline.edges[edge]
+        normal = outline.normals[edge]
+        velocity = 0.02 * rotation(rng.uniform(-1.0, 1.0)) @ -normal
+        motion = pushed_motion(support, Touch(0.0, point, normal, edge), velocity, mu_c)
+        speeds = np.linalg.norm(velocity_at(motion.twist, support.points), axis=1)
+        if speeds.min() > 1e-3 * speeds.max():  # the model rounds Coulomb's corner where a support stands still
+            found.append(Observation(tuple(point), tuple(normal), motion.twist, push_id=len(found)))
+    return found
+
+
+def four_feet() -> Problem:
+    """A square on unequal corner feet."""
+    support = Support(0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))), np.array((0.1, 0.2, 0.3, 0.4)))
+    return Problem("four feet", square(), support, observations_of(square(), support, 0.5, 40, np.random.default_rng(1)))
+
+
+def three_feet() -> Problem:
+    """A right triangle on three equal feet."""
+    outline = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
+    support = Support(np.array(((0.03, 0.03), (0.09, 0.03), (0.03, 0.09))), np.full(3, 1 / 3))
+    return Problem("three feet", outline, support, observations_of(outline, support, 0.4, 30, np.random.default_rng(2)))
+
+
+def flat_bar() -> Problem:
+    """A rectangle on a 6 x 4 grid of random weights."""
+    outline = Outline.rectangle(0.12, 0.06)
+    rng = np.random.default_rng(3)
+    weights = rng.dirichlet(np.ones(24))
+    support = Support(outline.grid(6, 4), weights)
+    return Problem("flat bar", outline, support, observations_of(outline, support, 0.3, 80, rng))
+
+
+PROBLEMS = (four_feet, three_feet, flat_bar)
+
+
+def moment(weights: Array, points: Array, observation: Observation) -> float:
+    """Moment of the support friction about the contact, written out point by point: the tests' own eq. 2."""
+    total = 0.0
+    for weight, point in zip(weights, points, strict=True):
+        vx = observation.twist.vx - observation.twist.omega * point[1]
+        vy = observation.twist.vy + observation.twist.omega * point[0]
+        speed = (vx**2 + vy**2) ** 0.5
+        rx, ry = point[0] - observation.contact_point[0], point[1] - observation.contact_point[1]
+        total += -weight * (rx * vy - ry * vx) / speed
+    return total
+
+

@@ -1,0 +1,303 @@
+"""The tracker node over the real middleware, fed with rendered frames, video files and pictures."""
+
+import array
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CompressedImage, Image
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose, wrap
+from pushfric_ros.camera import Camera, save_camera
+from pushfric_ros.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
+from pushfric_ros.simulated_camera import SimulatedCamera
+from pushfric_ros.tracker_node import FROZEN_FRAMES, TrackerNode, grey_from_msg
+
+CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.000625, distortion=(-0.1, 0.02, 0.0, 0.0, 0.0))
+HALF_SIZE = np.array((0.0635, 0.032))
+OUTLINE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * HALF_SIZE
+HEIGHT = 0.012
+TRUTH = Pose(0.11, 0.04, 0.3)
+FIRST = 1_700_000_000_000_000_000
+PERIOD = 16_666_667
+
+
+class Cell:
+    """A tracker in a namespace, and both ends of its topics."""
+
+    def __init__(self, ros, folder, **parameters) -> None:
+        (folder / "object.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist(), "height": HEIGHT}))
+        save_camera(CAMERA, folder / "camera.yaml")
+        values = {"object": str(folder / "object.yaml"), "calibration": str(folder / "camera.yaml")} | parameters
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        self.ros = ros
+        self.simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
+        self.here = ros.node("here", namespace="/cell")
+        self.poses: list[PoseWithCovarianceStamped] = []
+        self.reports: list[DiagnosticStatus] = []
+        poses = self.here.create_subscription(PoseWithCovarianceStamped, "object_pose", self.poses.append, SENSOR_QUEUE)
+        self.here.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.reports.extend(msg.status), 10)
+        self.images = self.here.create_publisher(Image, "image_raw", SENSOR_DATA)
+        self.placements = self.here.create_publisher(PoseStamped, "placement", LATCHED)
+        self.tracker = ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides))
+        self.stamp = FIRST
+        ros.wait_for(lambda: poses.get_publisher_count(), what="a publisher of object_pose")
+        ros.wait_for(lambda: self.placements.get_subscription_count(), what="a subscriber to placement")
+        if parameters.get("source", "topic") == "topic":
+            ros.wait_for(lambda: self.images.get_subscription_count(), what="a subscriber to image_raw")
+
+    def send(self, frame: np.ndarray, encoding: str = "mono8", stamp: int | None = None, **fields) -> None:
+        if stamp is None:
+            self.stamp += PERIOD
+            stamp = self.stamp
+        msg = Image(height=frame.shape[0], width=frame.shape[1], encoding=encoding, step=frame[0].nbytes)
+        msg.data = array.array("B", frame.tobytes())
+        msg.header.stamp = stamp_to_msg(stamp)
+        for name, value in fields.items():
+            setattr(msg, name, value)
+        self.images.publish(msg)
+
+    def see(self, truth: Pose) -> Pose:
+        """Send a frame; the pose that comes back."""
+        count = len(self.poses)
+        self.send(self.simulation.render(truth))
+        self.ros.wait_for(lambda: len(self.poses) > count, what="a pose")
+        return pose_from_msg(self.poses[-1].pose.pose)
+
+    def place(self, pose: Pose) -> None:
+        """Announce a placement; returns when the tracker has it, or at least any later frame will find it there."""
+        self.placements.publish(PoseStamped(pose=pose_to_msg(pose)))
+        self.ros.wait_for(lambda: self.tracker._placement == pytest.approx(pose), what="the placement's arrival")
+
+    def report(self, **expected: str) -> DiagnosticStatus:
+        """The next diagnostics whose values are as expected."""
+        def found() -> bool:
+            return any(self.values(status).items() >= expected.items() for status in self.reports)
+
+        self.ros.wait_for(found, what=f"a report of {expected}")
+        return next(status for status in self.reports if self.values(status).items() >= expected.items())
+
+    @staticmethod
+    def values(status: DiagnosticStatus) -> dict[str, str]:
+        return {entry.key.replace(" ", "_").replace("/", "_"): entry.value for entry in status.values}
+
+
+def assert_close(pose: Pose, truth: Pose) -> None:
+    assert np.hypot(pose.x - truth.x, pose.y - truth.y) < 3e-5  # 0.05 px
+    assert abs(wrap(pose.theta - truth.theta)) < 0.001
+
+
+@pytest.fixture
+def cell(ros, tmp_path) -> Cell:
+    return Cell(ros, tmp_path)
+
+
+def test_publishes_the_pose_at_the_time_of_the_image(cell):
+    assert_close(cell.see(TRUTH), TRUTH)
+    msg = cell.poses[0]
+    assert msg.header.frame_id == "table"
+    assert stamp_from_msg(msg.header.stamp) == cell.stamp
+    covariance = msg.pose.covariance.reshape(6, 6)
+    assert (np.diag(covariance)[[0, 1, 5]] > 0).all()
+    assert (np.sqrt(np.diag(covariance)[[0, 1]]) < 1e-5).all()  # [m]
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9)
+    assert not covariance[2:5].any()
+
+
+def test_every_frame_at_60_hz_gets_its_pose(cell):
+    frames = [cell.simulation.render(TRUTH._replace(x=0.1 + 0.0005 * i)) for i in range(30)]
+    for frame in frames:
+        cell.send(frame)
+    cell.ros.wait_for(lambda: len(cell.poses) == 30, what="30 poses")
+    stamps = [stamp_from_msg(msg.header.stamp) for msg in cell.poses]
+    assert stamps == [FIRST + (i + 1) * PERIOD for i in range(30)]
+    np.testing.assert_allclose([msg.pose.pose.position.x for msg in cell.poses], 0.1 + 0.0005 * np.arange(30), atol=5e-5)
+
+
+@pytest.mark.parametrize("encoding", ["bgr8", "rgb8"])
+def test_colour_images(cell, encoding):
+    cell.send(cv2.cvtColor(cell.simulation.render(TRUTH), cv2.COLOR_GRAY2BGR), encoding)
+    cell.ros.wait_for(lambda: cell.poses, what="a pose")
+    assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
+
+
+def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
+    two = np.maximum(cell.simulation.render(Pose(0.02, 0.05, 0.2)), cell.simulation.render(Pose(0.18, 0.05, 1.0)))
+    for frame in (cell.simulation.render(None), cell.simulation.render(Pose(0.29, 0.05, 0.3)), two,
+                  np.full((480, 640), 255, np.uint8)):
+        cell.send(frame)
+    cell.see(TRUTH)  # frames are treated in order
+    assert len(cell.poses) == 1
+    report = cell.report(frames="5", seen="1", last_reason="saturated or empty frame")
+    assert report.name == "/cell/tracker"
+
+
+def test_diagnostics_tell_whether_the_object_is_seen(cell):
+    cell.see(TRUTH)
+    seen = cell.report(seen="1", object="block", visible="1.0")
+    assert (seen.level, seen.message) == (DiagnosticStatus.OK, "seen")
+    assert 0 < float(cell.values(seen)["residual_[px]"]) < 0.1
+    cell.send(cell.simulation.render(None))
+    lost = cell.report(frames="2", seen="1")
+    assert (lost.level, lost.message) == (DiagnosticStatus.WARN, "not seen: no object")
+    cell.reports.clear()
+    idle = cell.report(frames="2", frames_s="0.0")
+    assert (idle.level, idle.message) == (DiagnosticStatus.ERROR, "no frames from image_raw")
+
+
+def test_late_frames_are_dropped_and_counted(cell):
+    cell.see(TRUTH)
+    for stamp in (cell.stamp - PERIOD // 2, cell.stamp):
+        cell.send(cell.simulation.render(TRUTH), stamp=stamp)
+    cell.see(TRUTH)
+    assert len(cell.poses) == 2
+    cell.report(frames="2", late_frames_dropped="2")
+
+
+def test_a_clock_set_back_is_followed(cell):
+    cell.see(TRUTH)
+    cell.stamp = 5_000_000_000
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+@pytest.mark.parametrize(("encoding", "fields", "reason"), [
+    ("mono16", {}, "encoding must be mono8, bgr8, rgb8, got 'mono16'"),
+    ("mono8", {"step": 100}, "640 x 480 mono8 with step 100 does not fit 307200 bytes"),
+    ("bgr8", {}, "640 x 480 bgr8 with step 640 does not fit 307200 bytes"),
+    ("mono8", {"width": 320, "step": 640}, "the camera is calibrated for 640 x 480 px, the image has 320 x 480"),
+])
+def test_unusable_frames_are_counted(cell, encoding, fields, reason):
+    cell.send(cell.simulation.render(TRUTH), encoding, **fields)
+    report = cell.report(unusable_frames="1", last_reason=reason)
+    assert report.level == DiagnosticStatus.ERROR
+    cell.see(TRUTH)
+    assert len(cell.poses) == 1
+
+
+def test_padded_rows_are_read_without_a_copy():
+    rows = np.arange(24, dtype=np.uint8).reshape(3, 8)
+    msg = Image(height=3, width=5, encoding="mono8", step=8, data=array.array("B", rows.tobytes()))
+    grey = grey_from_msg(msg)
+    np.testing.assert_array_equal(grey, rows[:, :5])
+    msg.data[0] = 99
+    assert grey[0, 0] == 99
+
+
+def test_a_placement_tells_which_way_round_the_object_lies(cell):
+    away = cell.simulation.render(None)
+    for theta in (0.3, 0.3 + np.pi, 2.0, 2.0 - np.pi):
+        truth = TRUTH._replace(theta=wrap(theta))
+        cell.place(Pose(truth.x + 0.002, truth.y - 0.002, truth.theta + 0.2))
+        cell.send(away)
+        assert_close(cell.see(truth), truth)
+        # from there on by continuity, through more than a quarter turn
+        for turn in np.arange(0.2, 2.5, 0.2):
+            assert_close(cell.see(truth._replace(theta=truth.theta + turn)), truth._replace(theta=truth.theta + turn))
+        # a moment out of sight changes nothing
+        cell.send(away)
+        assert_close(cell.see(truth._replace(theta=truth.theta + 2.5)), truth._replace(theta=truth.theta + 2.5))
+
+
+def test_an_object_moved_by_hand_between_two_frames_is_where_it_was_to_be_put(cell):
+    cell.see(TRUTH)
+    truth = Pose(TRUTH.x - 0.05, TRUTH.y, wrap(TRUTH.theta + np.pi))
+    cell.place(truth)
+    assert_close(cell.see(TRUTH), TRUTH)  # not yet
+    assert_close(cell.see(truth), truth)
+
+
+def test_a_placement_that_is_no_pose_is_ignored(cell):
+    bad = PoseStamped()
+    bad.pose.position.x = float("nan")
+    cell.placements.publish(bad)
+    cell.place(TRUTH)  # arrives after it
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_time_offset_shifts_the_stamp(ros, tmp_path):
+    cell = Cell(ros, tmp_path, time_offset=-0.04)
+    cell.see(TRUTH)
+    assert stamp_from_msg(cell.poses[0].header.stamp) == cell.stamp - 40_000_000
+
+
+def test_a_fixed_threshold(ros, tmp_path):
+    cell = Cell(ros, tmp_path, threshold=120)
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_the_overlay_shows_the_outline(cell):
+    overlays: list[CompressedImage] = []
+    subscription = cell.here.create_subscription(CompressedImage, "overlay/compressed", overlays.append, SENSOR_DATA)
+    cell.ros.wait_for(lambda: subscription.get_publisher_count() and cell.tracker._overlay_out.get_subscription_count(),
+                      what="the overlay's subscriber")
+    cell.see(TRUTH)
+    cell.ros.wait_for(lambda: overlays, what="an overlay")
+    assert overlays[0].format == "jpeg"
+    picture = cv2.imdecode(np.frombuffer(overlays[0].data, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    green = np.argwhere(picture[..., 1] - picture[..., 2] > 60)
+    corners = CAMERA.project(np.array((TRUTH.x, TRUTH.y)) + OUTLINE @ _turned(TRUTH.theta), HEIGHT)
+    np.testing.assert_allclose(green.min(axis=0)[::-1], corners.min(axis=0), atol=3)
+    np.testing.assert_allclose(green.max(axis=0)[::-1], corners.max(axis=0), atol=3)
+
+
+def _turned(theta: float) -> np.ndarray:
+    return np.array(((np.cos(theta), np.sin(theta)), (-np.sin(theta), np.cos(theta))))
+
+
+def write_video(path, frames) -> None:
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 100, (640, 480), False)
+    for frame in frames:
+        video.write(frame)
+    video.release()
+
+
+def test_a_video_file_as_source(ros, tmp_path):
+    simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
+    truths = [TRUTH._replace(x=TRUTH.x + 0.001 * i) for i in range(10)]
+    write_video(tmp_path / "pushes.avi", [simulation.render(truth) for truth in (*[TRUTH] * 60, *truths)])
+    cell = Cell(ros, tmp_path, source=str(tmp_path / "pushes.avi"))
+    last = truths[-1].x - 2e-4
+    ros.wait_for(lambda: len(cell.poses) >= 10 and cell.poses[-1].pose.pose.position.x > last, what="the last pose")
+    for msg, truth in zip(cell.poses[-10:], truths, strict=True):
+        assert abs(msg.pose.pose.position.x - truth.x) < 2e-4  # as JPEG left it
+    stamps = np.diff([stamp_from_msg(msg.header.stamp) for msg in cell.poses])
+    assert (stamps > 0).all()
+
+
+@pytest.mark.parametrize("pattern", ["", "/*.png"])
+def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
+    simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
+    (tmp_path / "pictures").mkdir()
+    frames = [simulation.render(TRUTH) for _ in range(30)]
+    for i, frame in enumerate(frames + [frames[-1]] * 10):
+        cv2.imwrite(str(tmp_path / "pictures" / f"{i:03}.png"), frame)
+    cell = Cell(ros, tmp_path, source=f"{tmp_path}/pictures{pattern}")
+    cell.report(frames="40", seen=str(30 + FROZEN_FRAMES - 2), last_reason="frozen frame")
+    assert cell.report(frames_s="0.0", frames="40").message == f"no frames from {tmp_path}/pictures{pattern}"
+
+
+@pytest.mark.parametrize(("parameters", "text"), [
+    ({"source": "99"}, "no camera at '99': expected topic, a device index, a URL, a video file or pictures"),
+    ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
+    ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
+    ({"calibration": ""}, "the tracker needs calibration, the path of the camera's calibration YAML"),
+    ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read as a camera YAML"),
+    ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
+    ({"threshold": 300}, "threshold"),
+])
+def test_unusable_parameters_are_refused(ros, tmp_path, parameters, text):
+    with pytest.raises(InvalidInput, match=text):
+        Cell(ros, tmp_path, **parameters)
+
+
+def test_an_object_too_small_for_the_camera_is_refused(ros, tmp_path):
+    save_camera(dataclasses.replace(CAMERA, H=np.diag((0.02, 0.02, 1.0)) @ CAMERA.H), tmp_path / "far.yaml")
+    with pytest.raises(InvalidInput, match="too small or thin"):
+        Cell(ros, tmp_path, calibration=str(tmp_path / "far.yaml"))
