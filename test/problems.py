@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Array, rotation, velocity_at
@@ -73,5 +74,3 @@ def moment(weights: Array, points: Array, observation: Observation) -> float:
         rx, ry = point[0] - observation.contact_point[0], point[1] - observation.contact_point[1]
         total += -weight * (rx * vy - ry * vx) / speed
     return total
-
-

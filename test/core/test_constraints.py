@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 from problems import PROBLEMS, moment
+
 from pushfric_core.constraints import cone_rows, frictionless_rows, moment_rows, normal_force_rows, stack
 from pushfric_core.linear_program import fit_error
 from pushfric_core.observation import Observation

@@ -1,4 +1,5 @@
 import numpy as np
+
 from pushfric_core.contact import PushingLine, friction_cone, interval, tangent
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, transform

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from pushfric_core.contact_friction import lower_bounds, percentile
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
@@ -9,7 +10,9 @@ from pushfric_core.planar import Twist
 MIDDLE = np.array(((0.0, 0.0),))
 
 
-@pytest.mark.parametrize(("direction", "bound"), [((0.0, 1.0), 0.0), ((1.0, 2.0), 0.5), ((-3.0, 1.0), 3.0), ((1.0, -1.0), math.inf)])
+@pytest.mark.parametrize(
+    ("direction", "bound"), [((0.0, 1.0), 0.0), ((1.0, 2.0), 0.5), ((-3.0, 1.0), 3.0), ((1.0, -1.0), math.inf)]
+)
 def test_the_bound_is_the_slope_of_the_force_against_the_normal(direction, bound):
     push = Observation((0.0, -0.05), (0.0, -1.0), Twist(*direction, 0.0))
     assert lower_bounds([push], MIDDLE, np.ones(1)) == pytest.approx([bound])

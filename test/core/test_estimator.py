@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from problems import PROBLEMS
+
 from pushfric_core.errors import InfeasibleProgram, UninformativePush
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.linear_program import Status
@@ -72,17 +73,22 @@ def test_a_motion_about_a_support_is_refused_and_leaves_no_trace():
 def test_a_half_width_loosens_the_fit():
     problem = PROBLEMS[0]()
     wrong = problem.truth.points + (0.01, 0.0)
-    errors = [last_estimate(Estimator(wrong, EstimatorConfig(half_width=h)), problem.observations).solution.objective
-              for h in (0.0, 0.002, 0.005)]
+    errors = [
+        last_estimate(Estimator(wrong, EstimatorConfig(half_width=h)), problem.observations).solution.objective
+        for h in (0.0, 0.002, 0.005)
+    ]
     assert errors[0] > errors[1] > errors[2]
 
 
-@pytest.mark.parametrize(("change", "text"), [
-    ({"terms": ("moments",)}, "moment, frictionless, cone, got moments"),
-    ({"terms": ()}, "got none"),
-    ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, 100.0\], got -1.0"),
-    ({"half_width": float("nan")}, "half_width must lie"),
-])
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"terms": ("moments",)}, "moment, frictionless, cone, got moments"),
+        ({"terms": ()}, "got none"),
+        ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, 100.0\], got -1.0"),
+        ({"half_width": float("nan")}, "half_width must lie"),
+    ],
+)
 def test_bad_configurations_are_refused(change, text):
     with pytest.raises(ValueError, match=text):
         EstimatorConfig(**change)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from pushfric_core.constraints import ConstraintRows
 from pushfric_core.linear_program import Status, certify
 

@@ -2,6 +2,7 @@ import dataclasses
 import math
 
 import pytest
+
 from pushfric_core.errors import UninformativePush
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Pose, Twist
@@ -9,17 +10,20 @@ from pushfric_core.planar import Pose, Twist
 GOOD = Observation((0.05, 0.0), (1.0, 0.0), Twist(-0.02, 0.0, 0.1))
 
 
-@pytest.mark.parametrize(("change", "text"), [
-    ({"contact_point": (math.nan, 0.0)}, "contact_point must be finite"),
-    ({"contact_normal": (0.9, 0.0)}, r"contact_normal must have length 1, got \(0.9, 0.0\) of length 0.9"),
-    ({"contact_normal": (math.inf, 0.0)}, "contact_normal must be finite"),
-    ({"twist": Twist(0.0, math.inf, 0.0)}, "twist must be finite"),
-    ({"pose": Pose(0.0, 0.0, math.nan)}, "pose must be finite"),
-    ({"force": (math.nan, 0.0)}, "force must be finite"),
-    ({"half_width": -0.001}, "half_width must be at least 0"),
-    ({"half_width": math.nan}, "half_width must be at least 0"),
-    ({"duration": -1.0}, "duration must be at least 0"),
-])
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"contact_point": (math.nan, 0.0)}, "contact_point must be finite"),
+        ({"contact_normal": (0.9, 0.0)}, r"contact_normal must have length 1, got \(0.9, 0.0\) of length 0.9"),
+        ({"contact_normal": (math.inf, 0.0)}, "contact_normal must be finite"),
+        ({"twist": Twist(0.0, math.inf, 0.0)}, "twist must be finite"),
+        ({"pose": Pose(0.0, 0.0, math.nan)}, "pose must be finite"),
+        ({"force": (math.nan, 0.0)}, "force must be finite"),
+        ({"half_width": -0.001}, "half_width must be at least 0"),
+        ({"half_width": math.nan}, "half_width must be at least 0"),
+        ({"duration": -1.0}, "duration must be at least 0"),
+    ],
+)
 def test_bad_data_points_are_refused(change, text):
     with pytest.raises(ValueError, match=text):
         dataclasses.replace(GOOD, **change)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from pushfric_core.outline import Outline
 
 L_SHAPE = np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1)))
@@ -8,8 +9,10 @@ TRIANGLE = np.array(((0, 0), (0.15, 0), (0, 0.15)))
 
 def test_vertices_are_made_counter_clockwise_and_normals_point_outward():
     outline = Outline(TRIANGLE[::-1])
-    area = 0.5 * np.sum(outline.vertices[:, 0] * np.roll(outline.vertices[:, 1], -1)
-                        - np.roll(outline.vertices[:, 0], -1) * outline.vertices[:, 1])
+    area = 0.5 * np.sum(
+        outline.vertices[:, 0] * np.roll(outline.vertices[:, 1], -1)
+        - np.roll(outline.vertices[:, 0], -1) * outline.vertices[:, 1]
+    )
     assert area == pytest.approx(0.15**2 / 2)
     middles = outline.vertices + outline.edges / 2
     assert not outline.contains(middles + 1e-4 * outline.normals).any()
@@ -27,12 +30,15 @@ def test_distance_to_the_outline_counts_from_inside_too():
     assert Outline.rectangle(0.1, 0.1).distance_to((0.0, 0.03)) == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize(("vertices", "text"), [
-    (((0, 0), (1, 0)), "at least 3 vertices"),
-    (((0, 0), (1, 0), (2, 0)), "simple polygon with an area"),
-    (((0, 0), (1, 1), (1, 0), (0, 1)), "simple polygon with an area: Self-intersection"),
-    (((0, 0), (1, 0), (np.nan, 1)), "must be finite"),
-])
+@pytest.mark.parametrize(
+    ("vertices", "text"),
+    [
+        (((0, 0), (1, 0)), "at least 3 vertices"),
+        (((0, 0), (1, 0), (2, 0)), "simple polygon with an area"),
+        (((0, 0), (1, 1), (1, 0), (0, 1)), "simple polygon with an area: Self-intersection"),
+        (((0, 0), (1, 0), (np.nan, 1)), "must be finite"),
+    ],
+)
 def test_bad_outlines_are_refused(vertices, text):
     with pytest.raises(ValueError, match=text):
         Outline(np.array(vertices))
@@ -53,11 +59,14 @@ def test_a_single_row_lies_in_the_middle():
     assert np.allclose(Outline.rectangle(0.1, 0.1).grid(2, 1)[:, 1], 0)
 
 
-@pytest.mark.parametrize(("arguments", "text"), [
-    ((0, 3), "at least 1 column and 1 row"),
-    ((3, 3, 0.05), r"inset must lie in \[0, 0.05\)"),
-    ((3, 3, -0.01), "inset must lie"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((0, 3), "at least 1 column and 1 row"),
+        ((3, 3, 0.05), r"inset must lie in \[0, 0.05\)"),
+        ((3, 3, -0.01), "inset must lie"),
+    ],
+)
 def test_bad_grids_are_refused(arguments, text):
     with pytest.raises(ValueError, match=text):
         Outline.rectangle(0.1, 0.1).grid(*arguments)

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from pushfric_core import planar
 from pushfric_core.planar import Pose, Twist, Wrench
 

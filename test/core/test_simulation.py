@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Pose, cross, left_of, rotation, velocity_at

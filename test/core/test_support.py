@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from pushfric_core.errors import UninformativePush
 from pushfric_core.planar import Twist
 from pushfric_core.support import Support, check_points, friction_directions
@@ -33,19 +34,28 @@ def test_no_motion_has_no_friction():
         friction_directions(BAR.points, Twist(0, 0, 0))
 
 
-@pytest.mark.parametrize(("points", "text"), [
-    (np.zeros((0, 2)), r"shape \(n, 2\) with n >= 1, got \(0, 2\)"),
-    (np.zeros((3, 3)), r"got \(3, 3\)"),
-    (np.array(((0, np.inf),)), "must be finite"),
-])
+@pytest.mark.parametrize(
+    ("points", "text"),
+    [
+        (np.zeros((0, 2)), r"shape \(n, 2\) with n >= 1, got \(0, 2\)"),
+        (np.zeros((3, 3)), r"got \(3, 3\)"),
+        (np.array(((0, np.inf),)), "must be finite"),
+    ],
+)
 def test_bad_support_points_are_refused(points, text):
     with pytest.raises(ValueError, match=text):
         check_points(points)
 
 
-@pytest.mark.parametrize(("weights", "text"), [
-    ((0.5, 0.6), "sum of 1.1"), ((-0.5, 1.5), "nonnegative"), ((1.0,), r"shape \(2,\)"), ((np.nan, 1.0), "nonnegative"),
-])
+@pytest.mark.parametrize(
+    ("weights", "text"),
+    [
+        ((0.5, 0.6), "sum of 1.1"),
+        ((-0.5, 1.5), "nonnegative"),
+        ((1.0,), r"shape \(2,\)"),
+        ((np.nan, 1.0), "nonnegative"),
+    ],
+)
 def test_bad_weights_are_refused(weights, text):
     with pytest.raises(ValueError, match=text):
         Support(BAR.points, np.array(weights))

@@ -87,14 +87,15 @@ def test_scale_and_sign_of_the_homography_do_not_matter(rng, scale):
 
 def test_looking_down_maps_table_axes_to_image_axes():
     camera = Camera.looking_down(640, 480, (0.1, 0.05), 0.001)
-    np.testing.assert_allclose(camera.project([(0.1, 0.05), (0.11, 0.05), (0.1, 0.06)]),
-                               [(319.5, 239.5), (329.5, 239.5), (319.5, 229.5)], atol=1e-9)
+    np.testing.assert_allclose(
+        camera.project([(0.1, 0.05), (0.11, 0.05), (0.1, 0.06)]), [(319.5, 239.5), (329.5, 239.5), (319.5, 229.5)], atol=1e-9
+    )
     assert camera.metres_per_pixel() == pytest.approx(0.001)
 
 
 def test_a_raised_plane_appears_larger_by_parallax():
     camera = Camera.looking_down(640, 480, (0.0, 0.0), 0.001, distance=0.8)
-    (u, v), = camera.project([(0.06, 0.0)], 0.2)
+    ((u, v),) = camera.project([(0.06, 0.0)], 0.2)
     assert (u, v) == pytest.approx((319.5 + 60 * 0.8 / 0.6, 239.5))
     x, y, w = camera.at_height(0.2) @ (0.06, 0.0, 1.0)
     assert (x / w, y / w) == pytest.approx((u, v))
@@ -108,7 +109,7 @@ def test_reads_what_camera_calibration_writes(tmp_path):
     assert (camera.width, camera.height) == (640, 480)
     assert camera.K[0, 0] == 1280
     assert camera.D.tolist() == [-0.1, 0.02, 0, 0, 0]
-    (x, y), = camera.unproject([(319.5, 239.5)])
+    ((x, y),) = camera.unproject([(319.5, 239.5)])
     assert (x, y) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
@@ -140,40 +141,49 @@ def test_other_distortion_models_are_refused():
         Camera.from_info(info, np.eye(3))
 
 
-@pytest.mark.parametrize(("fields", "text"), [
-    ({"K": np.eye(4)}, r"K must have shape \(3, 3\), got \(4, 4\)"),
-    ({"D": np.zeros(3)}, r"D must have shape \(4,\) or \(5,\) or \(8,\), got \(3,\)"),
-    ({"H": np.zeros(9)}, r"H must have shape \(3, 3\), got \(9,\)"),
-])
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"K": np.eye(4)}, r"K must have shape \(3, 3\), got \(4, 4\)"),
+        ({"D": np.zeros(3)}, r"D must have shape \(4,\) or \(5,\) or \(8,\), got \(3,\)"),
+        ({"H": np.zeros(9)}, r"H must have shape \(3, 3\), got \(9,\)"),
+    ],
+)
 def test_wrong_shapes_are_refused(fields, text):
     with pytest.raises(ValueError, match=text):
         dataclasses.replace(oblique(), **fields)
 
 
-@pytest.mark.parametrize(("fields", "text"), [
-    ({"K": np.zeros((3, 3))}, "not calibrated: K needs focal lengths > 0"),
-    ({"K": np.diag((900.0, np.nan, 1.0))}, "K must be finite"),
-    ({"width": 0}, "image size must be positive, got 0 x 480"),
-    ({"H": np.diag((1.0, 1.0, 0.0))}, "table homography is degenerate"),
-    ({"H": np.zeros((3, 3))}, "table homography is degenerate"),
-    ({"H": np.array(((1600.0, 0, 320), (0, 1600, 240), (0, 0, 1)))}, "table homography is mirrored"),
-])
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"K": np.zeros((3, 3))}, "not calibrated: K needs focal lengths > 0"),
+        ({"K": np.diag((900.0, np.nan, 1.0))}, "K must be finite"),
+        ({"width": 0}, "image size must be positive, got 0 x 480"),
+        ({"H": np.diag((1.0, 1.0, 0.0))}, "table homography is degenerate"),
+        ({"H": np.zeros((3, 3))}, "table homography is degenerate"),
+        ({"H": np.array(((1600.0, 0, 320), (0, 1600, 240), (0, 0, 1)))}, "table homography is mirrored"),
+    ],
+)
 def test_no_real_camera_is_refused(fields, text):
     with pytest.raises(InvalidInput, match=text):
         dataclasses.replace(oblique(), **fields)
 
 
-@pytest.mark.parametrize(("old", "new", "text"), [
-    ("table_homography", "homography", "table_homography must hold `data`, a list of 9 numbers, got None"),
-    ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[1280.]", "camera_matrix must hold `data`, a list of 9 numbers"),
-    ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[0, 0, 0, 0, 0, 0, 0, 0, 0]", "not calibrated: K is all zero"),
-    ("[-0.1, 0.02, 0., 0., 0.]", "[a, b, c, d]", "distortion_coefficients must hold `data`, a list of 4 or 5 or 8 numbers"),
-    ("image_width: 640", "image_width: wide", "image_width must be an integer, got 'wide'"),
-    ("plumb_bob", "equidistant", "distortion model must be"),
-    ("-1600.", "1600.", "table homography is mirrored"),
-    ("rows: 3", "rows: [", "cannot be read as a camera YAML"),
-    (YAML, "just text", "expected a camera YAML with image_width, camera_matrix, ..., got str"),
-])
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("table_homography", "homography", "table_homography must hold `data`, a list of 9 numbers, got None"),
+        ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[1280.]", "camera_matrix must hold `data`, a list of 9 numbers"),
+        ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[0, 0, 0, 0, 0, 0, 0, 0, 0]", "not calibrated: K is all zero"),
+        ("[-0.1, 0.02, 0., 0., 0.]", "[a, b, c, d]", "distortion_coefficients must hold `data`, a list of 4 or 5 or 8 numbers"),
+        ("image_width: 640", "image_width: wide", "image_width must be an integer, got 'wide'"),
+        ("plumb_bob", "equidistant", "distortion model must be"),
+        ("-1600.", "1600.", "table homography is mirrored"),
+        ("rows: 3", "rows: [", "cannot be read as a camera YAML"),
+        (YAML, "just text", "expected a camera YAML with image_width, camera_matrix, ..., got str"),
+    ],
+)
 def test_a_bad_file_is_refused_by_name_and_field(tmp_path, old, new, text):
     path = tmp_path / "camera.yaml"
     path.write_text(YAML.replace(old, new))

@@ -55,11 +55,14 @@ def error(sighting: Sighting, truth: Pose, shape: str) -> np.ndarray:
     return np.append(shift, np.degrees(wrap(sighting.pose.theta - truth.theta)))
 
 
-@pytest.mark.parametrize(("noise", "distortion", "shadow", "bound"), [
-    (0.0, (0.0,) * 5, None, 0.01),
-    (2.0, (0.0,) * 5, None, 0.01),
-    (8.0, DISTORTED, (1.0, 0.3, 380.0), 0.04),
-])
+@pytest.mark.parametrize(
+    ("noise", "distortion", "shadow", "bound"),
+    [
+        (0.0, (0.0,) * 5, None, 0.01),
+        (2.0, (0.0,) * 5, None, 0.01),
+        (8.0, DISTORTED, (1.0, 0.3, 380.0), 0.04),
+    ],
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_accuracy(rng, shape, noise, distortion, shadow, bound):
     camera = looking_down(distortion)
@@ -156,7 +159,7 @@ def test_what_hides_a_little_of_the_edge_does_no_harm(rng, grey):
     simulation, seen = simulated("rectangle", rng), tracker("rectangle")
     truth = MIDDLE._replace(theta=0.3)
     frame = simulation.render(truth)
-    (u, v), = looking_down().project([transform(truth, (0.02, -HALF_WIDTH))], HEIGHT)
+    ((u, v),) = looking_down().project([transform(truth, (0.02, -HALF_WIDTH))], HEIGHT)
     cv2.circle(frame, (round(u), round(v)), 12, grey, -1)
     sighting = seen.track(frame, truth)
     assert np.abs(error(sighting, truth, "rectangle")).max() < 0.05
@@ -214,8 +217,9 @@ def test_two_objects_in_touch_are_refused(rng):
         tracker("rectangle").track(both, truth)
 
 
-@pytest.mark.parametrize(("shape", "other"), [("rectangle", "square"), ("triangle", "L"), ("L", "rectangle"),
-                                              ("square", "near_square")])
+@pytest.mark.parametrize(
+    ("shape", "other"), [("rectangle", "square"), ("triangle", "L"), ("L", "rectangle"), ("square", "near_square")]
+)
 def test_another_object_is_refused(rng, shape, other):
     for theta in (0.0, 0.5, 2.0):
         truth = MIDDLE._replace(theta=theta)
@@ -270,8 +274,12 @@ def test_rendered_brightness():
     simulation = simulated("square", np.random.default_rng(0), noise_sigma=2.0, shadow=(1.0, 0.0, 319.5))
     away, there = (simulation.render(pose).astype(float) for pose in (None, MIDDLE))
     assert away.shape == (camera.height, camera.width)
-    for frame, place, grey in ((away, np.s_[100:150, 20:90], 20), (away, np.s_[100:150, 500:600], 14),
-                               (there, np.s_[200:280, 270:310], 220), (there, np.s_[200:280, 330:370], 154)):
+    for frame, place, grey in (
+        (away, np.s_[100:150, 20:90], 20),
+        (away, np.s_[100:150, 500:600], 14),
+        (there, np.s_[200:280, 270:310], 220),
+        (there, np.s_[200:280, 330:370], 154),
+    ):
         assert frame[place].mean() == pytest.approx(grey, abs=0.5)
         assert frame[place].std() == pytest.approx(2.0, abs=0.3)
 

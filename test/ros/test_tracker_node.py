@@ -78,6 +78,7 @@ class Cell:
 
     def report(self, **expected: str) -> DiagnosticStatus:
         """The next diagnostics whose values are as expected."""
+
         def found() -> bool:
             return any(self.values(status).items() >= expected.items() for status in self.reports)
 
@@ -130,8 +131,12 @@ def test_colour_images(cell, encoding):
 
 def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
     two = np.maximum(cell.simulation.render(Pose(0.02, 0.05, 0.2)), cell.simulation.render(Pose(0.18, 0.05, 1.0)))
-    for frame in (cell.simulation.render(None), cell.simulation.render(Pose(0.29, 0.05, 0.3)), two,
-                  np.full((480, 640), 255, np.uint8)):
+    for frame in (
+        cell.simulation.render(None),
+        cell.simulation.render(Pose(0.29, 0.05, 0.3)),
+        two,
+        np.full((480, 640), 255, np.uint8),
+    ):
         cell.send(frame)
     cell.see(TRUTH)  # frames are treated in order
     assert len(cell.poses) == 1
@@ -167,12 +172,15 @@ def test_a_clock_set_back_is_followed(cell):
     assert_close(cell.see(TRUTH), TRUTH)
 
 
-@pytest.mark.parametrize(("encoding", "fields", "reason"), [
-    ("mono16", {}, "encoding must be mono8, bgr8, rgb8, got 'mono16'"),
-    ("mono8", {"step": 100}, "640 x 480 mono8 with step 100 does not fit 307200 bytes"),
-    ("bgr8", {}, "640 x 480 bgr8 with step 640 does not fit 307200 bytes"),
-    ("mono8", {"width": 320, "step": 640}, "the camera is calibrated for 640 x 480 px, the image has 320 x 480"),
-])
+@pytest.mark.parametrize(
+    ("encoding", "fields", "reason"),
+    [
+        ("mono16", {}, "encoding must be mono8, bgr8, rgb8, got 'mono16'"),
+        ("mono8", {"step": 100}, "640 x 480 mono8 with step 100 does not fit 307200 bytes"),
+        ("bgr8", {}, "640 x 480 bgr8 with step 640 does not fit 307200 bytes"),
+        ("mono8", {"width": 320, "step": 640}, "the camera is calibrated for 640 x 480 px, the image has 320 x 480"),
+    ],
+)
 def test_unusable_frames_are_counted(cell, encoding, fields, reason):
     cell.send(cell.simulation.render(TRUTH), encoding, **fields)
     report = cell.report(unusable_frames="1", last_reason=reason)
@@ -235,8 +243,10 @@ def test_a_fixed_threshold(ros, tmp_path):
 def test_the_overlay_shows_the_outline(cell):
     overlays: list[CompressedImage] = []
     subscription = cell.here.create_subscription(CompressedImage, "overlay/compressed", overlays.append, SENSOR_DATA)
-    cell.ros.wait_for(lambda: subscription.get_publisher_count() and cell.tracker._overlay_out.get_subscription_count(),
-                      what="the overlay's subscriber")
+    cell.ros.wait_for(
+        lambda: subscription.get_publisher_count() and cell.tracker._overlay_out.get_subscription_count(),
+        what="the overlay's subscriber",
+    )
     cell.see(TRUTH)
     cell.ros.wait_for(lambda: overlays, what="an overlay")
     assert overlays[0].format == "jpeg"
@@ -283,15 +293,18 @@ def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
     assert cell.report(frames_s="0.0", frames="40").message == f"no frames from {tmp_path}/pictures{pattern}"
 
 
-@pytest.mark.parametrize(("parameters", "text"), [
-    ({"source": "99"}, "no camera at '99': expected topic, a device index, a URL, a video file or pictures"),
-    ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
-    ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
-    ({"calibration": ""}, "the tracker needs calibration, the path of the camera's calibration YAML"),
-    ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read as a camera YAML"),
-    ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
-    ({"threshold": 300}, "threshold"),
-])
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"source": "99"}, "no camera at '99': expected topic, a device index, a URL, a video file or pictures"),
+        ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
+        ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
+        ({"calibration": ""}, "the tracker needs calibration, the path of the camera's calibration YAML"),
+        ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read as a camera YAML"),
+        ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
+        ({"threshold": 300}, "threshold"),
+    ],
+)
 def test_unusable_parameters_are_refused(ros, tmp_path, parameters, text):
     with pytest.raises(InvalidInput, match=text):
         Cell(ros, tmp_path, **parameters)

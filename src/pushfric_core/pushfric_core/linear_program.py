@@ -55,8 +55,9 @@ def certify(rows: ConstraintRows, w: Array, multipliers: Array) -> Solution:
         ValueError: w has no positive part, or a shape does not fit.
     """
     if w.shape != (rows.a.shape[1],) or multipliers.shape != (rows.a.shape[0],):
-        raise ValueError(f"w and multipliers must have shapes {rows.a.shape[1:]} and {rows.a.shape[:1]}, got {w.shape}, "
-                         f"{multipliers.shape}")
+        raise ValueError(
+            f"w and multipliers must have shapes {rows.a.shape[1:]} and {rows.a.shape[:1]}, got {w.shape}, {multipliers.shape}"
+        )
     w = np.maximum(w, 0.0)
     total = float(w.sum())
     if not total > 0:

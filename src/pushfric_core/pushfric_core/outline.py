@@ -113,8 +113,10 @@ class Outline:
         if not 0 <= inset < min(self.size) / 2:
             raise ValueError(f"inset must lie in [0, {min(self.size) / 2:g}) m, half the shorter side, got {inset:g} m")
         low, high = self.lower + inset, self.lower + self.size - inset
-        axes = [np.linspace(a, b, count) if count > 1 else np.array(((a + b) / 2,))
-                for a, b, count in zip(low, high, (columns, rows), strict=True)]
+        axes = [
+            np.linspace(a, b, count) if count > 1 else np.array(((a + b) / 2,))
+            for a, b, count in zip(low, high, (columns, rows), strict=True)
+        ]
         points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
         inside = points[self.contains(points)]
         if not len(inside):

@@ -14,11 +14,11 @@ steps with other costs; then F, with their costs infinite. A new data point chan
 
 A row far from zero keeps its side, so it is linear: |a . (w - c)| <= |a|* |w - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
 the second moment of the rows (w moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
-settled in a ball around c need not be looked at while w stays in it; of two nested balls, the small one is sorted anew often and
-from the rows of the large one only, so that the cost of a data point does not depend on the number before it.
+settled in a ball around c need not be looked at while w stays in it. Of two nested balls, the small one is sorted anew often,
+and from the rows of the large one only: so the cost of a data point does not depend on the number before it.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,10 @@ from pushfric_core.linear_program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP
 from pushfric_core.planar import Array
 
 Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+Records = npt.NDArray[np.void]
+AnyArray = npt.NDArray[Any]
+Search = tuple[int, float, Indices]
 
 # Rows are scaled to a largest coefficient in [1/2, 1), so these tolerances on them are absolute.
 
@@ -35,7 +39,7 @@ ZERO = 1e-14
 """Residuals within this of zero are rounding: the side of such a row is remembered, not read off."""
 
 VIOLATED = HARD_VIOLATION / 4
-"""A hard row is violated beyond this: well within what the certificate allows."""
+"""A hard row is violated beyond this: well within what the certificate allows, as it measures by the largest coefficient."""
 
 NEGATIVE_WEIGHT = 1e3
 """Cost of a negative w_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
@@ -46,7 +50,7 @@ FLAT = (1e-12, 1e-15)
 PARALLEL = 1e-11
 """A row that changes by less than this along an edge is parallel to it: exchanging it would make B singular."""
 
-TIE = 1e-13
+TIE = 1e-15
 """Breakpoints closer than this are one; of its rows, the steepest makes the best-conditioned exchange."""
 
 STALLED = 12
@@ -55,15 +59,20 @@ STALLED = 12
 SHIFT = 1e-10
 """By about this much: far above rounding, and so small that hardly an exchange is wrong when the shift is taken back."""
 
+GOLDEN = (np.sqrt(5) - 1) / 2
+"""Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
+
 REFRESH = 100
 """B^-1 is computed afresh after this many updates, before their rounding errors show."""
 
-ROUNDS, EXCHANGES = 50, 50
-"""Caps on the rounds of a solve, and on the exchanges of a round per condition: beyond them the certificate judges what there is."""
+ROUNDS = 30
+"""Cap on the rounds of a solve, and on the exchanges per condition in each: then the certificate judges what there is."""
 
 FAR, CLOSE = 4096, 192
-"""Rows kept unsettled in the two balls: sorting the far one costs a few hundred microseconds, an exchange in the close one is
-hardly slower than in a smaller one."""
+"""Rows left unsettled in the two balls. Sorting 4096 takes some 0.3 ms; an exchange hardly slows down until a few hundred."""
+
+FLOOR = 1e-9
+"""Least radius of a ball: the rows of noiseless data are all zero, and none of them is ever settled."""
 
 RIDGE = 1e-5
 """Part of the identity in C: keeps it invertible before the rows span all directions."""
@@ -96,23 +105,20 @@ class Simplex:
         self._n = n
         self._rows = np.zeros(2 * CLOSE, _row_type(n))  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
-        self._worst = 0.0
-        self._conditions = _Conditions(n, 2 * CLOSE)
-        self._settled = np.zeros((2, n))  # gradient of the settled rows, per cost: none of them is violated
-        self._far_gradient = np.zeros(n)  # of those settled in the far ball
-        self._far_center, self._far_radius = np.zeros(n), np.inf
-        self._close_center, self._close_radius = np.zeros(n), np.inf
-        self._near: Indices = np.arange(0)  # rows not settled in the far ball; nor are those from _fresh on
+        self._worst = 0.0  # the worst F any w could have, as `linear_program.certify` has it
+        self._vertex = _Vertex(n)
+        self._infeasible = False
+        self._metric = np.eye(n)  # |v| is the length of metric @ v
+        self._metric_count = self._measured = 0  # rows there were when the metric was chosen; rows whose |a|* is known
+        self._far = self._close = _Ball(self._vertex.w, np.inf, np.zeros(n))
+        self._near = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
         self._fresh = 0
-        self._metric, self._metric_count, self._measured = np.eye(n), 0, 0
-        self._product = np.empty((n, n))
-        self._restart()
 
     def add(self, rows: ConstraintRows) -> None:
         """Append the rows of one data point; they become group 0, 1, 2... in order of arrival.
 
         Raises:
-            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
+            ValueError: shapes that do not fit, no rows, coefficients that are not finite, costs that are negative or NaN.
         """
         records = self._records(rows)
         first, self._count = self._count, self._count + len(records)
@@ -120,9 +126,9 @@ class Simplex:
             self._rows = np.concatenate((self._rows, np.zeros(self._count, self._rows.dtype)))
         self._rows[first : self._count] = records
         self._groups += 1
-        self._worst += float(records["worst"].sum())
-        if self._conditions.has_room(len(records)):
-            self._conditions.append(records, np.arange(first, self._count), self._w)
+        self._worst += _worst(records)
+        if self._vertex.has_room(len(records)):
+            self._vertex.append(records, np.arange(first, self._count))
         else:
             self._sort()
 
@@ -134,101 +140,444 @@ class Simplex:
         """
         first, last = np.searchsorted(self._rows["group"][: self._count], (group, group + 1))
         rows, numbers = self._rows[first:last], np.arange(first, last)
-        if not rows["present"].any():
+        if not rows["scale"].any():
             raise ValueError(f"there is no group {group} to remove")
-        settled = ~self._conditions.free(numbers)
-        gradients = (_cost_at(rows["side"], rows["above"], rows["below"]) * settled)[:, None] * rows["a"]
-        self._settled[FIT] -= gradients.sum(axis=0)
-        self._far_gradient -= gradients[(numbers < self._fresh) & ~np.isin(numbers, self._near)].sum(axis=0)
-        self._worst -= float(rows["worst"].sum())
+        gradients = _finite(_slope(rows["side"], *rows["cost"].T))[:, None] * rows["a"]
+        settled = ~self._vertex.free(numbers)
+        far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
+        self._vertex.settled[FIT] -= gradients[settled].sum(axis=0)
+        self._far.gradient -= gradients[far].sum(axis=0)
+        self._worst -= _worst(rows)
         self._removed += len(rows)
         # without cost, a row is in nobody's way: it may stay active until an exchange takes it out
-        for name in ("above", "below", "worst", "present"):
-            rows[name] = 0
+        rows["cost"] = rows["scale"] = 0.0
 
     def solve(self) -> Optimum:
         """The optimum over the present rows, from the last one. Where the optimum is not unique, w is one of its vertices."""
         for flat in FLAT:
-            self._optimise(flat)
-            optimum = self._judge()
+            optimum = self._optimise(flat)
             if optimum.status is not Status.UNCERTIFIED:
                 return optimum
-            self._invert()
-        self._restart()
-        self._optimise(FLAT[0])
-        return self._judge()
+            self._vertex.invert()
+        self._vertex.restart()
+        self._sort()
+        return self._optimise(FLAT[0])
 
     def multipliers(self) -> Array:
-        """The dual y of the last optimum, one per present row in order of arrival; its lower bound is min_j (A' y)_j."""
+        """The dual y of the last optimum, one per present row in order of arrival; O(M)."""
         self._remember_sides()
         rows = self._rows[: self._count]
-        y = _finite(_cost_at(rows["side"], rows["above"], rows["below"]))
-        numbers = self._conditions.row[self._active]
-        y[numbers[numbers >= 0]] = self._multipliers[numbers >= 0]
+        y = _finite(_slope(rows["side"], *rows["cost"].T))
+        numbers, active = self._vertex.active_rows()
+        y[numbers] = active
         if self._infeasible or (y @ rows["a"]).min() < 0:
-            y[:] = 0.0
-        return np.asarray((y / rows["scale"])[rows["present"] > 0])
+            y[:] = 0.0  # F >= 0 is the better bound
+        present = rows["scale"] > 0
+        return np.asarray(y[present] / rows["scale"][present])
 
     def certificate(self) -> Solution:
-        """The last optimum judged from scratch, by all rows: O(M)."""
+        """The last optimum, judged from scratch by `linear_program.certify`; O(M)."""
         rows = self._rows[: self._count]
-        rows = rows[rows["present"] > 0]
-        scale = rows["scale"]
-        original = ConstraintRows(rows["a"] * scale[:, None], rows["above"] / scale, rows["below"] / scale)
-        return certify(original, self._w, self.multipliers())
+        rows = rows[rows["scale"] > 0]
+        scale = rows["scale"][:, None]
+        unscaled = ConstraintRows(rows["a"] * scale, *(rows["cost"] / scale).T)
+        return certify(unscaled, self._vertex.w, self.multipliers())
 
     def conflicts(self) -> list[int]:
-        """The groups whose hard rows contradict each other, if the last optimum is infeasible.
+        """The groups whose hard rows contradict each other; none unless the last optimum is infeasible.
 
-        The violated rows and the multipliers of the active ones are a combination with a positive value for every w (Farkas).
+        Weighted with the multipliers of the least violation, their rows add up to one that every w violates (Farkas).
         """
         if not self._infeasible:
             return []
-        y, _ = self._conditions.multipliers(VIOLATION)
-        y[self._active] = -(y @ self._conditions.a[: len(y)]) @ self._inverse
-        y[: 1 + self._n] = 0
-        involved = self._conditions.row[np.flatnonzero(np.abs(y) > HARD_VIOLATION)]
-        return [int(group) for group in np.unique(self._rows["group"][involved])]
+        return [int(group) for group in np.unique(self._rows["group"][self._vertex.contradiction()])]
 
-    # ------------------------------------------------------------------------------------------ from vertex to optimum
+    def _records(self, rows: ConstraintRows) -> Records:
+        """The rows as they are stored: scaled by a power of two, which is exact."""
+        a, above, below = rows
+        m = len(above)
+        if not m or a.shape != (m, self._n) or below.shape != (m,):
+            raise ValueError(f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}")
+        peak = np.abs(a).max(axis=1)
+        if not np.isfinite(peak).all():
+            raise ValueError("the coefficients of the rows must be finite")
+        scale = np.ldexp(1.0, np.frexp(peak)[1])
+        cost = np.array((above, below)) * scale
+        if not (cost >= 0).all():
+            raise ValueError("the costs of the rows must not be negative or NaN")
+        # a row of zeros costs nothing, and no w violates it
+        cost[:, peak == 0] = 0.0
+        records = np.zeros(m, self._rows.dtype)
+        records["a"] = a / scale[:, None]
+        records["cost"] = cost.T
+        records["scale"] = scale
+        records["side"] = np.where(cost[0] <= cost[1], 1.0, -1.0)
+        records["group"] = self._groups
+        return records
 
-    def _optimise(self, flat: float) -> None:
-        for _ in range(ROUNDS):
-            phase = VIOLATION if self._conditions.violated() else FIT
-            self._descend(phase, flat)
-            consistent = self._locate()
-            if not self._within_ball():
-                self._sort()
-            elif phase == FIT and consistent:
-                self._infeasible = False
-                return
-            elif phase == VIOLATION and consistent and self._conditions.violated():
-                self._infeasible = True
-                return
+    def _optimise(self, flat: float) -> Optimum:
+        """Lexicographic descent, until w is optimal for the unsettled rows and none of the others were settled wrongly."""
+        vertex = self._vertex
+        for effort in range(ROUNDS):
+            shift = SHIFT * 0.1**effort
+            if vertex.violation() > ZERO:
+                vertex.descend(VIOLATION, flat, shift)
+                vertex.locate()
+            self._infeasible = vertex.violation() > VIOLATED
+            if not self._infeasible:
+                vertex.descend(FIT, flat, shift)
+            consistent = vertex.locate()
+            if not self._close.holds(vertex.w, self._metric):
+                self._sort(effort)
+            elif consistent:
+                break
+        return self._judge()
 
-    def _descend(self, phase: int, flat: float) -> None:
+    def _judge(self) -> Optimum:
+        """The certificate of `linear_program.certify`, from sums over the settled rows."""
+        objective, lower_bound = self._vertex.bounds()
+        lower_bound = 0.0 if self._infeasible else max(0.0, min(lower_bound, objective))
+        gap = objective - lower_bound
+        if self._infeasible:
+            status = Status.INFEASIBLE
+        elif gap <= RELATIVE_GAP / 2 * max(objective, NOISELESS * self._worst):
+            status = Status.OPTIMAL
+        else:
+            status = Status.UNCERTIFIED
+        w = np.maximum(self._vertex.w, 0.0)
+        return Optimum(w / w.sum(), objective, lower_bound, gap, status)
+
+    def _sort(self, effort: int = 0) -> None:
+        """Centre the close ball on w: settle the rows far from zero there, and give the vertex the others.
+
+        Every effort doubles the balls, so that a descent that leads out of one again and again ends with all rows unsettled.
+        """
+        self._remember_sides()
+        w, close, far = self._vertex.w, CLOSE + self._n << effort, FAR << effort
+        grown = self._count - self._fresh > max(FAR, len(self._near))
+        if self._measure() or effort or grown or not self._far.holds(w, 2 * self._metric):
+            rows = self._rows[: self._count]
+            unsettled, self._far = _settle(rows, w, far)
+            self._near, self._fresh = np.flatnonzero(unsettled), self._count
+        near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
+        rows = self._rows[near]
+        unsettled, self._close = _settle(rows, w, close)
+        self._rows["side"][near] = rows["side"]
+        # w is within half the far radius now: whatever the close ball allows stays in the far one
+        self._close.radius = min(self._close.radius, self._far.radius / 2)
+        self._vertex.settled[FIT] = self._far.gradient + self._close.gradient
+        self._vertex.replace(rows[unsettled], near[unsettled])
+
+    def _measure(self) -> bool:
+        """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
+        if 2 * self._removed > self._count:
+            self._compact()
+        renew = self._count >= 2 * self._metric_count
+        if renew:
+            sample = self._rows["a"][: self._count : 1 + self._count // max(512, 2 * self._n)]
+            second_moment = sample.T @ sample / len(sample) + RIDGE * np.eye(self._n)
+            self._metric = np.linalg.cholesky(second_moment).T
+            self._metric_count, self._measured = self._count, 0
+        rows = self._rows[self._measured : self._count]
+        whitened = rows["a"] @ np.linalg.inv(self._metric)
+        rows["norm"] = np.sqrt(np.einsum("ij,ij->i", whitened, whitened)) + ZERO
+        self._measured = self._count
+        return renew
+
+    def _compact(self) -> None:
+        """Forget the removed rows, except active ones."""
+        rows = self._rows[: self._count]
+        kept = (rows["scale"] > 0) | (rows["side"] == 0)
+        self._vertex.renumber(np.cumsum(kept) - 1)
+        self._count, self._removed, self._metric_count = int(kept.sum()), 0, 0
+        self._rows[: self._count] = rows[kept]
+
+    def _remember_sides(self) -> None:
+        numbers, sides = self._vertex.sides()
+        self._rows["side"][numbers] = sides
+
+
+class _Vertex:
+    """n active conditions, the inverse of their normals, and every condition that may become active.
+
+    Conditions are numbered by position: sum w = 1; then w_j >= 0, j = 1..n; then the rows that are not settled.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.n, self.fixed, self.count = n, 1 + n, 1 + n
+        self.settled = np.zeros((2, n))  # gradient of the settled rows, per cost: none of them is violated
+        self.a = np.vstack((np.ones(n), np.eye(n)))
+        self.row = np.full(self.fixed, -1)  # number of the row
+        self.value = np.zeros(self.fixed)  # a . w, or shifted from it while a degenerate vertex is left
+        self.side = np.ones(self.fixed)  # +1, -1, or 0 while active: explicit, for at zero the value does not tell
+        self.cost = np.zeros((2, 2, self.fixed))  # of VIOLATION and of FIT; above and below
+        self.cost[:, :, 0] = np.inf
+        self.cost[:, 1, 1:] = [[NEGATIVE_WEIGHT], [np.inf]]
+        self.kink = self.cost.sum(axis=1)
+        self.finite = np.zeros((2, self.fixed))  # the finite costs of FIT; above and below
+        self.y = np.zeros((2, self.fixed))  # multipliers, per cost: the finite slope on its side, 0 while active
+        self.reserve(2 * CLOSE)
+        self.limit = len(self.row)  # of count: beyond, rows should be settled
+        self.product = np.empty((n, n))
+        self.restart()
+
+    def restart(self) -> None:
+        """Stand where the last support point bears everything."""
+        self.active = np.arange(self.n)
+        self.put(np.flatnonzero(self.side == 0), 1.0)
+        self.put(self.active, 0.0)
+        self.dual = np.zeros(self.n)  # multipliers of the active conditions
+        self.invert()
+        self.locate()
+
+    # ---- the conditions
+
+    def reserve(self, rows: int) -> None:
+        """Make room for so many rows; those there are lost."""
+
+        def resized(old: AnyArray) -> AnyArray:
+            new = np.zeros((*old.shape[:-1], self.fixed + rows), old.dtype)
+            new[..., : self.fixed] = old[..., : self.fixed]
+            return new
+
+        self.a = np.ascontiguousarray(resized(self.a.T).T)
+        self.row, self.value, self.side, self.y = map(resized, (self.row, self.value, self.side, self.y))
+        self.cost, self.kink, self.finite = map(resized, (self.cost, self.kink, self.finite))
+
+    def has_room(self, rows: int) -> bool:
+        return self.count + rows <= self.limit
+
+    def append(self, records: Records, numbers: Indices) -> None:
+        """Add inactive rows, numbered upwards."""
+        new = slice(self.count, self.count + len(records))
+        self.count = new.stop
+        self.row[new] = numbers
+        self.a[new] = a = records["a"]
+        self.value[new] = value = a @ self.w
+        self.cost[FIT, :, new] = cost = records["cost"].T
+        self.cost[VIOLATION, :, new] = np.isinf(cost)
+        self.kink[:, new] = self.cost[:, 0, new] + self.cost[:, 1, new]
+        self.finite[:, new] = _finite(cost)
+        self.put(new, _side(value, records["side"]))
+
+    def replace(self, records: Records, numbers: Indices) -> None:
+        """Exchange all rows for others; the active ones must be among them."""
+        active_rows = self.row[self.active]
+        self.count = self.fixed
+        self.limit = self.fixed + len(records) + len(records) // 2 + CLOSE
+        if self.limit > len(self.row):
+            self.reserve(2 * self.limit)
+        self.append(records, numbers)
+        self.active = np.where(active_rows < 0, self.active, self.fixed + np.searchsorted(numbers, active_rows))
+        self.put(self.active, 0.0)
+
+    def free(self, numbers: Indices) -> Mask:
+        """Take the costs of these consecutive rows away; tells which of them are here."""
+        first, last = self.fixed + np.searchsorted(self.row[self.fixed : self.count], (numbers[0], numbers[-1] + 1))
+        for costs in (self.cost, self.kink, self.finite, self.y):
+            costs[..., first:last] = 0.0
+        return np.isin(numbers, self.row[first:last])
+
+    def renumber(self, numbers: Indices) -> None:
+        self.row[self.fixed : self.count] = numbers[self.row[self.fixed : self.count]]
+
+    def sides(self) -> tuple[Indices, Array]:
+        """Number and side of every row here."""
+        rows = slice(self.fixed, self.count)
+        return self.row[rows], self.side[rows]
+
+    def put(self, conditions: slice | Indices, side: float | Array) -> None:
+        """Put conditions on a side."""
+        self.side[conditions] = side
+        self.y[:, conditions] = _finite(_slope(side, self.cost[:, 0, conditions], self.cost[:, 1, conditions]))
+
+    def violation(self) -> float:
+        """The largest of a hard condition."""
+        return float(np.abs(self.value[self._on_hard_side()]).max(initial=0.0))
+
+    def _on_hard_side(self) -> Indices:
+        return np.flatnonzero(self.y[VIOLATION, : self.count])
+
+    # ---- the walk
+
+    def descend(self, phase: int, flat: float, shift: float) -> None:
         """Exchange conditions until no edge descends."""
-        conditions = self._conditions
-        value, side, cost, kink = conditions.value, conditions.side, conditions.cost[phase], conditions.kink[phase]
-        a = conditions.a[: conditions.count]
-        y, blocked = conditions.multipliers(phase)
-        box = cost[:, self._active]
-        slopes = np.empty_like(box)
-        tolerance, stalled = None, 0
-        for _ in range(EXCHANGES * conditions.count):
-            gradient = self._settled[phase] + y @ a
-            if tolerance is None:
-                tolerance = -flat * max(gradient.max(), -gradient.min())
-            multipliers = gradient @ self._inverse
+        a, value, side, y = self.a[: self.count], self.value[: self.count], self.side[: self.count], self.y[phase, : self.count]
+        cost, kink = self.cost[phase], self.kink[phase]
+        # where F counts, a condition on its hard side is met, but by rounding only: it blocks either way
+        blocked = self._on_hard_side() if phase == FIT else np.arange(0)
+        box, slopes = cost[:, self.active], np.empty((2, self.n))
+        tolerance = stalled = 0.0
+        for exchanges in range(ROUNDS * self.count):
+            gradient = self.settled[phase] + y @ a
+            if exchanges == 0:
+                tolerance = flat * max(gradient.max(), -gradient.min())
+            multipliers = gradient @ self.inverse
             np.add(box[0], multipliers, out=slopes[0])
             np.subtract(box[1], multipliers, out=slopes[1])
             edge = int(slopes.argmin()) if phase == FIT else self._cheapest(slopes, tolerance)
             slope = slopes.item(edge)
-            if slope >= tolerance:
+            if slope >= -tolerance:
                 break
-            ...
+            upwards, i = edge < self.n, edge % self.n
+            direction = self.inverse[:, i] if upwards else -self.inverse[:, i]
+            change = a @ direction
+            approach = side * change
+            if blocked.size:
+                approach[blocked] = -np.abs(change[blocked])
+            found = self._search(value, side, kink, approach, slope)
+            if found is None:
+                break
+            entering, step, crossed = found
+            value += step * change
+            if crossed.size:
+                self.put(crossed, -side[crossed])
+            self.put(self.active[i], 1.0 if upwards else -1.0)
+            self.put(entering, 0.0)
+            value[entering] = 0.0
+            box[:, i] = cost[:, entering]
+            self._exchange(i, entering)
+            stalled = stalled + 1 if step < TIE else 0
+            if stalled == STALLED:
+                self._shift(shift)
+                stalled = 0
+        if phase == FIT:
+            multipliers += (gradient - multipliers @ a[self.active]) @ self.inverse
+            self.dual = np.minimum(np.maximum(-multipliers, -box[1]), box[0])
+            self.dual[self.active < self.fixed] = 0.0
+
+    def _search(self, value: Array, side: Array, kink: Array, approach: Array, slope: float) -> Search | None:
+        """The condition at which F turns upwards, how far it is, and the conditions crossed before."""
+        ahead = np.flatnonzero(approach < -PARALLEL)
+        speed = -approach[ahead]
+        distance = np.maximum(side[ahead] * value[ahead], 0.0) / speed
+        order = distance.argsort()
+        slopes = slope + (kink[ahead] * speed)[order].cumsum()
+        turn = int(slopes.searchsorted(0.0))
+        if turn == len(order):
+            return None  # rounding only, as F is bounded below
+        distances = distance[order]
+        tied = order[turn : distances.searchsorted(distances[turn] + TIE, "right")]
+        best = tied[speed[tied].argmax()] if len(tied) > 1 else tied[0]
+        return ahead[best], float(distance[best]), ahead[order[:turn]]
+
+    def _cheapest(self, slopes: Array, tolerance: float) -> int:
+        """Of the edges that reduce the violation, the one that raises F least for it: the dual simplex rule."""
+        multipliers = (self.settled[FIT] + self.y[FIT, : self.count] @ self.a[: self.count]) @ self.inverse
+        above, below = self.cost[FIT][:, self.active]
+        price = np.stack((above + multipliers, below - multipliers)) / np.maximum(-slopes, tolerance)
+        return int(np.where(slopes < -tolerance, price, np.inf).argmin())
+
+    def _exchange(self, i: int, entering: int) -> None:
+        """Put a condition in the place of the i-th active one."""
+        self.active[i] = entering
+        self.updates += 1
+        if self.updates > REFRESH:
+            self.invert()
+            return
+        row = self.a[entering] @ self.inverse
+        column = self.inverse[:, i] / row[i]
+        row[i] = 0.0
+        np.multiply(column[:, None], row, out=self.product)
+        self.inverse -= self.product
+        self.inverse[:, i] = column
+
+    def _shift(self, shift: float) -> None:
+        """Move the conditions that are nearly zero off zero, each by another amount, so that edges have a length."""
+        value, side = self.value[: self.count], self.side[: self.count]
+        amounts = shift * (1.0 + np.arange(self.count) * GOLDEN % 1.0)
+        value += np.where(side * value < shift, side * amounts, 0.0)
+
+    def invert(self) -> None:
+        """B^-1 afresh."""
+        self.inverse = np.linalg.inv(self.a[self.active])
+        self.updates = 0
+
+    def locate(self) -> bool:
+        """w and all values afresh from the active conditions; False if a condition turns out to be on its other side."""
+        a = self.a[: self.count]
+        w = self.inverse[:, 0].copy()
+        error = self.a[self.active] @ w
+        error[0] -= 1.0
+        w -= self.inverse @ error
+        w[np.abs(w) < ZERO] = 0.0
+        self.w = w
+        self.value[: self.count] = value = a @ w
+        wrong = np.flatnonzero(self.side[: self.count] * value < -ZERO)
+        if not wrong.size:
+            return True
+        self.put(wrong, -self.side[wrong])
+        return False
+
+    # ---- the certificate
+
+    def bounds(self) -> tuple[float, float]:
+        """F(w), and a bound below it from the multipliers."""
+        value, (above, below) = self.value[: self.count], self.finite[:, : self.count]
+        objective = self.settled[FIT] @ self.w + np.maximum(above * value, -below * value).sum()
+        y = self.y[FIT, : self.count].copy()
+        y[self.active] = self.dual
+        return float(objective), float((self.settled[FIT] + y @ self.a[: self.count]).min())
+
+    def active_rows(self) -> tuple[Indices, Array]:
+        """Numbers and multipliers of the active rows."""
+        rows = self.active >= self.fixed
+        return self.row[self.active[rows]], self.dual[rows]
+
+    def contradiction(self) -> Indices:
+        """The rows with a multiplier in the least violation."""
+        y = self.y[VIOLATION, : self.count].copy()
+        y[self.active] = -(y @ self.a[: self.count]) @ self.inverse
+        y[: self.fixed] = 0.0
+        return self.row[np.flatnonzero(np.abs(y) > VIOLATED)]
 
 
-class _Conditions:
-    """
-    """
+class _Ball:
+    """Where the rows settled around its centre keep their sides."""
+
+    def __init__(self, center: Array, radius: float, gradient: Array) -> None:
+        self.center, self.radius, self.gradient = center, radius, gradient
+
+    def holds(self, w: Array, metric: Array) -> bool:
+        if np.isinf(self.radius):
+            return True
+        offset = metric @ (w - self.center)
+        return bool(offset @ offset <= self.radius**2)
+
+
+def _settle(rows: Records, w: Array, size: int) -> tuple[Mask, _Ball]:
+    """Which rows must stay unsettled, about `size` of them, and the ball that settles the others; updates their sides."""
+    value = rows["a"] @ w
+    rows["side"] = side = _side(value, rows["side"])
+    slope = _slope(side, *rows["cost"].T)
+    ratio = np.abs(value) / rows["norm"]
+    # active rows and hard rows on their hard side stay, removed ones go
+    ratio[(side == 0) | np.isinf(slope)] = 0.0
+    radius = max(FLOOR, float(np.partition(ratio, size)[size])) if len(rows) > size else np.inf
+    unsettled = (ratio <= radius) & ((rows["scale"] > 0) | (side == 0))
+    slope[unsettled] = 0.0
+    return unsettled, _Ball(w, radius, slope @ rows["a"])
+
+
+def _side(value: Array, side: Array) -> Array:
+    """The side of each row, read off its value where that is clear; an active row stays so."""
+    return np.where((np.abs(value) > ZERO) & (side != 0), np.sign(value), side)
+
+
+def _slope(side: float | Array, above: Array, below: Array) -> Array:
+    """dphi/dr of rows on their sides; 0 at side 0."""
+    return np.where(side > 0, above, np.where(side < 0, -below, 0.0))
+
+
+def _finite(costs: Array) -> Array:
+    return np.where(np.isinf(costs), 0.0, costs)
+
+
+def _worst(rows: Records) -> float:
+    """The largest F any w could have, as `linear_program.certify` has it."""
+    return float(np.abs(rows["a"]).max(axis=1) @ _finite(rows["cost"]).max(axis=1))
+
+
+def _row_type(n: int) -> np.dtype[np.void]:
+    """A stored row. All fields have 8 bytes, so that the coefficients of many rows are a matrix with a stride."""
+    return np.dtype([("a", float, n), ("cost", float, 2), ("scale", float), ("norm", float), ("side", float), ("group", int)])

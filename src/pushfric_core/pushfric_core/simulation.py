@@ -181,8 +181,9 @@ class TableObject(NamedTuple):
         return self.outline.grid(*self.grid, self.inset)
 
 
-def _on_feet(length: float, width: float, feet: list[tuple[float, float]], mu_c: float, grid: tuple[int, int],
-             pushes: tuple[int, ...]) -> TableObject:
+def _on_feet(
+    length: float, width: float, feet: list[tuple[float, float]], mu_c: float, grid: tuple[int, int], pushes: tuple[int, ...]
+) -> TableObject:
     """Felt feet that bear equal loads; the outer lines of the grid run `INSET` inside the edges, as the feet do."""
     support = Support(np.array(feet), np.full(len(feet), 1 / len(feet)))
     return TableObject(Outline.rectangle(length, width), support, mu_c, grid, INSET, pushes)

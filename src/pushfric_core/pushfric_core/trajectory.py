@@ -12,11 +12,14 @@ import numpy as np
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline, Touch
+from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, Twist, rotation, wrap
 from pushfric_core.settings import check_ranges, setting
 
 NANOSECONDS = 1e9
+
+REMEMBERED = 10_000
+"""Pusher states kept while no frame comes."""
 
 
 class PoseSample(NamedTuple):
@@ -60,12 +63,16 @@ class Trajectory:
         self.config = config or TrajectoryConfig()
         self._margin = self.config.window // 2 + 1  # frames needed on either side: half a window, and a neighbour
         self._waiting: deque[PoseSample] = deque()  # seen, but no later pusher state is known yet
-        self._before: PusherSample | None = None  # the last two pusher states
-        self._after: PusherSample | None = None
+        self._pushers: deque[PusherSample] = deque(maxlen=REMEMBERED)  # from the last judged frame on
         self._latest_pose = -1
         self._run: list[PoseSample] = []  # consecutive frames of one push, in contact
-        self._run_push: int | None = None
+        self._pusher: PusherSample | None = None  # of the run's newest frame
         self._next = self._margin  # index in the run of the next observation
+
+    @property
+    def settled(self) -> int:
+        """All frames up to this time [ns] were judged; -1 before both poses and pusher states came."""
+        return min(self._latest_pose, self._pushers[-1].stamp) if self._pushers else -1
 
     def add_pose(self, sample: PoseSample) -> list[Observation]:
         """Take a pose; returns the observations that became certain, often none. A pose older than the last is ignored.
@@ -83,28 +90,26 @@ class Trajectory:
 
     def add_pusher(self, sample: PusherSample) -> list[Observation]:
         """Take a pusher state; returns the observations that became certain. A state older than the last is ignored."""
-        if self._after is not None and sample.stamp <= self._after.stamp:
+        if self._pushers and sample.stamp <= self._pushers[-1].stamp:
             return []
-        found = self._settle()
-        self._before, self._after = self._after, sample
-        return found + self._settle()
+        self._pushers.append(sample)
+        return self._settle()
 
     def _settle(self) -> list[Observation]:
-        """Judge the waiting frames that lie between the last two pusher states."""
+        """Judge the frames from before the newest pusher state."""
         found = []
-        while self._waiting and self._after is not None and self._waiting[0].stamp <= self._after.stamp:
+        while self._waiting and self._pushers and self._waiting[0].stamp <= self._pushers[-1].stamp:
             sample = self._waiting.popleft()
-            touch = None
-            if self._before is not None and self._before.stamp <= sample.stamp:
-                touch = self._touch(sample)
-            found += self._extend(sample, touch)
+            found += self._extend(sample, self._pushing(sample))
         return found
 
-    def _touch(self, sample: PoseSample) -> Touch | None:
-        """The contact of a frame; None where the pusher is not pushing an edge forward."""
-        before, after = self._before, self._after
-        assert before is not None
-        assert after is not None
+    def _pushing(self, sample: PoseSample) -> PusherSample | None:
+        """The pusher at the time of a frame; None where it was not pushing an edge of the object forward."""
+        while len(self._pushers) > 1 and self._pushers[1].stamp < sample.stamp:  # frames are judged in order of time
+            self._pushers.popleft()
+        if len(self._pushers) < 2 or self._pushers[0].stamp > sample.stamp:
+            return None
+        before, after = self._pushers[0], self._pushers[1]
         if before.push_id is None or before.push_id != after.push_id or before.line != after.line:
             return None
         share = (sample.stamp - before.stamp) / (after.stamp - before.stamp)
@@ -112,36 +117,36 @@ class Trajectory:
         touch = before.line.touch(self.outline, sample.pose)
         if touch is None or touch.edge is None or position < touch.distance - self.config.contact_tolerance:
             return None
-        return touch
+        return before
 
-    def _extend(self, sample: PoseSample, touch: Touch | None) -> list[Observation]:
+    def _extend(self, sample: PoseSample, pusher: PusherSample | None) -> list[Observation]:
         """Let a frame continue the run, or end it."""
-        push = self._before.push_id if touch is not None and self._before is not None else None
         gap = self._run and (sample.stamp - self._run[-1].stamp) > self.config.longest_gap * NANOSECONDS
-        if push is None or push != self._run_push or gap:
-            self._run, self._run_push, self._next = [], push, self._margin
-        if push is None:
+        if pusher is None or self._pusher is None or pusher.push_id != self._pusher.push_id or gap:
+            self._run, self._next = [], self._margin
+        self._pusher = pusher
+        if pusher is None:
             return []
         self._run.append(sample)
         if len(self._run) <= self._next + self._margin:
             return []
-        observation = self._observe(push)
+        observation = self._observe(pusher)
         if observation is None:  # the object rests, or a corner is met: later frames of the push may still serve
             self._next += 1
             return []
         self._next += self.config.stride
         return [observation]
 
-    def _observe(self, push: int) -> Observation | None:
+    def _observe(self, pusher: PusherSample) -> Observation | None:
         """The observation at the run's next index; None where the object does not move or the smoothed contact is no edge."""
-        assert self._before is not None
+        assert pusher.push_id is not None
         sample = self._run[self._next]
         previous, middle, following = (self._smoothed(self._next + shift, sample.pose.theta) for shift in (-1, 0, 1))
         duration = (self._run[self._next + 1].stamp - self._run[self._next - 1].stamp) / NANOSECONDS
         velocity = rotation(-middle.theta) @ (following.x - previous.x, following.y - previous.y) / duration
         twist = Twist(float(velocity[0]), float(velocity[1]), (following.theta - previous.theta) / duration)
         reach = float(np.hypot(*self.outline.vertices.T).max())
-        touch = self._before.line.touch(self.outline, middle)
+        touch = pusher.line.touch(self.outline, middle)
         if touch is None or touch.edge is None:
             return None
         if np.hypot(twist.vx, twist.vy) + abs(twist.omega) * reach < self.config.minimum_speed:
@@ -150,7 +155,7 @@ class Trajectory:
             contact_point=(float(touch.point[0]), float(touch.point[1])),
             contact_normal=(float(touch.normal[0]), float(touch.normal[1])),
             twist=twist,
-            push_id=push,
+            push_id=pusher.push_id,
             duration=duration,
             stamp=sample.stamp,
             pose=middle,

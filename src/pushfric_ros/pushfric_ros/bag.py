@@ -469,7 +469,7 @@ def _finished_files(path: PathLike) -> list[pathlib.Path]:
         with file.open("rb") as stream:
             stream.seek(-len(MCAP0_MAGIC), os.SEEK_END)
             if stream.read() != MCAP0_MAGIC:
-                raise InvalidInput(f"{file}: the recording was cut short, expected a finished MCAP file; recover() saves the rest")
+                raise InvalidInput(f"{file}: the recording was cut short, expected a finished file; recover() saves the rest")
     return files
 
 

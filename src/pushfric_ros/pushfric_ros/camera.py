@@ -72,8 +72,15 @@ class Camera:
             raise InvalidInput("the table homography is mirrored: seen by the camera, y lies 90 degrees counter-clockwise of x")
 
     @classmethod
-    def looking_down(cls, width: int, height: int, center: tuple[float, float], metres_per_pixel: float,
-                     distance: float = 0.8, distortion: Sequence[float] = (0.0,) * 5) -> "Camera":
+    def looking_down(
+        cls,
+        width: int,
+        height: int,
+        center: tuple[float, float],
+        metres_per_pixel: float,
+        distance: float = 0.8,
+        distortion: Sequence[float] = (0.0,) * 5,
+    ) -> "Camera":
         """Straight above `center` (x, y) [m] at `distance` [m]: image x along table x, image y along table -y."""
         u, v, focal = (width - 1) / 2, (height - 1) / 2, distance / metres_per_pixel
         K = np.array(((focal, 0.0, u), (0.0, focal, v), (0.0, 0.0, 1.0)))

@@ -27,22 +27,35 @@ app = typer.Typer(
     add_completion=False,
     help="Push an object a few times; learn its support friction, its centre of friction and the pusher's contact friction.",
 )
-console = Console(stderr=True)
+console = Console(stderr=True, soft_wrap=True)
 
 Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
 ObjectOption = Annotated[
-    str, typer.Option("--object", help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may bring its own as object.yaml.",
-                      show_default=False)
+    str,
+    typer.Option(
+        "--object",
+        help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may bring its own as object.yaml.",
+        show_default=False,
+    ),
 ]
-GridOption = Annotated[tuple[int, int], typer.Option("--grid", help="Support points: a grid of NX by NY over the object.",
-                                                     metavar="NX NY", show_default=False)]
-SupportPointsOption = Annotated[pathlib.Path | None, typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].",
-                                                                  show_default=False)]
-TermsOption = Annotated[str, typer.Option("--terms", help=f"What the fit error is made of, comma-separated: {', '.join(TERMS)}.")]
-HalfWidthOption = Annotated[float, typer.Option("--half-width", help="Half the interval of possible contact points [m] (eqs 5, 6).")]
+GridOption = Annotated[
+    tuple[int, int],
+    typer.Option("--grid", help="Support points: a grid of NX by NY over the object.", metavar="NX NY", show_default=False),
+]
+SupportPointsOption = Annotated[
+    pathlib.Path | None,
+    typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].", show_default=False),
+]
+TermsOption = Annotated[
+    str, typer.Option("--terms", help=f"What the fit error is made of, comma-separated: {', '.join(TERMS)}.")
+]
+HalfWidthOption = Annotated[
+    float, typer.Option("--half-width", help="Half the interval of possible contact points [m] (eqs 5, 6).")
+]
 MuBoundOption = Annotated[float, typer.Option("--mu-bound", help="Known upper bound on mu_c, for the term cone (eqs 9, 10).")]
-NonnegativeOption = Annotated[bool, typer.Option("--nonnegative-force/--no-nonnegative-force",
-                                                 help="The pusher cannot pull (eq. 7), hard.")]
+NonnegativeOption = Annotated[
+    bool, typer.Option("--nonnegative-force/--no-nonnegative-force", help="The pusher cannot pull (eq. 7), hard.")
+]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display: a line for each push.")]
 
@@ -50,10 +63,14 @@ HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display:
 @app.command()
 def demo(
     headless: HeadlessFlag = False,
-    json: Annotated[pathlib.Path | None, typer.Option("--json", help="Write the result there as JSON.", show_default=False)] = None,
+    json: Annotated[
+        pathlib.Path | None, typer.Option("--json", help="Write the result there as JSON.", show_default=False)
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of the camera's noise and the operator's hand.", min=0)] = 0,
     object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
-    bag: Annotated[pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")] = None,
+    bag: Annotated[
+        pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
+    ] = None,
 ) -> None:
     """Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal, an operator."""
     if object_name not in TABLE_1:
@@ -67,7 +84,9 @@ def demo(
     if ended.code or last is None:
         raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
     demonstration.print_summary(console, object_name, last)
-    summary_figure(bag / demonstration.FIGURE, TABLE_1[object_name].outline, demonstration.course_of(bag, console), TABLE_1[object_name])
+    summary_figure(
+        bag / demonstration.FIGURE, TABLE_1[object_name].outline, demonstration.course_of(bag, console), TABLE_1[object_name]
+    )
     console.print(f"figure: {bag / demonstration.FIGURE}\nbag:    {bag}")
     if json is not None:
         json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
@@ -76,7 +95,9 @@ def demo(
 @app.command()
 def run(
     cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
-    bag: Annotated[pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")] = None,
+    bag: Annotated[
+        pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")
+    ] = None,
     headless: HeadlessFlag = False,
 ) -> None:
     """Run the real cell: carry out its push plan, estimate, record."""
@@ -84,7 +105,9 @@ def run(
     model = load_object(file.object)
     bag = bag or pathlib.Path("runs") / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
     specs = graph.cell(file, str(bag))
-    ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", console.is_terminal and not headless)
+    ended, last = demonstration.watch(
+        console, specs, file.namespace, f"pushing {model.name}", console.is_terminal and not headless
+    )
     if ended.code:
         raise RunFailed(ended.code, ended.reason)
     console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it")
@@ -105,9 +128,8 @@ def replay(
     data = offline.observations(bag, model, TrajectoryConfig(), _warn)
     source = offline.source_of(bag)
     specs = graph.replay(str(bag), object_file, source, rate)
-    pushes = len({observation.push_id for observation in data})
-    ended, last = demonstration.watch(console, specs, source.namespace, f"replaying {bag.name}", console.is_terminal and not headless,
-                                      steps=pushes, data_points=len(data))
+    live = console.is_terminal and not headless
+    ended, last = demonstration.watch(console, specs, source.namespace, f"replaying {bag.name}", live, replayed=data)
     if ended.code:
         raise RunFailed(ended.code, ended.reason)
     if last is None or last.data_points < len(data):
@@ -132,8 +154,9 @@ def estimate(
     model, _ = _object_of(source, object_name)
     points = _support_points(model, grid, support_points)
     try:
-        config = EstimatorConfig(terms=tuple(terms.split(",")), half_width=half_width, mu_bound=mu_bound,
-                                 nonnegative_force=nonnegative_force)
+        config = EstimatorConfig(
+            terms=tuple(terms.split(",")), half_width=half_width, mu_bound=mu_bound, nonnegative_force=nonnegative_force
+        )
     except ValueError as error:
         raise InvalidInput(str(error)) from error
     data = offline.observations(source, model, TrajectoryConfig(), _warn)

@@ -296,8 +296,10 @@ def _edge_samples(outline: Outline, reach: float) -> tuple[Array, Array]:
         normals.append(np.tile(normal, (count, 1)))
     at, outward = np.concatenate(points), np.concatenate(normals)
     # At both ends of its profile, this edge is the nearest of all.
-    clear = [all(outline.distance_to(point + side * reach * normal) > 0.95 * reach for side in (-1, 1))
-             for point, normal in zip(at, outward, strict=True)]
+    clear = [
+        all(outline.distance_to(point + side * reach * normal) > 0.95 * reach for side in (-1, 1))
+        for point, normal in zip(at, outward, strict=True)
+    ]
     return at[clear], outward[clear]
 
 

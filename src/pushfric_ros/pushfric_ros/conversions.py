@@ -122,8 +122,13 @@ def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
     points = [_point(point) for point in estimate.support_points]
     msg.support_friction = SupportFriction(header=msg.header, object=object_name, support_points=points, weights=estimate.w)
     msg.center_of_friction = _point(estimate.center_of_friction)
-    msg.contact_friction = ContactFriction(header=msg.header, object=object_name, p90=estimate.mu_c_p90,
-                                           max=estimate.mu_c_max, lower_bounds=estimate.contact_friction)
+    msg.contact_friction = ContactFriction(
+        header=msg.header,
+        object=object_name,
+        p90=estimate.mu_c_p90,
+        max=estimate.mu_c_max,
+        lower_bounds=estimate.contact_friction,
+    )
     msg.objective, msg.lower_bound, msg.gap = estimate.solution[2:5]
     return msg
 

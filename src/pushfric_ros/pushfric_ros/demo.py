@@ -3,11 +3,14 @@
 import pathlib
 import shutil
 import tempfile
+from collections.abc import Sequence
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from pushfric_core.estimator import Estimate, Estimator
+from pushfric_core.observation import Observation
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate
@@ -28,12 +31,22 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
     """The simulated cell: a camera that looks straight down on a pushing line along y; its files go to `folder`."""
     camera = Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625)
     save_camera(camera, folder / "camera.yaml")
-    pusher = PusherEntry(port=str(folder / "pusher"), line_origin=(0.0, 0.0), line_direction=(0.0, 1.0), tip_radius=0.003, stroke=0.06,
-                         max_speed=0.1)
-    return CellFile(object=object_name, camera=CameraEntry(source="topic", calibration=str(folder / "camera.yaml")), pusher=pusher)
+    pusher = PusherEntry(
+        port=str(folder / "pusher"),
+        line_origin=(0.0, 0.0),
+        line_direction=(0.0, 1.0),
+        tip_radius=0.003,
+        stroke=0.06,
+        max_speed=0.1,
+    )
+    return CellFile(
+        object=object_name, camera=CameraEntry(source="topic", calibration=str(folder / "camera.yaml")), pusher=pusher
+    )
 
 
-def run_demo(console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool) -> tuple[FrictionEstimate | None, Ended]:
+def run_demo(
+    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool
+) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; returns the last estimate published, and how the run ended."""
     with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
         cell = demo_cell(object_name, pathlib.Path(scratch))
@@ -46,22 +59,37 @@ def run_demo(console: Console, object_name: str, seed: int, bag: pathlib.Path, l
     return last, ended
 
 
-def watch(console: Console, specs: list[graph.NodeSpec], namespace: str, what: str, live: bool, steps: int | None = None,
-          data_points: int = 0) -> tuple[Ended, FrictionEstimate | None]:
-    """Run a graph under the eyes of a monitor, until it ends and `data_points` have been estimated from."""
+def watch(
+    console: Console,
+    specs: list[graph.NodeSpec],
+    namespace: str,
+    what: str,
+    live: bool,
+    replayed: Sequence[Observation] | None = None,
+) -> tuple[Ended, FrictionEstimate | None]:
+    """Run a graph under the eyes of a monitor until it ends and its last estimate is there.
+
+    Args:
+        specs: the nodes.
+        namespace: of all of them.
+        what: is going on, for people.
+        live: with a display that is drawn anew in place.
+        replayed: the data points that a bag holds, where one is played.
+    """
+    steps = None if replayed is None else len({observation.push_id for observation in replayed})
     monitor = Monitor(console, namespace, what, steps, live)
 
     def say(name: str, line: str) -> None:
         # a node's information is for its log; what it warns of, and the one line of a failed start, is for the operator
         if "[INFO]" not in line and "[DEBUG]" not in line:
-            console.print(f"[dim]{name}:[/] {line}", highlight=False)
+            console.print(f"{name}: {line}", highlight=False, markup=False)
 
-    def done() -> bool:
-        return monitor.estimate is not None and monitor.estimate.data_points >= data_points
+    def all_replayed() -> bool:
+        return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
 
     try:
         with Supervisor(specs, namespace, say) as supervisor:
-            return monitor.watch(supervisor, done, patience=10.0), monitor.estimate
+            return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
     finally:
         monitor.close()
 
@@ -84,9 +112,13 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
         table.add_column(column, justify="right" if column else "left")
     for axis, label in enumerate("xy"):
         error = abs(center[axis] - true[axis])
-        table.add_row(f"p_CF {label} [mm]", f"{center[axis] * 1e3:.2f}", f"{true[axis] * 1e3:.2f}",
-                      f"{error * 1e3:.2f} mm, {100 * error / size[axis]:.2f} % of the side")
+        table.add_row(
+            escape(f"p_CF {label} [mm]"),
+            f"{center[axis] * 1e3:.2f}",
+            f"{true[axis] * 1e3:.2f}",
+            f"{error * 1e3:.2f} mm, {100 * error / size[axis]:.2f} % of the side",
+        )
     friction = msg.contact_friction
     table.add_row("mu_c, 90 % / 100 %", f"{friction.p90:.2f} / {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
-    table.add_row("fit error [mm]", f"{msg.objective * 1e3:.3f}", "", f"certified to {msg.gap * 1e3:.1e} mm")
+    table.add_row(escape("fit error [mm]"), f"{msg.objective * 1e3:.3f}", "", f"certified to {msg.gap * 1e3:.1e} mm")
     console.print(table)

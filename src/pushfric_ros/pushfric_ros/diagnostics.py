@@ -27,6 +27,13 @@ class Health(NamedTuple):
     values: dict[str, Any]
 
 
+def without_publisher(node: Node) -> list[str]:
+    """The topics that a node subscribes to but that have no publisher matched with it; /clock and the like aside."""
+    prefix = node.get_namespace()
+    own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(prefix))
+    return sorted(subscription.topic_name for subscription in own if not subscription.get_publisher_count())
+
+
 class Diagnostics:
     """Publishes a node's health at 1 Hz of wall time, so that a stopped simulation clock shows too."""
 

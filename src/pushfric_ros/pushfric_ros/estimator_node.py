@@ -24,11 +24,14 @@ from pushfric_ros.conversions import (
     pose_sample_from_msg,
     pusher_sample_from_msg,
 )
-from pushfric_ros.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.object_file import ObjectModel, load_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+
+SETTLED = "settled until [ns]"
+"""Diagnostics: all poses up to this stamp have become data points, or never will."""
 
 SOURCES = ("poses", "observations")
 
@@ -144,11 +147,17 @@ class EstimatorNode(Node):
         self._select(self._object)
 
     def _health(self) -> Health:
-        values = {"object": self._object.name, "refused": self._refused, "data points": 0}
+        values = {"object": self._object.name, SETTLED: self._trajectory.settled, "refused": self._refused, "data points": 0}
         if self._estimate is not None:
             solution = self._estimate.solution
-            values |= {"data points": len(self._estimate.observations), "fit error": solution.objective, "gap": solution.gap,
-                       "status": self._estimate.status.value}
+            values |= {
+                "data points": len(self._estimate.observations),
+                "fit error": solution.objective,
+                "gap": solution.gap,
+                "status": self._estimate.status.value,
+            }
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:
             return Health(Level.ERROR, self._problem, values)
         return Health(Level.OK, "estimating" if self._estimate else "waiting for data points", values)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -41,6 +42,7 @@ class ExperimentConfig:
     angle_tolerance: float = setting(0.2, "and be turned this much against it [rad]", 0.0, math.pi)
     still: float = setting(0.5, "it must lie still for this long [s]", 0.0, 60.0)
     still_distance: float = setting(0.0005, "still: moved less than this [m], turned less than it over 10 cm", 0.0, 0.1)
+    awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes that must report themselves well before the first push")
     lost_result: float = setting(3.0, "a push is given up when the pusher idles this long without a result [s]", 0.1, 60.0)
 
 
@@ -55,6 +57,8 @@ class ExperimentNode(Node):
         self._placement_out = self.create_publisher(PoseStamped, "placement", LATCHED)
         self._progress_out = self.create_publisher(PlanProgress, "plan_progress", LATCHED)
         self._progress = PlanProgress(count=len(self._plan))
+        self._awaited = {f"{self.get_namespace()}/{name}".replace("//", "/") for name in self._config.awaits if name}
+        self._well: set[str] = set()
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
         self._idle_since: int | None = None
@@ -62,6 +66,7 @@ class ExperimentNode(Node):
         self._condition: tuple[Callable[[], bool], Future] | None = None
         self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
         self.create_subscription(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self.create_timer(0.05, self._check_condition)
         # its own group: the plan waits in its callback while the others run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
@@ -70,6 +75,9 @@ class ExperimentNode(Node):
         self._start.cancel()
         self._report(PlanProgress.PHASE_WAITING, "waiting for the pusher to be ready")
         await self._until(lambda: self._idle and self._action.server_is_ready())
+        # not only are they running: they hear those they need, so that nothing of the first push is missed
+        self._report(PlanProgress.PHASE_WAITING, f"waiting for {', '.join(self._config.awaits)}")
+        await self._until(lambda: self._awaited <= self._well)
         for push_id, push in enumerate(self._plan):
             self._progress.push_id = push_id
             await self._place(push)
@@ -146,8 +154,10 @@ class ExperimentNode(Node):
         last = self._poses[-1][1]
         near = math.hypot(last.x - wanted.x, last.y - wanted.y) <= self._config.position_tolerance
         aligned = abs(wrap(last.theta - wanted.theta)) <= self._config.angle_tolerance
-        still = all(math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
-                    for _, p in self._poses)
+        still = all(
+            math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
+            for _, p in self._poses
+        )
         return near and aligned and still
 
     def _on_pusher_state(self, msg: PusherState) -> None:
@@ -156,6 +166,9 @@ class ExperimentNode(Node):
             self._idle_since = None
         elif self._idle_since is None:
             self._idle_since = self.get_clock().now().nanoseconds
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         try:

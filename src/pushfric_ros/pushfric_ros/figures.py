@@ -26,10 +26,18 @@ def summary_figure(path: pathlib.Path, outline: Outline, estimates: Sequence[Est
         estimates: after each data point, at least one; the last is drawn.
         truth: of a simulated object; without it the last panel shows p_CF itself.
     """
-    with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10,
-                         "axes.titlelocation": "left", "legend.frameon": False}):
-        figure = Figure(figsize=(11, 8), layout="constrained")
-        trajectories, friction, contact, errors = figure.subplots(2, 2).ravel()
+    with mpl.rc_context(
+        {
+            "font.size": 9,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.titlesize": 10,
+            "axes.titlelocation": "left",
+            "legend.frameon": False,
+        }
+    ):
+        figure = Figure(figsize=(11, 7.6), layout="constrained")
+        trajectories, friction, contact, errors = figure.subplots(2, 2, height_ratios=(1, 1)).ravel()
         _draw_trajectories(trajectories, outline, estimates[-1])
         _draw_support_friction(friction, outline, estimates[-1], truth)
         _draw_contact_friction(contact, estimates[-1], truth)
@@ -53,7 +61,11 @@ def _draw_trajectories(axes: Any, outline: Outline, estimate: Estimate) -> None:
             contact = transform(o.pose, o.contact_point) + (shift - left, 0)
             axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
         shift += right - left + 0.02
-    axes.set(title=f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point", xlabel="mm", ylabel="mm")
+    axes.set(
+        title=f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point",
+        xlabel="mm",
+        ylabel="mm",
+    )
     axes.set_aspect("equal")
 
 
@@ -62,18 +74,24 @@ def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, trut
     corners = np.vstack((outline.vertices, outline.vertices[:1])) * MILLIMETRE
     axes.plot(*corners.T, color=INK, lw=1)
     points = estimate.support_points * MILLIMETRE
-    zero = estimate.w < 1e-6
+    zero = estimate.w < 1e-3
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
     axes.scatter(*points[~zero].T, s=1500 * estimate.w[~zero], color=BLUE, alpha=0.8, lw=0, label="estimated $w$")
     if truth is not None and len(truth.support.points) <= 10:
-        axes.scatter(*(truth.support.points * MILLIMETRE).T, s=1500 * truth.support.weights, facecolors="none", edgecolors=RED, lw=1.2,
-                     label="true $w$")
+        axes.scatter(
+            *(truth.support.points * MILLIMETRE).T,
+            s=1500 * truth.support.weights,
+            facecolors="none",
+            edgecolors=RED,
+            lw=1.2,
+            label="true $w$",
+        )
     axes.plot(*(estimate.center_of_friction * MILLIMETRE), "+", color=BLUE, ms=12, mew=2, label="estimated $p_{CF}$")
     if truth is not None:
         axes.plot(*(truth.support.center_of_friction * MILLIMETRE), "o", mfc="none", color=RED, ms=7, label="true $p_{CF}$")
     axes.set(title="Support friction distribution", xlabel="x [mm]", ylabel="y [mm]")
     axes.set_aspect("equal")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=4, markerscale=0.5)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, columnspacing=1.2, handletextpad=0.3, markerscale=0.5)
 
 
 def _draw_contact_friction(axes: Any, estimate: Estimate, truth: TableObject | None) -> None:
@@ -87,7 +105,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, truth: TableObject | N
     if truth is not None:
         axes.axvline(truth.mu_c, color=RED, lw=1.2, label=f"true: {truth.mu_c:.2f}")
     axes.set(title="Lower bounds on $\\mu_c$", xlabel="$\\mu_c$", ylabel="data points")
-    axes.legend()
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, columnspacing=1.0, handlelength=1.0)
 
 
 def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:

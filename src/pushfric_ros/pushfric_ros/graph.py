@@ -46,6 +46,7 @@ TOPICS = (
 )
 """What a cell records: all but the images."""
 
+
 def cell(file: CellFile, bag: str, estimator: Mapping[str, Any] | None = None) -> list[NodeSpec]:
     """The nodes of a cell that carries out its push plan and records it.
 
@@ -76,13 +77,22 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
     """
     line = {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
     same = {name: getattr(file.pusher, name) for name in ("tip_radius", "stroke", "max_speed")}
-    simulation = {"object": file.object, "calibration": file.camera.calibration, "port_link": file.pusher.port, "seed": seed,
-                  "speed": speed, **line, **same}
+    simulation = {
+        "object": file.object,
+        "calibration": file.camera.calibration,
+        "port_link": file.pusher.port,
+        "seed": seed,
+        "speed": speed,
+        **line,
+        **same,
+    }
     specs = [NodeSpec("simulated_cell", simulation), *cell(file, bag)]
     return [with_simulated_time(spec) if spec.name != "simulated_cell" else spec for spec in specs]
 
 
-def replay(bag: str, object_name: str, source: Source, rate: float, estimator: Mapping[str, Any] | None = None) -> list[NodeSpec]:
+def replay(
+    bag: str, object_name: str, source: Source, rate: float, estimator: Mapping[str, Any] | None = None
+) -> list[NodeSpec]:
     """A bag played into a live estimator.
 
     Args:

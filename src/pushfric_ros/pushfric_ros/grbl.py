@@ -39,6 +39,7 @@ FINISHED = object()
 WRITE_TIMEOUT = 0.5  # [s], as all below
 ANSWER_TIMEOUT = 3.0
 HOMING_TIMEOUT = 180.0
+ASK_EVERY = 0.05  # while a script waits for reports
 ASK_AGAIN = 0.25
 SILENCE = 2.0
 CLOSE_TIMEOUT = 2.0
@@ -117,9 +118,9 @@ class PusherReport(NamedTuple):
 class Limits(NamedTuple):
     """What the controller is configured to; infinite where it did not say."""
 
-    travel: float = float("inf")  # enforced by the controller [m]
-    max_speed: float = float("inf")  # [m/s]
-    acceleration: float = float("inf")  # [m/s^2]
+    travel: float = math.inf  # enforced by the controller [m]
+    max_speed: float = math.inf  # [m/s]
+    acceleration: float = math.inf  # [m/s^2]
 
 
 class Pusher(Protocol):
@@ -184,10 +185,13 @@ STATUS = re.compile(r"<([A-Za-z]+)(?::(\d+))?((?:\|[^<>|]+)*)>")
 GREETING = re.compile(r"grbl(?:hal)? (\d+\.\S+) \[.*\]", re.IGNORECASE)
 BUILD = re.compile(r"\[VER:([^:\]]+)")
 SETTING = re.compile(r"\$(\d+)=([^ (]*)")
-CODE = re.compile(r"(error|ALARM):\s*(\d+)")
+ERROR = re.compile(r"error:\s*(\d+)")
+ALARM = re.compile(r"ALARM:\s*(\d+)")
 
-STATE_MODES = {"Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM,
-               "Sleep": Mode.ALARM}  # any other state is one the pusher rests in and does not accept a motion: HOLD
+# in any other state (Hold, Door, Check ...) the pusher rests and accepts no motion: HOLD
+STATE_MODES = {
+    "Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM, "Sleep": Mode.ALARM,
+}  # fmt: skip
 
 
 class RealTime(Enum):
@@ -243,7 +247,9 @@ class Grbl:
     Stroke position 0 is where the axis rests after homing; without homing, zero of the controller's work coordinates.
     """
 
-    def __init__(self, port: str, baud: int = 115200, axis: str = "X", home: bool = False, greeting_timeout: float = 2.0) -> None:
+    def __init__(
+        self, port: str, baud: int = 115200, axis: str = "X", home: bool = False, greeting_timeout: float = 2.0
+    ) -> None:
         """Nothing is opened yet.
 
         Args:
@@ -269,7 +275,7 @@ class Grbl:
         """Nothing is known of a controller until it has answered."""
         self._buffer = b""
         self._script: Script | None = None
-        self._connected = self._homing = self._resetting = self._greeted = False
+        self._connected = self._homing = self._moving = self._resetting = self._greeted = False
         self._status: Status | None = None
         self._statuses = 0
         self._offset: tuple[float, ...] | None = None
@@ -277,6 +283,7 @@ class Grbl:
         self._fresh: PusherReport | None = None
         self._stamp: int | None = None
         self._asked: float | None = None  # when the last question was sent, if it is unanswered
+        self._last_ask = -math.inf
         self._silent_since: float | None = None
         self._pending: str | None = None  # the line sent and not answered yet
         self._answer: CommandRefused | str | None = None
@@ -288,7 +295,12 @@ class Grbl:
     def mode(self) -> Mode:
         if not self._connected or self._status is None:
             return Mode.DISCONNECTED
-        return Mode.HOMING if self._homing else STATE_MODES.get(self._status.state, Mode.HOLD)
+        if self._homing:
+            return Mode.HOMING
+        mode = STATE_MODES.get(self._status.state, Mode.HOLD)
+        if mode is Mode.IDLE and self.busy:  # idle means ready for a motion
+            return Mode.RUNNING if self._moving else Mode.HOLD
+        return mode
 
     @property
     def busy(self) -> bool:
@@ -300,14 +312,15 @@ class Grbl:
 
     @property
     def limits(self) -> Limits:
-        def setting(first: int) -> float:
-            try:
-                return float(self._settings[first + self._index])
-            except (KeyError, ValueError):  # firmware that keeps it elsewhere
-                return float("inf")
+        travel = self._axis_setting(130) * MM if self._settings.get(20, "0") != "0" else math.inf
+        return Limits(travel, self._axis_setting(110) * MM_PER_MINUTE, self._axis_setting(120) * MM)
 
-        enforced = self._settings.get(20, "0") != "0"
-        return Limits(setting(130) * MM if enforced else float("inf"), setting(110) * MM_PER_MINUTE, setting(120) * MM)
+    def _axis_setting(self, first: int) -> float:
+        """Infinite where firmware keeps it elsewhere."""
+        try:
+            return float(self._settings[first + self._index])
+        except (KeyError, ValueError):
+            return math.inf
 
     def connect(self) -> None:
         if self._port is not None:
@@ -323,16 +336,14 @@ class Grbl:
 
     def close(self) -> None:
         deadline = time.monotonic() + CLOSE_TIMEOUT
-        try:
+        # whatever comes up, the port is being left, and _drop() sends the stop once more where it is still due
+        with contextlib.suppress(PusherError):
             if self._in_motion:
                 self.stop()
             while self._in_motion and time.monotonic() < deadline:
                 self.poll()
                 time.sleep(0.005)
-        except PusherError:
-            pass  # the port is being left all the same, and _drop() sends the stop once more
-        finally:
-            self._drop()
+        self._drop()
 
     def recover(self) -> None:
         self.close()
@@ -343,9 +354,10 @@ class Grbl:
         """Raises ValueError where the speed is not positive; see Pusher."""
         if not speed > 0:
             raise ValueError(f"speed must be positive, got {speed}")
-        if self.mode is not Mode.IDLE or self.busy:
-            raise NotReady(f"the pusher is {'busy' if self.mode is Mode.IDLE else self.mode.value}, expected idle")
-        self._script = self._moving(position, speed)
+        if self.mode is not Mode.IDLE:
+            raise NotReady(f"the pusher's mode is {self.mode.value}, expected idle")
+        self._moving = True
+        self._script = self._stroke(position, speed)
 
     def stop(self) -> None:
         if not self._connected or self._resetting:
@@ -354,6 +366,7 @@ class Grbl:
         at_once = self._homing  # the controller is deaf to a feed hold then
         if self._script is not None:
             self._script.close()
+        self._moving = False
         self._script = self._stopping(at_once)
 
     def send(self, command: RealTime) -> None:
@@ -408,16 +421,16 @@ class Grbl:
 
     def _take(self, line: str) -> None:
         """What is not understood (startup lines, echoes, feedback, noise) is none of a pusher's business."""
+        line = line.lstrip("?!~")  # echoed by a terminal in between
         if (status := parse_status(line)) is not None:
             self._take_status(status)
-        elif line == "ok" or line.startswith("error:"):
-            code = CODE.fullmatch(line)
+        elif (error := ERROR.fullmatch(line)) is not None or line == "ok":
             if self._pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
-                self._answer = line if code is None else CommandRefused(self._pending, int(code[2]))
+                self._answer = line if error is None else CommandRefused(self._pending, int(error[1]))
                 self._pending = None
-        elif (code := CODE.fullmatch(line)) is not None:
+        elif (alarm := ALARM.fullmatch(line)) is not None:
             self._status = Status("Alarm")
-            self._trouble = Alarm(int(code[2]))
+            self._trouble = Alarm(int(alarm[1]))
         elif (greeting := GREETING.search(line)) is not None:
             self._greeted, self._version = True, f"Grbl {greeting[1]}"
             self._trouble = NotConnected(f"the controller at {self._path} restarted")
@@ -441,11 +454,12 @@ class Grbl:
 
     def _speed(self, position: float, feed: float | None, stamp: int | None) -> float:
         """The controller says how fast, the positions say which way; both, where the controller says nothing."""
-        if self._last is None or position == self._last.position:
+        if self._last is None:
             return 0.0
         moved = position - self._last.position
         if feed is not None:
-            return math.copysign(feed * self._unit * MM_PER_MINUTE, moved)
+            way = moved or self._last.speed  # two reports of the same moment
+            return math.copysign(feed * self._unit * MM_PER_MINUTE, way) + 0.0 if way else 0.0
         if stamp is None or self._last.stamp is None or stamp <= self._last.stamp:
             return 0.0
         return moved / ((stamp - self._last.stamp) * 1e-9)
@@ -491,7 +505,7 @@ class Grbl:
         if self._asked is not None and now - self._asked < ASK_AGAIN:
             return
         self.send(RealTime.ASK)
-        self._stamp, self._asked = stamp, now
+        self._stamp, self._asked, self._last_ask = stamp, now, now
         self._silent_since = self._silent_since or now
 
     # Scripts
@@ -546,7 +560,7 @@ class Grbl:
         if self.mode is not Mode.ALARM:
             yield from self._command("G21 G90 G94")
 
-    def _moving(self, position: float, speed: float) -> Script:
+    def _stroke(self, position: float, speed: float) -> Script:
         # adding 0.0 turns -0.0 into 0.0
         target = round(self._zero + self._sign * position / MM, 3) + 0.0
         yield from self._command(f"G1 {self._letter}{target:.3f} F{speed / MM_PER_MINUTE:.3f}")
@@ -556,7 +570,7 @@ class Grbl:
             while self._statuses == seen:
                 yield
             # right after its `ok` a controller may still report to be idle where it was
-            idle = idle + 1 if self.mode is Mode.IDLE else 0
+            idle = idle + 1 if self._status is not None and self._status.state == "Idle" else 0
             if idle and self._last is not None and abs(self._last.position - position) <= self._resolution:
                 return
         raise Timeout(f"the pusher rests at {self._last.position if self._last else 0:.4f} m, was sent to {position:.4f} m")
@@ -564,8 +578,7 @@ class Grbl:
     @property
     def _resolution(self) -> float:
         """How near the controller gets to a target [m]: a motor step, and the last digit of a report in inches."""
-        steps = float(self._settings.get(100 + self._index, "0") or 0)
-        return max(0.02, 1 / steps if steps > 0 else 0) * MM
+        return max(0.02, 1 / self._axis_setting(100)) * MM
 
     def _stopping(self, at_once: bool) -> Script:
         self._resetting = True
@@ -573,7 +586,7 @@ class Grbl:
             if not at_once:
                 yield from self._resting()
             self._greeted = False
-            self._pending = self._asked = self._silent_since = None
+            self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
             self.send(RealTime.RESET)
             yield from self._until_greeted()
             yield from self._report()
@@ -602,6 +615,8 @@ class Grbl:
             if time.monotonic() > deadline:
                 self._pending = None
                 raise Timeout(f'no answer to "{line}" within {timeout:g} s')
+            if time.monotonic() - self._last_ask >= ASK_AGAIN:
+                self._ask(None)  # some firmware reads its input only while more is coming
             yield
         if isinstance(self._answer, CommandRefused):
             raise self._answer
@@ -612,6 +627,7 @@ class Grbl:
         while self._statuses == seen or self._status is None:
             if time.monotonic() > deadline:
                 raise Timeout(f"no answer to ? within {SILENCE:g} s")
-            self._ask(None)
+            if time.monotonic() - self._last_ask >= ASK_EVERY:
+                self._ask(None)
             yield
         return self._status

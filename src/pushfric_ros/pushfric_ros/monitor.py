@@ -5,16 +5,23 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.qos import LATCHED
+from pushfric_ros.conversions import stamp_from_msg
+from pushfric_ros.estimator_node import SETTLED
+from pushfric_ros.qos import LATCHED, RELIABLE
 from pushfric_ros.supervisor import Ended, Supervisor
+
+PATIENCE = 10.0
+"""How long, after the end of a run, its last estimate is waited for [s]."""
 
 
 class Monitor:
@@ -31,16 +38,24 @@ class Monitor:
         self.estimate: FrictionEstimate | None = None
         self._console, self._live = console, live
         self._rows: dict[int, FrictionEstimate] = {}
-        self._progress = Progress(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-                                  TimeElapsedColumn(), console=console)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            TimeElapsedColumn(),
+            console=console,
+        )
         self._task = self._progress.add_task(what, total=steps or 1)
         self._message = ""
+        self._finished: int | None = None  # when the plan was [ns]
+        self._settled = -1  # what the estimator has dealt with [ns]
         self._plan_leads = steps is None
         self._context = rclpy.Context()
         rclpy.init(context=self._context, args=[])
         self._node = Node("monitor", namespace=namespace, context=self._context)
         self._node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED)
         self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, LATCHED)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
 
@@ -50,18 +65,21 @@ class Monitor:
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def watch(self, supervisor: Supervisor, done: Callable[[], bool] = lambda: False, patience: float = 0.0) -> Ended:
-        """Show what happens until the run ends; then wait, at most `patience` [s], until `done`."""
+    def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
+        """Show what happens until the run ends; if it ends well, wait on until `done`, but not for ever."""
         ended = None
-        deadline = float("inf")
-        with Live(self._view(), console=self._console, refresh_per_second=8, transient=False) if self._live else _Quiet() as view:
-            while True:
+        deadline = 0.0
+        with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
+            while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
                 self._executor.spin_once(timeout_sec=0.05)
                 view.update(self._view())
                 if ended is None and (ended := supervisor.poll()) is not None:
-                    deadline = time.monotonic() + (patience if ended.code == 0 else 0.0)
-                if ended is not None and (done() or time.monotonic() >= deadline):
-                    return ended
+                    deadline = time.monotonic() + PATIENCE
+        return ended
+
+    def settled(self) -> bool:
+        """Whether the estimator has dealt with all that was seen until the plan was finished."""
+        return self._finished is not None and self._settled >= self._finished
 
     def _on_estimate(self, msg: FrictionEstimate) -> None:
         push = msg.pushes
@@ -73,13 +91,19 @@ class Monitor:
 
     def _on_progress(self, msg: PlanProgress) -> None:
         self._message = msg.message
+        if msg.phase == PlanProgress.PHASE_FINISHED:
+            self._finished = stamp_from_msg(msg.header.stamp)
         if self._plan_leads:
             self._progress.update(self._task, total=max(msg.count, 1), completed=msg.completed + msg.aborted)
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for value in (value for status in msg.status for value in status.values if value.key == SETTLED):
+            self._settled = int(value.value)
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)
         for name in ("push", "data points", "p_CF x [mm]", "p_CF y [mm]", "mu_c 90 %", "mu_c 100 %", "fit error [mm]"):
-            table.add_column(name, justify="right")
+            table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
             table.add_row(str(push), *_cells(msg))
         return Group(table, self._progress, self._message)
@@ -93,8 +117,14 @@ def line_of(msg: FrictionEstimate) -> str:
 
 def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
     center, friction = msg.center_of_friction, msg.contact_friction
-    return (f"{msg.data_points:3d}", f"{center.x * 1e3:7.2f}", f"{center.y * 1e3:7.2f}", f"{friction.p90:.2f}", f"{friction.max:.2f}",
-            f"{msg.objective * 1e3:.3f}")
+    return (
+        f"{msg.data_points:3d}",
+        f"{center.x * 1e3:7.2f}",
+        f"{center.y * 1e3:7.2f}",
+        f"{friction.p90:.2f}",
+        f"{friction.max:.2f}",
+        f"{msg.objective * 1e3:.3f}",
+    )
 
 
 class _Quiet:

@@ -90,8 +90,10 @@ def load_object(name_or_path: str) -> ObjectModel:
     if name_or_path in TABLE_1:
         known = TABLE_1[name_or_path]
         vertices = [(float(x), float(y)) for x, y in known.outline.vertices]
-        return make_object(ObjectFile(name=name_or_path, outline=vertices,
-                                      support=SupportFile(grid=known.grid, inset=known.inset)), name_or_path)
+        return make_object(
+            ObjectFile(name=name_or_path, outline=vertices, support=SupportFile(grid=known.grid, inset=known.inset)),
+            name_or_path,
+        )
     path = pathlib.Path(name_or_path)
     if not path.is_file():
         raise InvalidInput(f"no object {name_or_path!r}: expected a YAML file or one of {', '.join(TABLE_1)}")

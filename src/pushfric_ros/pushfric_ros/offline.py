@@ -68,7 +68,9 @@ def observations(path: pathlib.Path, model: ObjectModel, config: TrajectoryConfi
     return found
 
 
-def _from_poses(path: pathlib.Path, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn) -> Iterator[Observation]:
+def _from_poses(
+    path: pathlib.Path, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn
+) -> Iterator[Observation]:
     trajectory = Trajectory(model.outline, config)
     pose_topic, _ = source.topics
     for message in bag.read(path, source.topics):

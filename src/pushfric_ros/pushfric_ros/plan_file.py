@@ -44,5 +44,7 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
             raise InvalidInput(f"{where}: edge must be below {len(model.outline.vertices)}, got {entry.edge}")
         half = model.outline.lengths[entry.edge] / 2
         if abs(entry.offset) >= half:
-            raise InvalidInput(f"{where}: offset must lie within {half:g} m of the middle of edge {entry.edge}, got {entry.offset:g}")
+            raise InvalidInput(
+                f"{where}: offset must lie within {half:g} m of the middle of edge {entry.edge}, got {entry.offset:g}"
+            )
     return [PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg)) for entry in entries]

@@ -23,6 +23,9 @@ def run_node(make: Callable[[], Node]) -> None:
     """
     # One thread per process: the estimates stay bit-for-bit reproducible and the tail of the update time short.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # rclpy's own handlers, which run before these, end the spinning; a KeyboardInterrupt would strike anywhere.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
     node = None
     code = 0
     try:
@@ -36,15 +39,12 @@ def run_node(make: Callable[[], Node]) -> None:
         code = EXIT_INVALID_INPUT
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except rclpy_implementation.RCLError:
-        if rclpy.ok():  # a real fault; otherwise the wait set lost a race with the shutdown signal
+        if node is None or rclpy.ok():  # a real fault; otherwise the wait set lost a race with the shutdown signal
             raise
     finally:
-        # The terminal and the supervisor may both signal: nothing may interrupt the tidying up.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

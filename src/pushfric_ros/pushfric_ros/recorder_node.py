@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import setting
 from pushfric_ros.bag import BagWriter, message_class
-from pushfric_ros.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -89,9 +89,11 @@ class RecorderNode(Node):
 
     def destroy_node(self) -> None:
         """Finish the bag and leave."""
-        now = self.get_clock().now().nanoseconds
-        self._write_waiting(now)
-        self._bag.close()
+        try:
+            self._write_waiting(self.get_clock().now().nanoseconds)
+            self._bag.close()
+        except InvalidInput as error:  # too late to end the process with it
+            self.get_logger().error(str(error))
         super().destroy_node()
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
@@ -120,9 +122,9 @@ class RecorderNode(Node):
         self._bag.write(name, now, raw)
 
     def _write_waiting(self, stamp_ns: int) -> None:
-        for name, raw in self._waiting:
+        waiting, self._waiting = self._waiting, []
+        for name, raw in waiting:
             self._bag.write(name, stamp_ns, raw)
-        self._waiting.clear()
 
     def _flush(self) -> None:
         now = self.get_clock().now().nanoseconds
@@ -151,6 +153,8 @@ class RecorderNode(Node):
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
         values = {"messages": count, "bytes": self._bytes, "lost": self._lost, "topics": len(self._bag.topics)}
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._lost:
             return Health(Level.WARN, f"{self._lost} messages were lost before they could be recorded", values)
         return Health(Level.OK, f"{count} messages recorded", values)
@@ -168,9 +172,4 @@ def _met_by_all(offered: Sequence[QoSProfile]) -> QoSProfile:
 
 
 def main() -> None:
-    """Entry point."""
     run_node(RecorderNode)
-
-
-if __name__ == "__main__":
-    main()

@@ -27,9 +27,18 @@ class SimulatedCamera:
         shadow: (a, b, c): pixels with a u + b v > c lie in a shadow, 30 % darker; None: none.
     """
 
-    def __init__(self, camera: Camera, outline_vertices: npt.ArrayLike, height: float, rng: np.random.Generator,
-                 noise_sigma: float = 2.0, blur_px: float = 0.7, foreground: float = 220, background: float = 20,
-                 shadow: tuple[float, float, float] | None = None) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        outline_vertices: npt.ArrayLike,
+        height: float,
+        rng: np.random.Generator,
+        noise_sigma: float = 2.0,
+        blur_px: float = 0.7,
+        foreground: float = 220,
+        background: float = 20,
+        shadow: tuple[float, float, float] | None = None,
+    ) -> None:
         self.camera = camera
         self._height = height
         self._rng = rng

@@ -1,4 +1,4 @@
-"""The simulated cell: physics, camera, GRBL controller and operator behind the interfaces of the real ones, with its own clock."""
+"""The simulated cell: physics, camera, GRBL controller and operator behind the interfaces of the real ones; keeps the clock."""
 
 import array
 import contextlib
@@ -48,7 +48,9 @@ class SimulatedCellConfig:
     stroke: float = setting(0.06, "travel of the linear stage [m]", 0.001, 10.0)
     max_speed: float = setting(0.1, "of the linear stage [m/s]", 0.0001, 10.0)
     frame_rate: float = setting(14.0, "of the camera [Hz]", 0.1, 200.0)
-    speed: float = setting(5.0, "multiple of real time; a slower machine slows the simulated clock, and loses nothing", 0.01, 100.0)
+    speed: float = setting(
+        5.0, "multiple of real time; a slower machine slows the simulated clock, and loses nothing", 0.01, 100.0
+    )
     noise: float = setting(2.0, "of a pixel, standard deviation, of 255", 0.0, 100.0)
     blur: float = setting(0.7, "of the lens, standard deviation [px]", 0.0, 10.0)
     away: float = setting(0.3, "the operator holds the object out of view for this long when placing it [s]", 0.0, 10.0)
@@ -73,7 +75,9 @@ class SimulatedCellNode(Node):
         self._elapsed = 0.0
         self._steps = 0
         camera = load_camera(config.calibration)
-        self._camera = SimulatedCamera(camera, truth.outline.vertices, 0.0, self._rng, noise_sigma=config.noise, blur_px=config.blur)
+        self._camera = SimulatedCamera(
+            camera, truth.outline.vertices, 0.0, self._rng, noise_sigma=config.noise, blur_px=config.blur
+        )
         self._info = CameraInfo(**camera.info_fields())
         self._clock_out = self.create_publisher(ClockMsg, "/clock", RELIABLE)
         self._image_out = self.create_publisher(Image, "image_raw", SENSOR_DATA)

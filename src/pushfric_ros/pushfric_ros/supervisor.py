@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import json
 import os
 import pathlib
 import signal
@@ -13,7 +14,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import yaml
 from ament_index_python.packages import get_package_prefix
 
 from pushfric_ros.graph import PACKAGE, NodeSpec
@@ -122,11 +122,18 @@ class Supervisor:
 def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
     """The command line of a node; its parameters go into a file in `folder`."""
     parameters = folder / f"{spec.name}.yaml"
-    parameters.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(spec.parameters)}}))
+    # JSON is YAML without aliases, which rcl does not read
+    parameters.write_text(json.dumps({"/**": {"ros__parameters": dict(spec.parameters)}}))
     executable = pathlib.Path(get_package_prefix(PACKAGE)) / "lib" / PACKAGE / spec.executable
     remaps = [f"__node:={spec.name}", f"__ns:={namespace}"]
-    return [sys.executable, str(executable), "--ros-args", *(part for remap in remaps for part in ("-r", remap)),
-            "--params-file", str(parameters)]
+    return [
+        sys.executable,
+        str(executable),
+        "--ros-args",
+        *(part for remap in remaps for part in ("-r", remap)),
+        "--params-file",
+        str(parameters),
+    ]
 
 
 def describe(code: int) -> str:

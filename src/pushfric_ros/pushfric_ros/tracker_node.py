@@ -1,13 +1,7 @@
 """The tracker node: camera images -> the object's pose on the table."""
 
 import array
-import glob
-import itertools
-import pathlib
-import threading
 import time
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +19,7 @@ from pushfric_core.settings import setting
 from pushfric_ros.camera import Image, load_camera
 from pushfric_ros.contour_tracker import ContourTracker, NotSeen, Sighting
 from pushfric_ros.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.device import Device
 from pushfric_ros.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.object_file import load_object
 from pushfric_ros.parameters import declare
@@ -48,12 +43,6 @@ FROZEN_FRAMES = 3
 
 OVERLAY_PERIOD = 0.2
 """Between overlays [s]."""
-
-PICTURE_PERIOD = 1 / 30
-"""Between the pictures of a folder [s]."""
-
-REOPEN_PERIOD = 1.0
-"""Between attempts to find a camera that went away [s]."""
 
 
 @dataclass(frozen=True)
@@ -135,8 +124,10 @@ class TrackerNode(Node):
 
     def _on_frame(self, frame: Image, stamp: int, frozen: bool = False) -> None:
         if frame.shape != (self._camera.height, self._camera.width):
-            self._refuse(f"the camera is calibrated for {self._camera.width} x {self._camera.height} px, "
-                         f"the image has {frame.shape[1]} x {frame.shape[0]}")
+            self._refuse(
+                f"the camera is calibrated for {self._camera.width} x {self._camera.height} px, "
+                f"the image has {frame.shape[1]} x {frame.shape[0]}"
+            )
             return
         if -DISORDER < stamp - self._stamp <= 0:
             self._counts["late frames dropped"] += 1
@@ -212,11 +203,19 @@ class TrackerNode(Node):
         then, frames_before, seen_before = self._reported
         self._reported = now, self._counts["frames"], self._counts["seen"]
         frames, seen = self._counts["frames"] - frames_before, self._counts["seen"] - seen_before
-        values = {"object": self._object.name, "frames/s": round(frames / max(now - then, 1e-9), 1), **self._counts,
-                  "last reason": self._reason, "latency [s]": round(self._latency, 4)}
+        values = {
+            "object": self._object.name,
+            "frames/s": round(frames / max(now - then, 1e-9), 1),
+            **self._counts,
+            "last reason": self._reason,
+            "latency [s]": round(self._latency, 4),
+        }
         if self._sighting is not None:
-            values |= {"residual [px]": round(self._sighting.residual_px, 3), "orientations": self._sighting.orientations,
-                       "visible": round(self._sighting.visible_fraction, 2)}
+            values |= {
+                "residual [px]": round(self._sighting.residual_px, 3),
+                "orientations": self._sighting.orientations,
+                "visible": round(self._sighting.visible_fraction, 2),
+            }
         if self._device is not None:
             values["device frames dropped"] = self._device.dropped
         if not frames:
@@ -224,85 +223,6 @@ class TrackerNode(Node):
         if not seen:
             return Health(Level.WARN, f"not seen: {self._reason}", values)
         return Health(Level.OK, "seen", values)
-
-
-class Device(threading.Thread):
-    """Reads frames into a short queue; of a camera's, the newest matter most.
-
-    Args:
-        source: device index, URL, video file, or folder or glob of pictures.
-        size: width and height asked of a camera [px].
-        now: the time [ns] to stamp frames with.
-        arrived: called after each frame.
-    Raises:
-        InvalidInput: there is nothing to read at `source`.
-    """
-
-    def __init__(self, source: str, size: tuple[int, int], now: Callable[[], int], arrived: Callable[[], None]) -> None:
-        super().__init__(name="device")
-        self._source, self._size, self._now, self._arrived = source, size, now, arrived
-        self._closing = threading.Event()
-        self.frames: deque[tuple[int, Image, int]] = deque(maxlen=8)  # stamp [ns], mono8, how many alike in a row
-        self.dropped = 0
-        self._read, self._period = self._open()
-
-    def close(self) -> None:
-        """End the thread and let go of the device."""
-        self._closing.set()
-        self.join()
-
-    def run(self) -> None:
-        previous, repeats = None, 0
-        while not self._closing.wait(self._period):
-            if self._period and len(self.frames) == self.frames.maxlen:
-                continue  # a file waits
-            frame = self._read()
-            if frame is None:
-                if self._period:
-                    return
-                self._reopen()
-                continue
-            stamp = self._now()
-            grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-            repeats = repeats + 1 if previous is not None and np.array_equal(grey, previous) else 1
-            previous = grey
-            self.dropped += len(self.frames) == self.frames.maxlen
-            self.frames.append((stamp, grey, repeats))
-            self._arrived()
-
-    def _open(self) -> tuple[Callable[[], Image | None], float]:
-        """What reads the next frame, None at the end, and the time between frames [s]; 0 for a camera, which sets it."""
-        pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
-        if glob.has_magic(pattern):
-            pictures = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sorted(glob.glob(pattern)))
-            frames = (picture for picture in pictures if picture is not None)
-            first = next(frames, None)
-            if first is None:
-                raise InvalidInput(f"no pictures at {self._source!r}")
-            sequence = itertools.chain((first,), frames)
-            return lambda: next(sequence, None), PICTURE_PERIOD
-        # what cannot be opened is said below, in one line
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-        capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
-        if not capture.isOpened():
-            expected = "topic, a device index, a URL, a video file or pictures"
-            raise InvalidInput(f"no camera at {self._source!r}: expected {expected}")
-        if pathlib.Path(self._source).is_file():
-            rate = capture.get(cv2.CAP_PROP_FPS)
-            return lambda: capture.read()[1], 1 / rate if rate > 0 else PICTURE_PERIOD
-        width, height = self._size
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
-        return lambda: capture.read()[1], 0.0
-
-    def _reopen(self) -> None:
-        """Wait for a camera that went away."""
-        while not self._closing.wait(REOPEN_PERIOD):
-            try:
-                self._read, self._period = self._open()
-            except InvalidInput:
-                continue  # still away; the diagnostics say that no frames come
-            return
 
 
 def grey_from_msg(msg: ImageMsg) -> Image:

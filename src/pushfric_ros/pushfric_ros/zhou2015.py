@@ -39,7 +39,7 @@ TOUCHING = 0.25
 """The finger touches from when the force first exceeds this share of its maximum."""
 
 LARGEST_GAP = 0.004
-"""A push is left out where the finger, in the middle of it, is further than this from the outline [m]: the log is then wrong."""
+"""A push is left out where the finger, in the middle of it, is further than this from the outline [m]: the log is wrong."""
 
 SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 """From the sensor's reading to the force ON the object, in the frame of the tool."""
@@ -71,8 +71,10 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     if source.suffix != ".csv":
         return [_write(out, _object_of(source), read_log(source))]
     logs = read_push_points(source)
-    return [_write(out if len(logs) == 1 else out / pathlib.Path(log).stem, _object_of(pathlib.Path(log)), observations)
-            for log, observations in logs.items()]
+    return [
+        _write(out if len(logs) == 1 else out / pathlib.Path(log).stem, _object_of(pathlib.Path(log)), observations)
+        for log, observations in logs.items()
+    ]
 
 
 def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
@@ -175,7 +177,7 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion):
         return None
     pressed = push.forces[:, 0] >= touched
-    in_tool = (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
+    in_tool = SENSOR_TO_TOOL @ forces[pressed].mean(axis=0)
     fx, fy = rotation(heading - pose.theta) @ in_tool
     nx, ny = outline.normals[edge]
     return Observation(

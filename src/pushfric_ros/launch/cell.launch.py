@@ -1,0 +1,21 @@
+"""The real cell: carry out its push plan, estimate, record."""
+
+import pathlib
+
+from pushfric_ros import graph
+from pushfric_ros.cell_file import load_cell
+from pushfric_ros.launch_graph import launch_description
+
+ARGUMENTS = {
+    "cell": (None, "path of the cell's YAML file"),
+    "bag": (None, "folder of the bag to record"),
+}
+
+
+def cell(values):
+    file = load_cell(pathlib.Path(values["cell"]))
+    return file.namespace, graph.cell(file, values["bag"])
+
+
+def generate_launch_description():
+    return launch_description(ARGUMENTS, cell)

@@ -1,0 +1,27 @@
+"""The whole graph on a simulated cell."""
+
+import pathlib
+import tempfile
+
+from pushfric_ros import graph
+from pushfric_ros.demo import SPEED, demo_cell
+from pushfric_ros.launch_graph import launch_description
+
+ARGUMENTS = {
+    "bag": (None, "folder of the bag to record"),
+    "object": ("rubber_rect4", "an object of Table 1"),
+    "seed": ("0", "of the camera's noise and the operator's hand"),
+    "speed": (str(SPEED), "multiple of real time"),
+}
+
+
+def demo(values):
+    # the launch process ends before the nodes do, so the files of the simulated camera and port stay behind in the system's
+    # temporary folder
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="pushfric-demo-"))
+    cell = demo_cell(values["object"], folder)
+    return cell.namespace, graph.simulated_cell(cell, values["bag"], int(values["seed"]), float(values["speed"]))
+
+
+def generate_launch_description():
+    return launch_description(ARGUMENTS, demo)

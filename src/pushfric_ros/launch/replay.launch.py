@@ -1,0 +1,24 @@
+"""A bag played into a live estimator."""
+
+import pathlib
+
+from pushfric_ros import graph, offline
+from pushfric_ros.launch_graph import launch_description
+
+ARGUMENTS = {
+    "bag": (None, "path of the bag"),
+    "object": ("", "name of an object of Table 1, or path of an object YAML; empty: the bag's own object.yaml"),
+    "rate": ("1.0", "multiple of the recorded speed"),
+}
+
+
+def replay(values):
+    bag = pathlib.Path(values["bag"])
+    source = offline.source_of(bag)
+    return source.namespace, graph.replay(
+        str(bag), values["object"] or str(bag / offline.OBJECT_FILE), source, float(values["rate"])
+    )
+
+
+def generate_launch_description():
+    return launch_description(ARGUMENTS, replay)

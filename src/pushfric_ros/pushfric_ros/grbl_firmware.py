@@ -1,0 +1,484 @@
+"""A GRBL 1.1 controller with one motor, simulated on a pseudo-terminal: bytes in and out in real time, motion in any clock."""
+
+import contextlib
+import math
+import os
+import re
+import select
+import threading
+import tty
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import NamedTuple
+
+GREETING = "\r\nGrbl 1.1h ['$' for help]"
+UNLOCK = "[MSG:'$H'|'$X' to unlock]"
+HELP = "[HLP:$$ $G $I $N $x=val $J=line $X $H ~ ! ? ctrl-x]"
+BOOT = 0.1  # from the opening of the port to the greeting [s]
+TICK = 0.005  # [s]
+PLANNER_BLOCKS, RECEIVER_BYTES, LONGEST_LINE = 15, 128, 80
+WCO_EVERY = {True: 10, False: 30}  # reports; at rest, in motion
+INCH = 25.4  # [mm]
+PULL_OFF, SEEK_RATE = 1.0, 1500.0  # homing [mm], [mm/min]
+MINUTE = 60.0  # [s]
+AXES = "XYZ"
+WORDS = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
+GROUPS: dict[str, dict[float, str]] = {
+    "G": {0: "motion", 1: "motion", 4: "dwell", 17: "plane", 20: "units", 21: "units", 54: "coordinates", 90: "distance",
+          91: "distance", 94: "feed mode"},
+    "M": {5: "spindle", 9: "coolant"},
+}  # fmt: skip
+
+
+class Motion(NamedTuple):
+    """Pieces of constant acceleration [(s, mm/s^2)], from a position [mm] and speed [mm/s] at a time [s]."""
+
+    begin: float
+    position: float
+    speed: float
+    pieces: tuple[tuple[float, float], ...]
+
+    @property
+    def end(self) -> float:
+        return self.begin + sum(duration for duration, _ in self.pieces)
+
+    def at(self, now: float) -> tuple[float, float]:
+        """Position [mm] and speed [mm/s]."""
+        position, speed, left = self.position, self.speed, max(0.0, now - self.begin)
+        for duration, acceleration in self.pieces:
+            t = min(left, duration)
+            position += speed * t + acceleration * t * t / 2
+            speed += acceleration * t
+            left -= t
+        return position, speed
+
+
+def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> Motion:
+    """From rest to rest [mm, mm/s, mm/s^2]: a trapezoid of speed, a triangle where the way is short."""
+    way = target - start
+    peak = min(speed, math.sqrt(abs(way) * acceleration))
+    ramp = peak / acceleration
+    cruise = abs(way) / peak - ramp if peak > 0 else 0.0
+    pull = math.copysign(acceleration, way)
+    return Motion(begin, start, 0.0, ((ramp, pull), (cruise, 0.0), (ramp, -pull)))
+
+
+class Block(NamedTuple):
+    """A planned line: where to [mm, of the carriage] and how fast [mm/s]."""
+
+    target: float
+    speed: float
+
+
+class SimulatedGrbl:
+    """GRBL 1.1h on a board with one carriage on axis X, home switch at the negative end.
+
+    Blocks join at rest; arcs, probing, spindle and overrides are not there. Opening the port restarts the controller as the
+    DTR line of most boards does; the coordinates survive. Faults on request: see the last methods. Use as a context manager
+    or between `start` and `close`.
+    """
+
+    def __init__(self, clock: Callable[[], float], travel: float = 0.1, max_speed: float = 0.1, acceleration: float = 0.5,
+                 homing: bool = False) -> None:  # fmt: skip
+        """The carriage stands at its home end.
+
+        Args:
+            clock: time in which the carriage moves [s]; may run at any rate, or pause.
+            travel: [m]
+            max_speed: [m/s]
+            acceleration: [m/s^2]
+            homing: boots locked until homed, and enforces the travel ($20, $22).
+        """
+        self._clock = clock
+        per_axis = {100: 250.0, 110: max_speed * 1000 * MINUTE, 120: acceleration * 1000, 130: travel * 1000}
+        self._settings = {
+            0: "10", 1: "25", 2: "0", 3: "0", 4: "0", 5: "0", 6: "0", 10: "3", 11: "0.010", 12: "0.002", 13: "0",
+            20: str(int(homing)), 21: "1", 22: str(int(homing)), 23: "1", 24: "25.000", 25: f"{SEEK_RATE:.3f}", 26: "250",
+            27: f"{PULL_OFF:.3f}", 30: "1000", 31: "0", 32: "0",
+            **{first + axis: f"{value:.3f}" for first, value in per_axis.items() for axis in range(len(AXES))},
+        }  # fmt: skip
+        self.port = ""  # path of the slave side
+        self._lock = threading.RLock()  # position() is asked by the simulation, bytes come in the IO thread
+        self._master: int | None = None
+        self._closing = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._lose = 0
+        self._carriage = 0.0  # where it rests, or the motion begins [mm]
+        self._motion: Motion | None = None
+        self._line = ""
+        self._until_wco = 0
+        self._restart(keep_coordinates=False)
+
+    def start(self) -> "SimulatedGrbl":
+        """Plug in: a new pseudo-terminal, at `port`."""
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.port = os.ttyname(slave)
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._closing.clear()
+        self._thread = threading.Thread(target=self._serve, args=(self._master,), name="grbl")
+        self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """Unplug, and wait for the IO thread to end."""
+        if self._thread is not None:
+            self._closing.set()
+            self._thread.join()
+            self._thread = None
+
+    def __enter__(self) -> "SimulatedGrbl":
+        return self.start()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def position(self) -> float:
+        """Of the carriage from its home end, now [m]."""
+        with self._lock:
+            return self._now()[0] / 1000
+
+    # Faults
+
+    def lose_bytes(self, count: int) -> None:
+        """The next bytes the controller sends never arrive."""
+        with self._lock:
+            self._lose = count
+
+    def reset(self) -> None:
+        """Power fails for a moment: the carriage stops at once, the controller boots and has forgotten where it is."""
+        with self._lock:
+            self._halt()
+            self._restart(keep_coordinates=False)
+
+    def alarm(self, code: int) -> None:
+        """The carriage stops at once with ALARM:code."""
+        with self._lock:
+            self._halt()
+            self._plan.clear()
+            self._state = "Alarm"
+            self._say(f"ALARM:{code}")
+            if code in (1, 2):
+                self._deaf = True
+                self._say("[MSG:Reset to continue]")
+
+    def hit_limit(self) -> None:
+        """A hard limit switch closes."""
+        self.alarm(1)
+
+    def say(self, data: bytes) -> None:
+        """Send anything."""
+        with self._lock:
+            self._send(data)
+
+    def unplug(self) -> None:
+        """The port disappears; the board has power of its own and goes on with its motion. `start` plugs it in again."""
+        self.close()
+
+    # Bytes
+
+    def _serve(self, master: int) -> None:
+        poller = select.poll()
+        poller.register(master, select.POLLIN)
+        opened = False
+        try:
+            while not self._closing.is_set():
+                events = dict(poller.poll(TICK * 1000)).get(master, 0)
+                if not events & select.POLLHUP and not opened:
+                    self._closing.wait(BOOT)
+                    self._reset_softly()
+                opened = not events & select.POLLHUP
+                if events & select.POLLIN:
+                    self._receive(os.read(master, 4096))
+                elif not opened:
+                    self._closing.wait(TICK)
+                with self._lock:
+                    self._advance()
+                    self._execute_lines()
+        finally:
+            with self._lock:
+                self._master = None
+            os.close(master)
+
+    def _receive(self, data: bytes) -> None:
+        """Real-time bytes are picked out wherever they stand; the rest becomes lines."""
+        with self._lock:
+            for byte in data:
+                self._advance()
+                match byte:
+                    case 0x3F:  # ?
+                        self._asked = True
+                    case 0x21:  # !
+                        self._hold()
+                    case 0x7E:  # ~
+                        self._resume()
+                    case 0x18:
+                        self._reset_softly()
+                    case 0x85:
+                        self._cancel_jog()
+                    case 0x0A | 0x0D:
+                        self._lines.append(self._line)
+                        self._line = ""
+                    case _ if byte < 0x80:
+                        self._line += chr(byte)
+                self._answer_question()
+
+    def _send(self, data: bytes) -> None:
+        lost, self._lose = min(self._lose, len(data)), max(0, self._lose - len(data))
+        if self._master is not None:
+            with contextlib.suppress(BlockingIOError):  # nobody reads: a serial line does not wait either
+                os.write(self._master, data[lost:])
+
+    def _say(self, line: str) -> None:
+        self._send(line.encode() + b"\r\n")
+
+    def _answer_question(self) -> None:
+        if self._asked and self._state != "Home":  # the homing cycle leaves no time for reports
+            self._asked = False
+            self._say(self._report())
+
+    def _report(self) -> str:
+        carriage, speed = self._now()
+        substate = "" if self._state != "Hold" else ":1" if self._motion else ":0"
+        fields = [self._state + substate, f"MPos:{carriage + self._offset:.3f},0.000,0.000",
+                  f"Bf:{PLANNER_BLOCKS - len(self._plan)},{RECEIVER_BYTES - len(self._line)}",
+                  f"FS:{abs(speed) * MINUTE:.0f},0"]  # fmt: skip
+        if self._state == "Alarm" and self._deaf:
+            fields.append("Pn:X")
+        self._until_wco -= 1
+        if self._until_wco <= 0:
+            self._until_wco = WCO_EVERY[self._motion is None]
+            fields.append("WCO:0.000,0.000,0.000")
+            self._overrides_due = True
+        elif self._overrides_due:
+            self._overrides_due = False
+            fields.append("Ov:100,100,100")
+        return f"<{'|'.join(fields)}>"
+
+    # Motion
+
+    def _now(self) -> tuple[float, float]:
+        """Position [mm] and speed [mm/s] of the carriage."""
+        self._advance()
+        return self._motion.at(self._clock()) if self._motion else (self._carriage, 0.0)
+
+    def _advance(self) -> None:
+        """Let everything happen that the clock has passed."""
+        now = self._clock()
+        while self._motion is not None:
+            end = min(now, self._motion.end)
+            carriage = self._motion.at(end)[0]
+            if not -PULL_OFF <= carriage <= self._travel + PULL_OFF and self._state != "Home":
+                self.hit_limit()
+                return
+            if self._motion.end > now:
+                return
+            self._carriage, self._motion = carriage, None
+            if self._state == "Home":
+                self._offset = PULL_OFF - self._travel
+                self._state = "Idle"
+                self._respond(0)
+            elif self._state == "Jog" and not self._plan:
+                self._state = "Idle"  # canceled
+            elif self._state in ("Run", "Jog"):
+                self._carriage = self._plan.popleft().target
+                self._begin(end)
+
+    def _begin(self, now: float) -> None:
+        """Set out for the first block of the plan."""
+        if not self._plan:
+            self._state = "Idle"
+            return
+        target, speed = self._plan[0]
+        self._motion = stroke(now, self._carriage, target, speed, self._acceleration)
+
+    def _halt(self) -> None:
+        self._carriage = self._motion.at(self._clock())[0] if self._motion else self._carriage
+        self._motion = None
+
+    def _brake(self) -> None:
+        if self._motion is not None:
+            now = self._clock()
+            position, speed = self._motion.at(now)
+            pull = math.copysign(self._acceleration, -speed)
+            self._motion = Motion(now, position, speed, ((abs(speed) / self._acceleration, pull),))
+
+    def _hold(self) -> None:
+        if self._state == "Jog":
+            self._cancel_jog()
+        elif self._state in ("Run", "Idle"):
+            self._brake()
+            self._state = "Hold"
+
+    def _resume(self) -> None:
+        if self._state == "Hold" and self._motion is None:
+            self._state = "Run"
+            self._begin(self._clock())
+
+    def _cancel_jog(self) -> None:
+        if self._state == "Jog":
+            self._plan.clear()
+            self._brake()
+
+    def _reset_softly(self) -> None:
+        with self._lock:
+            if self._motion is not None:
+                code = 6 if self._state == "Home" else 3
+                self._halt()
+                self._say(f"ALARM:{code}")
+                self._state = "Alarm"
+            self._restart(keep_coordinates=True)
+
+    def _restart(self, keep_coordinates: bool) -> None:
+        locked = self._state == "Alarm" if keep_coordinates else self._settings[22] != "0"
+        self._state = "Alarm" if locked else "Idle"
+        if not keep_coordinates:
+            self._offset = -self._carriage  # machine coordinate of the carriage's 0 [mm]
+        self._plan: deque[Block] = deque()
+        self._lines: deque[str] = deque()
+        self._line = ""
+        self._asked = self._deaf = self._overrides_due = False
+        self._until_wco = 0
+        self._feed: float | None = None  # [mm/min]
+        self._units, self._absolute, self._motion_mode = 1.0, True, 0
+        self._say(GREETING)
+        if locked:
+            self._say(UNLOCK)
+
+    # Lines
+
+    def _execute_lines(self) -> None:
+        """One after the other, while there is room in the plan; not in a hold, homing, or before the reset a limit demands."""
+        while self._lines and not self._deaf and self._state not in ("Hold", "Home") and len(self._plan) < PLANNER_BLOCKS:
+            line = re.sub(r"\(.*?\)|;.*|\s", "", self._lines.popleft()).upper()
+            if len(line) > LONGEST_LINE:
+                self._respond(11)
+            elif line.startswith("$"):
+                self._system(line)
+            elif line and self._state in ("Alarm", "Jog"):
+                self._respond(9)
+            else:
+                self._respond(self._gcode(line) if line else 0)
+
+    def _respond(self, code: int) -> None:
+        self._say(f"error:{code}" if code else "ok")
+
+    def _system(self, line: str) -> None:
+        code = 0
+        assignment = re.fullmatch(r"\$(\d+)=([-+.\d]+)", line)
+        if line.startswith("$J=") and len(line) > 3:
+            code = self._gcode(line[3:], jog=True) if self._state in ("Idle", "Jog") else 8
+        elif line in ("$", "$G"):
+            self._say(HELP if line == "$" else self._modes())
+        elif self._state not in ("Idle", "Alarm"):
+            code = 8
+        elif line == "$$":
+            for number, value in sorted(self._settings.items()):
+                self._say(f"${number}={value}")
+        elif line == "$I":
+            self._say("[VER:1.1h.20190830:]")
+            self._say("[OPT:V,15,128]")
+        elif line == "$N":
+            self._say("$N0=")
+            self._say("$N1=")
+        elif line == "$X":
+            if self._state == "Alarm":
+                self._state = "Idle"
+                self._say("[MSG:Caution: Unlocked]")
+        elif line == "$H" and self._settings[22] != "0":
+            self._home()
+            return  # `ok` follows when it is done
+        elif line == "$H":
+            code = 5
+        elif assignment is not None and int(assignment[1]) in self._settings:
+            code = self._set(int(assignment[1]), assignment[2])
+        else:
+            code = 3
+        self._respond(code)
+
+    def _set(self, number: int, value: str) -> int:
+        if float(value) < 0:
+            return 4
+        if number == 20 and value != "0" and self._settings[22] == "0":
+            return 10
+        self._settings[number] = value
+        return 0
+
+    def _modes(self) -> str:
+        distance, units = 90 if self._absolute else 91, 21 if self._units == 1 else 20
+        return f"[GC:G{self._motion_mode} G54 G17 G{units} G{distance} G94 M5 M9 T0 F{self._feed or 0:.0f} S0]"
+
+    def _home(self) -> None:
+        """To the switch and back off it, as one motion."""
+        self._state = "Home"
+        now, rate = self._clock(), SEEK_RATE / MINUTE
+        there = stroke(now, self._carriage, -PULL_OFF, rate, self._acceleration)
+        back = stroke(there.end, -PULL_OFF, 0.0, rate, self._acceleration)
+        self._motion = Motion(now, self._carriage, 0.0, there.pieces + back.pieces)
+
+    def _gcode(self, line: str, jog: bool = False) -> int:
+        """Parse a block, plan its motion; 0 or the code of an error."""
+        words = WORDS.findall(line)
+        if "".join(letter + number for letter, number in words) != line:
+            return 2 if line[0].isalpha() else 1
+        modes: dict[str, int] = {}  # by modal group
+        values: dict[str, float] = {}
+        for letter, text in words:
+            if letter in GROUPS:
+                group = GROUPS[letter].get(float(text))
+                if group is None:
+                    return 20
+                if group in modes:
+                    return 21
+                modes[group] = int(float(text))
+            elif letter not in AXES + "FNSTP":
+                return 20
+            elif letter in values:
+                return 25
+            else:
+                values[letter] = float(text)
+        if values.get("F", 0) < 0:
+            return 4
+        if jog and not modes.keys() <= {"units", "distance"}:
+            return 16
+        units = INCH if modes.get("units") == 20 else 1.0 if "units" in modes else self._units
+        absolute = modes.get("distance", 90 if self._absolute else 91) == 90
+        rapid = not jog and modes.get("motion", self._motion_mode) == 0
+        feed = values["F"] * units if "F" in values else None if jog else self._feed
+        moves = any(axis in values for axis in AXES) and "dwell" not in modes
+        if moves and not rapid and not feed:
+            return 22
+        if not moves and (jog or modes.get("motion") == 1):
+            return 26
+        if not jog:
+            self._units, self._absolute, self._motion_mode, self._feed = units, absolute, 0 if rapid else 1, feed
+        return self._plan_to(values, units, absolute, None if rapid else feed, jog) if moves else 0
+
+    def _plan_to(self, values: dict[str, float], units: float, absolute: bool, feed: float | None, jog: bool) -> int:
+        """Queue the carriage's part of a move; no motor turns for the other axes."""
+        if "X" not in values:
+            return 0
+        before = self._plan[-1].target if self._plan else self._carriage
+        target = values["X"] * units + (-self._offset if absolute else before)
+        machine = target + self._offset
+        if self._settings[20] != "0" and not -self._travel - 1e-9 <= machine <= 1e-9:
+            if jog:
+                return 15
+            self.alarm(2)
+            return 0
+        fastest = float(self._settings[110])
+        self._plan.append(Block(target, min(feed or fastest, fastest) / MINUTE))
+        if self._state == "Idle":
+            self._state = "Jog" if jog else "Run"
+            self._begin(self._clock())
+        return 0
+
+    @property
+    def _travel(self) -> float:
+        return float(self._settings[130])
+
+    @property
+    def _acceleration(self) -> float:
+        return float(self._settings[120])

@@ -1,0 +1,208 @@
+import math
+
+import pytest
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from problems import four_feet
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import Estimator
+from pushfric_core.planar import Pose
+from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Observation, PusherState, SupportFriction
+from pushfric_msgs.srv import SelectObject
+from pushfric_ros.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
+from pushfric_ros.estimator_node import EstimatorNode
+from pushfric_ros.object_file import load_object
+from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
+
+NAME = "rubber_rect4"
+FRAME = round(1e9 / 14)
+
+
+def estimator(**parameters):
+    return EstimatorNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in parameters.items()])
+
+
+def collect(ros, node, kind, topic, qos):
+    got = []
+    node.create_subscription(kind, topic, got.append, qos)
+    return got
+
+
+def publisher(ros, node, kind, topic, qos):
+    out = node.create_publisher(kind, topic, qos)
+    ros.wait_for(out.get_subscription_count, what=f"a subscriber of {topic}")
+    return out
+
+
+def pose_msg(stamp, pose):
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp, msg.pose.pose = stamp_to_msg(stamp), pose_to_msg(pose)
+    return msg
+
+
+def pusher_msg(stamp, position, push_id):
+    msg = PusherState(position=position, speed=0.02, tip_radius=0.003, push_id=push_id, mode=PusherState.MODE_RUNNING)
+    msg.header.stamp = stamp_to_msg(stamp)
+    msg.direction.y, msg.tip.y = 1.0, position
+    return msg
+
+
+def push(push_id, start):
+    """What the cell says of one push: (topic's message) in order of time."""
+    known = TABLE_1[NAME]
+    pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.03 - 0.02 * push_id, 0.04, 0.0))
+    line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
+    for frame in range(38):
+        position = frame * 0.02 / 14
+        pushed.push(line, position)
+        stamp = start + frame * FRAME
+        yield pose_msg(stamp, pushed.pose)
+        yield pusher_msg(stamp + 1, position, push_id)
+
+
+def test_every_data_point_gives_an_estimate_equal_to_the_cores(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME))
+    observations = collect(ros, node, Observation, "observation", RELIABLE)
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    ros.wait_for(
+        lambda: node.count_publishers("friction_estimate") and node.count_publishers("observation"), what="the estimator"
+    )
+    model = Estimator(load_object(NAME).support_points)
+    for push_id in range(2):
+        for msg in push(push_id, 10**18 + push_id * 10**10):
+            (states if isinstance(msg, PusherState) else poses).publish(msg)
+        ros.wait_for(lambda wanted=4 * (push_id + 1): len(observations) >= wanted, what="the data points of a push")
+    ros.wait_for(lambda: len(estimates) == len(observations), what="an estimate for every data point")
+    expected = [model.add(observation_from_msg(msg)) for msg in observations]
+    assert [msg.data_points for msg in estimates] == list(range(1, len(observations) + 1))
+    for msg, estimate in zip(estimates, expected, strict=True):
+        assert list(msg.support_friction.weights) == list(estimate.w)
+        assert msg.objective == estimate.solution.objective
+        assert msg.header.stamp == msg.support_friction.header.stamp
+
+
+def test_a_late_subscriber_gets_the_last_estimate(ros):
+    problem = four_feet()
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations"))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    for observation in problem.observations[:3]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: estimates and estimates[-1].data_points == 3, what="three estimates")
+    late = ros.node("late", namespace="/cell")
+    kinds = {
+        "friction_estimate": FrictionEstimate,
+        "support_friction": SupportFriction,
+        "center_of_friction": PointStamped,
+        "contact_friction": ContactFriction,
+    }
+    got = {topic: collect(ros, late, kind, topic, LATCHED) for topic, kind in kinds.items()}
+    ros.wait_for(lambda: all(got.values()), what="the last estimates")
+    assert got["friction_estimate"][0] == estimates[-1]
+    assert got["center_of_friction"][0].point == estimates[-1].center_of_friction
+
+
+def test_bad_messages_are_refused_and_change_nothing(ros):
+    problem = four_feet()
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations"))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    good = [observation_to_msg(observation, NAME) for observation in problem.observations[:3]]
+    broken, still = (observation_to_msg(problem.observations[0], NAME) for _ in range(2))
+    broken.contact_point.x = math.nan
+    still.twist.linear.x = still.twist.linear.y = still.twist.angular.z = 0.0
+    for msg in (good[0], broken, good[1], still, good[2]):
+        out.publish(msg)
+    ros.wait_for(lambda: len(estimates) == 3, what="the good data points' estimates")
+    assert estimates[-1].data_points == 3
+
+
+def test_a_pose_that_is_nan_is_refused(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME))
+    observations = collect(ros, node, Observation, "observation", RELIABLE)
+    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    for index, msg in enumerate(push(0, 10**18)):
+        if index == 30:
+            poses.publish(pose_msg(10**18 + 15 * FRAME + 1, Pose(math.nan, 0.0, 0.0)))
+        (states if isinstance(msg, PusherState) else poses).publish(msg)
+    ros.wait_for(lambda: len(observations) >= 4, what="the data points of the push")
+    for msg in observations:
+        observation_from_msg(msg)
+
+
+def call(ros, node, kind, name, request):
+    client = node.create_client(kind, name)
+    assert client.wait_for_service(10.0)
+    future = client.call_async(request)
+    ros.wait_for(future.done, what=f"the answer of {name}")
+    return future.result()
+
+
+def test_reset_and_select_object_start_afresh(ros):
+    problem = four_feet()
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations"))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    first = observation_to_msg(problem.observations[0], NAME)
+    for count in (1, 2):
+        out.publish(first)
+        ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
+    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    out.publish(first)
+    ros.wait_for(lambda: len(estimates) == 3, what="an estimate")
+    assert [msg.data_points for msg in estimates] == [1, 2, 1]
+    assert call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="wood_rect3")).success
+    refusal = call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="brick"))
+    assert not refusal.success
+    assert "no object 'brick'" in refusal.message
+    out.publish(first)
+    ros.wait_for(lambda: len(estimates) == 4, what="an estimate")
+    assert estimates[-1].object == "wood_rect3"
+
+
+def test_a_clock_that_jumps_back_starts_afresh(ros):
+    problem = four_feet()
+    node = ros.node("peer", namespace="/cell")
+    live = ros.compose(estimator(object=NAME, source="observations", use_sim_time=True))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    clock = publisher(ros, node, Clock, "/clock", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    for count, seconds in ((1, 100), (2, 101), (3, 50)):
+        clock.publish(Clock(clock=stamp_to_msg(seconds * 10**9)))
+        ros.wait_for(lambda seconds=seconds: live.get_clock().now().nanoseconds == seconds * 10**9, what="the clock")
+        out.publish(observation_to_msg(problem.observations[0], NAME))
+        ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
+    assert [msg.data_points for msg in estimates] == [1, 2, 1]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error"),
+    [
+        ({}, "no object ''"),
+        ({"object": NAME, "source": "camera"}, "source must be one of poses, observations"),
+        ({"object": NAME, "stride": 0}, r"parameter stride must lie in \[1, 1000\]"),
+        ({"object": NAME, "mu_bound": 1}, "parameter mu_bound must be a number with a point"),
+        ({"object": NAME, "mu_bound": math.nan}, "mu_bound"),
+        ({"object": NAME, "window": 4}, "window must be odd"),
+        ({"object": NAME, "terms": ["force"]}, "terms must name at least one of"),
+    ],
+)
+def test_bad_parameters_are_refused_with_a_reason(ros, parameters, error):
+    with pytest.raises(InvalidInput, match=error):
+        estimator(**parameters)

@@ -1,0 +1,191 @@
+"""Files people hand in: objects, observations, support points, plans, cells."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.simulation import TABLE_1
+from pushfric_ros.cell_file import load_cell
+from pushfric_ros.object_file import load_object, read_points, save_object
+from pushfric_ros.observation_file import read_observations
+from pushfric_ros.plan_file import load_plan
+
+TRIANGLE = "name: triangle\noutline: [[0, 0], [0.15, 0], [0, 0.15]]\n"
+HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
+ROW = "0.05,0,0,-1,0.001,0.02,0.1,3\n"
+CELL = """
+object: rubber_rect4
+camera: {calibration: camera.yaml}
+pusher: {port: /dev/ttyUSB0, line_origin: [0, 0], line_direction: [0, 1], tip_radius: 0.003, stroke: 0.06, max_speed: 0.1}
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="file.yaml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", TABLE_1)
+def test_objects_of_table_1_are_known_by_name(name):
+    model = load_object(name)
+    assert np.array_equal(model.support_points, TABLE_1[name].support_points)
+    assert model.outline == TABLE_1[name].outline
+
+
+@pytest.mark.parametrize(
+    ("support", "points"),
+    [
+        ("support: {grid: [10, 10], inset: 0.0075}", 55),
+        ("support: {points: [[0.03, 0.03], [0.09, 0.03], [0.03, 0.09]]}", 3),
+        ("support: {spacing: 0.05}", 10),
+        ("", 21),
+    ],
+)
+def test_supports_are_given_in_three_ways_or_not_at_all(write, support, points):
+    assert len(load_object(str(write(TRIANGLE + support))).support_points) == points
+
+
+def test_an_object_survives_its_file(write, tmp_path):
+    model = load_object(str(write(TRIANGLE + "support: {grid: [4, 4], inset: 0.01}\nheight: 0.02")))
+    save_object(model, tmp_path / "copy.yaml")
+    again = load_object(str(tmp_path / "copy.yaml"))
+    assert again.file == model.file
+    assert again.height == 0.02
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("name: x\n", "outline: Field required"),
+        ("name: x\noutline: [[0, 0], [1, 0]]", "outline: List should have at least 3 items"),
+        ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
+        ("name: x\noutline: [[0, 0], [1, .nan], [0, 1]]", "finite number"),
+        (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
+        (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
+        (TRIANGLE + "support: {spacing: -1}", "spacing must be positive"),
+        (TRIANGLE + "supports: 3", "supports: Extra inputs are not permitted"),
+        (": : :", "not YAML"),
+        ("42", "the file: Input should be a valid dictionary"),
+    ],
+)
+def test_bad_objects_are_refused_in_one_line(write, text, error):
+    path = write(text)
+    with pytest.raises(InvalidInput, match=error) as refusal:
+        load_object(str(path))
+    assert str(path) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_unknown_object_is_refused_with_what_there_is():
+    with pytest.raises(InvalidInput, match=r"no object 'brick': expected a YAML file or one of delrin_square3"):
+        load_object("brick")
+
+
+def test_observations_are_read_in_order(write):
+    text = (
+        HEADER.strip()
+        + ",half_width,note,force_x,force_y\n0.05,0,0,-1,0.001,0.02,0.1,3,0.002,hello,1,2\n0.05,0,0,-1,0,0.02,0,4,,,,\n"
+    )
+    first, second = read_observations(write(text, "data.csv"))
+    assert first.twist == (0.001, 0.02, 0.1)
+    assert (first.push_id, first.half_width, first.force) == (3, 0.002, (1.0, 2.0))
+    assert (second.push_id, second.half_width, second.force) == (4, 0.0, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("contact_x,contact_y\n1,2\n", "missing column normal_x, normal_y, vx, vy, omega, push_id; expected contact_x"),
+        (HEADER, "no data points"),
+        ("", "missing column contact_x"),
+        (HEADER + ROW + ROW.replace("0.02", "fast"), "line 3: vy must be a number, got 'fast'"),
+        (HEADER + ROW.replace("0.02", "nan"), "line 2: vy must be finite, got nan"),
+        (HEADER + ROW.replace("-1", "-0.5"), "line 2: contact_normal must have length 1"),
+        (HEADER + "0.05,0,0,-1,0,0,0,3\n", "line 2: the twist of a data point must not be zero"),
+        (HEADER + "0.05,0,0,-1,0,1\n", "line 2: push_id must be a number, got None"),
+        (HEADER + ROW.replace(",3", ",3.5"), "push_id must be a whole number"),
+        (HEADER.strip() + ",force_x\n", "both of force_x and force_y"),
+    ],
+)
+def test_bad_observations_are_refused_in_one_line(write, text, error):
+    path = write(text, "data.csv")
+    with pytest.raises(InvalidInput, match=error) as refusal:
+        read_observations(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "data.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InvalidInput, match="cannot be read"):
+        read_observations(tmp_path / "data.csv")
+
+
+def test_support_points_are_read(write):
+    assert read_points(write("x,y\n0.01,0.02\n0.03,0.04\n", "points.csv")).tolist() == [[0.01, 0.02], [0.03, 0.04]]
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("x\n1\n", "missing column y"),
+        ("x,y\n", "no support points"),
+        ("x,y\n1,a\n", "line 2: x and y must be numbers, got '1', 'a'"),
+        ("x,y\n1,inf\n", "line 2: x and y must be finite"),
+    ],
+)
+def test_bad_support_points_are_refused(write, text, error):
+    with pytest.raises(InvalidInput, match=error):
+        read_points(write(text, "points.csv"))
+
+
+def test_a_plan_is_read(write):
+    plan = load_plan(str(write("pushes: [{edge: 0, offset: 0.02}, {edge: 2, angle_deg: -30}]")), load_object("wood_rect4"))
+    assert plan == [(0, 0.02, 0.0), (2, 0.0, pytest.approx(math.radians(-30)))]
+
+
+def test_without_a_file_the_plan_is_the_papers(write):
+    assert len(load_plan("", load_object("rubber_rect4"))) == 14
+    assert len(load_plan("", load_object("delrin_square3"))) == 20
+    assert len(load_plan("", load_object(str(write(TRIANGLE))))) == 15
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("pushes: []", "at least 1 item"),
+        ("pushes: [{edge: 4}]", "pushes.0: edge must be below 4, got 4"),
+        ("pushes: [{edge: 0}, {edge: 1, offset: 0.04}]", "pushes.1: offset must lie within 0.032 m of the middle of edge 1"),
+        ("pushes: [{edge: 0, angle_deg: 95}]", "angle_deg: Input should be less than 90"),
+    ],
+)
+def test_bad_plans_are_refused(write, text, error):
+    with pytest.raises(InvalidInput, match=error):
+        load_plan(str(write(text)), load_object("wood_rect4"))
+
+
+def test_a_cell_finds_its_files_beside_it(write, tmp_path):
+    write("", "camera.yaml")
+    cell = load_cell(write(CELL, "cell.yaml"))
+    assert cell.camera.calibration == str(tmp_path / "camera.yaml")
+    assert cell.object == "rubber_rect4"
+    assert cell.plan.distance == 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        (CELL.replace("port: /dev/ttyUSB0, ", ""), "pusher.port: Field required"),
+        (CELL.replace("stroke: 0.06", "stroke: -1"), "pusher.stroke: Input should be greater than 0, got '-1'"),
+        (CELL + "table: 3", "table: Extra inputs are not permitted"),
+    ],
+)
+def test_bad_cells_are_refused(write, text, error):
+    with pytest.raises(InvalidInput, match=error):
+        load_cell(write(text, "cell.yaml"))

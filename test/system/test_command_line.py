@@ -1,0 +1,89 @@
+"""Wrong input ends with one line that says what, where and what was expected, and exit code 2."""
+
+import subprocess
+import sys
+
+import pytest
+
+CELL = """
+object: rubber_rect4
+camera: {{source: "{source}", calibration: {calibration}}}
+pusher: {{port: {port}, line_origin: [0, 0], line_direction: [0, 1], tip_radius: 0.003, stroke: 0.06, max_speed: 0.1}}
+"""
+HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
+
+
+def pushfric(*arguments):
+    command = [sys.executable, "-m", "pushfric_ros.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["demo", "--object", "brick"], "no object 'brick' in the simulated cell; expected one of delrin_square3"),
+        (["demo", "--json", "/nowhere/x.json"], "/nowhere/x.json: its folder does not exist"),
+        (["replay", "nothing"], "nothing: no such file; expected a bag or a CSV"),
+        (["replay", "nothing", "--rate", "0"], "--rate must lie in (0, 1000], got 0"),
+        (["estimate", "nothing", "--object", "rubber_rect4"], "nothing: no such file"),
+        (["estimate", "data.csv"], "data.csv does not say of what object it is; give --object"),
+        (["estimate", "data.csv", "--object", "no_outline.yaml"], "no_outline.yaml: outline: Field required"),
+        (["estimate", "data.csv", "--object", "rubber_rect4"], "data.csv, line 2: vx must be finite, got nan"),
+        (["estimate", "columns.csv", "--object", "rubber_rect4"], "columns.csv: missing column omega; expected contact_x"),
+        (["estimate", "data.csv", "--object", "rubber_rect4", "--terms", "moments"], "terms must name at least one of moment"),
+        (
+            ["estimate", "data.csv", "--object", "rubber_rect4", "--half-width", "-1"],
+            "half_width must lie in [0.0, 1.0], got -1.0",
+        ),
+        (["estimate", "data.csv", "--object", "rubber_rect4", "--grid", "0", "3"], "--grid: a grid needs at least 1 column"),
+        (["estimate", "data.csv", "--object", "rubber_rect4", "--support-points", "none.csv"], "none.csv: cannot be read"),
+        (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
+        (["import", "zhou2015", "none.csv", "--out", "bag"], "none.csv: no such file"),
+        (["run", "none.yaml"], "none.yaml: cannot be read"),
+    ],
+)
+def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, error):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data.csv").write_text(HEADER + "0.05,0,0,-1,nan,0.02,0,0\n")
+    (tmp_path / "columns.csv").write_text(HEADER.replace(",omega", "") + "0.05,0,0,-1,0,0.02,0\n")
+    (tmp_path / "no_outline.yaml").write_text("name: x\n")
+    run = pushfric(*arguments)
+    assert run.returncode == 2, run.stderr
+    assert error in run.stderr
+    assert run.stderr.count("\n") == 1
+    assert run.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"source": "/nowhere/video.mp4"}, "no camera at '/nowhere/video.mp4'"),
+        ({"calibration": "none.yaml"}, "none.yaml"),
+    ],
+)
+def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
+    from pushfric_ros.camera import Camera, save_camera
+
+    monkeypatch.chdir(tmp_path)
+    save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), tmp_path / "camera.yaml")
+    parts = {"source": "topic", "calibration": "camera.yaml", "port": "/dev/pushfric-none"} | change
+    (tmp_path / "cell.yaml").write_text(CELL.format(**parts))
+    run = pushfric("run", tmp_path / "cell.yaml", "--bag", tmp_path / "bag", "--headless")
+    assert run.returncode == 2, run.stderr
+    assert error in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_an_existing_bag_is_not_overwritten(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("precious")
+    run = pushfric("demo", "--bag", tmp_path)
+    assert run.returncode == 2
+    assert "expected a new or empty folder" in run.stderr
+    assert (tmp_path / "metadata.yaml").read_text() == "precious"
+
+
+@pytest.mark.parametrize("command", [[], ["demo"], ["run"], ["replay"], ["estimate"], ["import"]])
+def test_help_teaches(command):
+    run = pushfric(*command, "--help")
+    assert run.returncode == 0
+    assert "Usage" in run.stdout
