@@ -22,8 +22,8 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.actuator_node import ActuatorNode
 from pushfric_ros.diagnostics import DiagnosticStatus
-from pushfric_ros.grbl import Mode
 from pushfric_ros.grbl_firmware import SimulatedGrbl
+from pushfric_ros.pusher import Mode
 from pushfric_ros.qos import RELIABLE
 
 LINE = {"line_origin": [0.1, -0.2], "line_direction": [0.0, 2.0], "tip_radius": 0.004, "stroke": 0.08, "max_speed": 0.08}
@@ -242,7 +242,7 @@ def test_an_unplugged_controller_is_found_again_and_not_moved(ros, controller, t
 def test_a_port_that_appears_later_is_connected(ros, tmp_path, capfd):
     cell = Cell(ros, tmp_path / "port")
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
-    ros.wait_for(lambda: cell.node._retry_after > 1.0, what="a second try")
+    ros.wait_for(lambda: cell.node._told is not None, what="the complaint")
     with SimulatedGrbl(time.monotonic) as controller:
         (tmp_path / "port").symlink_to(controller.port)
         cell.wait_for_mode(PusherState.MODE_IDLE)

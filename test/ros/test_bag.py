@@ -486,7 +486,9 @@ def test_messages_that_are_not_of_ros_2_are_refused(tmp_path):
         writer.add_message(channel, 0, b"{}", 0)
         writer.finish()
     for use in (bag.describe, lambda path: list(bag.read(path)), lambda path: bag.recover(path, tmp_path / "out")):
-        with pytest.raises(InvalidInput, match=r"foreign\.mcap: /foreign is encoded as 'json', expected ROS 2 messages \(cdr\)"):
+        with pytest.raises(
+            InvalidInput, match=r"foreign\.mcap: /foreign is encoded as 'json', expected ROS 2 messages \(cdr\)"
+        ):
             use(path)
 
 

@@ -9,21 +9,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from pushfric_ros.grbl import (
-    Alarm,
-    CommandRefused,
-    Grbl,
-    Limits,
-    Mode,
-    NotConnected,
-    NotReady,
-    PusherReport,
-    RealTime,
-    Status,
-    Timeout,
-    parse_status,
-)
+from pushfric_ros.grbl import Grbl
 from pushfric_ros.grbl_firmware import SimulatedGrbl
+from pushfric_ros.grbl_protocol import Alarm, CommandRefused, RealTime, Status, parse_status
+from pushfric_ros.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -359,6 +348,7 @@ def test_reports_in_inches(peer):
     pusher = connect(peer)
     peer.heard = b""
     pusher.move_to(0.0254, 0.02)
+    drive(pusher, lambda: peer.heard.endswith(b"\n"), peer, ask=False)
     peer.status = "<Run|WPos:0.5000,0.0000,0.0000|FS:60,0>"
     report = drive(pusher, lambda: pusher._status.state == "Run", peer)[-1]
     assert report[:2] == (pytest.approx(0.0127), pytest.approx(0.0254))

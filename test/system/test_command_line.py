@@ -59,6 +59,7 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, argum
     [
         ({"source": "/nowhere/video.mp4"}, "no camera at '/nowhere/video.mp4'"),
         ({"calibration": "none.yaml"}, "none.yaml"),
+        ({"port": "/dev/pushfric-none"}, "pusher.port: no serial port at /dev/pushfric-none"),
     ],
 )
 def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
@@ -66,7 +67,7 @@ def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
 
     monkeypatch.chdir(tmp_path)
     save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), tmp_path / "camera.yaml")
-    parts = {"source": "topic", "calibration": "camera.yaml", "port": "/dev/pushfric-none"} | change
+    parts = {"source": "topic", "calibration": "camera.yaml", "port": "/dev/null"} | change
     (tmp_path / "cell.yaml").write_text(CELL.format(**parts))
     run = pushfric("run", tmp_path / "cell.yaml", "--bag", tmp_path / "bag", "--headless")
     assert run.returncode == 2, run.stderr

@@ -197,7 +197,9 @@ class Simplex:
         a, above, below = rows
         m = len(above)
         if not m or a.shape != (m, self._n) or below.shape != (m,):
-            raise ValueError(f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}")
+            raise ValueError(
+                f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}"
+            )
         peak = np.abs(a).max(axis=1)
         if not np.isfinite(peak).all():
             raise ValueError("the coefficients of the rows must be finite")

@@ -19,13 +19,15 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.conversions import TABLE, stamp_to_msg
 from pushfric_ros.diagnostics import Diagnostics, Health, Level
-from pushfric_ros.grbl import Grbl, Mode, NotConnected, Pusher, PusherError, PusherReport
+from pushfric_ros.grbl import Grbl
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
+from pushfric_ros.pusher import Mode, NotConnected, Pusher, PusherError, PusherReport
 from pushfric_ros.qos import RELIABLE
 
 READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.5, 5.0
+GRACE = 3.0  # a port may appear this late before anybody is told
 RETRACT_FASTER = 5.0  # than the push was, where max_speed allows
 ROUNDING = 1e-5  # of positions [m]
 RESTART_JUMP = 1e-3  # a position that changed by more while disconnected is reported [m]
@@ -88,6 +90,8 @@ class ActuatorNode(Node):
         self._problem: str | None = None
         self._lost_at: float | None = None  # position when the connection was lost
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
+        self._quiet_until = time.monotonic() + GRACE
+        self._told: str | None = None  # the last problem that was logged
         self._goal: ServerGoalHandle | None = None
         self._push_id, self._start = PusherState.NO_PUSH, 0.0
         self._arrival: Future | None = None
@@ -150,16 +154,18 @@ class ActuatorNode(Node):
                 f"position {self._lost_at:.4f} m when the connection was lost, {report.position:.4f} m now: "
                 "if the controller restarted meanwhile, restart it with the pusher at its home end, or home it"
             )
-        self._lost_at, self._problem, self._retry_after = None, None, FIRST_RETRY
+        self._lost_at, self._problem, self._told, self._retry_after = None, None, None, FIRST_RETRY
+        self._quiet_until = 0.0
 
     def _fail(self, error: PusherError) -> None:
         """End the stroke under way, say once what happened, and connect again later where the connection is gone."""
         if self._arrival is not None:
             self._arrival.set_exception(error)
         lost = self._pusher.mode is Mode.DISCONNECTED
-        if not lost or str(error) != self._problem:
-            self.get_logger().error(f"{error}, retrying" if lost else str(error))
         self._problem = str(error)
+        if not lost or (self._problem != self._told and time.monotonic() >= self._quiet_until):
+            self.get_logger().error(f"{error}, retrying" if lost else str(error))
+            self._told = self._problem
         if lost:
             if self._report.mode is not Mode.DISCONNECTED:
                 self._lost_at = self._report.position

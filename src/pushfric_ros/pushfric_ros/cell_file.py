@@ -23,7 +23,7 @@ class PusherEntry(Strict):
     port: str  # serial port of the GRBL controller
     baud: int = 115200
     axis: str = "X"  # with a minus sign where the forward stroke goes to negative coordinates
-    home: bool = False  # seek the home switch at start; otherwise the position at power-on is the home end
+    home: bool = False  # seek the home switch at start; otherwise work zero of the controller is stroke position 0
     line_origin: Point  # centre of the tip at stroke position 0, in the table frame [m]
     line_direction: Point  # of the forward stroke, in the table frame
     tip_radius: Annotated[float, pydantic.Field(ge=0)]  # [m]

@@ -104,6 +104,8 @@ def run(
     file = load_cell(cell)
     model = load_object(file.object)
     bag = bag or pathlib.Path("runs") / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
+    if not pathlib.Path(file.pusher.port).exists():
+        raise InvalidInput(f"{cell}: pusher.port: no serial port at {file.pusher.port}; expected a GRBL controller's")
     specs = graph.cell(file, str(bag))
     ended, last = demonstration.watch(
         console, specs, file.namespace, f"pushing {model.name}", console.is_terminal and not headless

@@ -24,13 +24,23 @@ import os
 import re
 import time
 from collections.abc import Generator
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import NamedTuple, Protocol
 
 import serial
 
-from pushfric_core.errors import PushfricError
+from pushfric_ros.grbl_protocol import (
+    ALARM,
+    BUILD,
+    ERROR,
+    GREETING,
+    SETTING,
+    STATE_MODES,
+    Alarm,
+    CommandRefused,
+    RealTime,
+    Status,
+    parse_status,
+)
+from pushfric_ros.pusher import Limits, Mode, NotConnected, NotReady, PusherError, PusherReport, Timeout
 
 Script = Generator[None, None, None]
 """A sequence of commands and answers; poll() takes it a step further."""
@@ -49,196 +59,6 @@ IDLE_REPORTS = 10  # as many away from the target mean that the motion ended ear
 INCH = 25.4  # [mm]
 MM = 1e-3  # [m]
 MM_PER_MINUTE = MM / 60  # [m/s]
-
-ERRORS = {
-    1: "Expected command letter", 2: "Bad number format", 3: "Invalid statement", 4: "Value < 0", 5: "Setting disabled",
-    6: "Value < 3 usec", 7: "EEPROM read fail. Using defaults", 8: "Not idle", 9: "G-code lock", 10: "Homing not enabled",
-    11: "Line overflow", 12: "Step rate > 30kHz", 13: "Check Door", 14: "Line length exceeded", 15: "Travel exceeded",
-    16: "Invalid jog command", 17: "Setting disabled", 20: "Unsupported command", 21: "Modal group violation",
-    22: "Undefined feed rate", **{code: f"Invalid gcode ID:{code}" for code in range(23, 39)},
-}  # fmt: skip
-ALARMS = {
-    1: "Hard limit", 2: "Soft limit", 3: "Abort during cycle", 4: "Probe fail", 5: "Probe fail", 6: "Homing fail",
-    7: "Homing fail", 8: "Homing fail", 9: "Homing fail",
-}  # fmt: skip
-
-
-class PusherError(PushfricError):
-    """Base of what can go wrong with a pusher."""
-
-
-class NotConnected(PusherError):
-    """No port, no controller at it, or the connection was lost."""
-
-
-class NotReady(PusherError):
-    """A motion was asked for while another runs, or in alarm."""
-
-
-class CommandRefused(PusherError):
-    """The controller answered a line with error:n."""
-
-    def __init__(self, line: str, code: int) -> None:
-        super().__init__(f'"{line}" refused: error:{code} {ERRORS.get(code, "(not of GRBL 1.1)")}')
-        self.code = code
-
-
-class Alarm(PusherError):
-    """The controller stopped with ALARM:n and refuses to move."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(f"ALARM:{code} {ALARMS.get(code, '(not of GRBL 1.1)')}")
-        self.code = code
-
-
-class Timeout(PusherError):
-    """The controller still reports but did not answer, or did not arrive where it was sent."""
-
-
-class Mode(Enum):
-    """What a pusher is doing; the names are those of PusherState.MODE_*."""
-
-    DISCONNECTED = "disconnected"
-    IDLE = "idle"
-    HOMING = "homing"
-    RUNNING = "running"
-    HOLD = "hold"
-    ALARM = "alarm"
-
-
-class PusherReport(NamedTuple):
-    """Where the pusher is."""
-
-    position: float  # along the stroke [m]
-    speed: float  # [m/s], negative on the way back
-    mode: Mode
-    stamp: int | None  # what ask() was given when this report was requested; None for one that came unasked
-
-
-class Limits(NamedTuple):
-    """What the controller is configured to; infinite where it did not say."""
-
-    travel: float = math.inf  # enforced by the controller [m]
-    max_speed: float = math.inf  # [m/s]
-    acceleration: float = math.inf  # [m/s^2]
-
-
-class Pusher(Protocol):
-    """All that the actuator node asks of a pusher, whatever protocol it speaks."""
-
-    @property
-    def mode(self) -> Mode: ...
-
-    @property
-    def busy(self) -> bool:
-        """Whether a connection, motion, homing or stop is under way."""
-
-    @property
-    def limits(self) -> Limits: ...
-
-    @property
-    def name(self) -> str:
-        """What answered, for people."""
-
-    def connect(self) -> None:
-        """Open the port and begin to connect. Raises NotConnected."""
-
-    def close(self) -> None:
-        """Stop a motion, waiting for it [a few seconds at most], and leave the port."""
-
-    def recover(self) -> None:
-        """On a person's request: connect afresh, unlock or home. May move. Raises NotConnected."""
-
-    def move_to(self, position: float, speed: float) -> None:
-        """Begin a motion to `position` [m] at `speed` [m/s]; done when no longer busy. Raises NotConnected, NotReady."""
-
-    def stop(self) -> None:
-        """Begin to stop; done when no longer busy. Raises NotConnected."""
-
-    def ask(self, stamp: int) -> None:
-        """Request a report, which will carry `stamp`. Nothing happens while disconnected. Raises NotConnected."""
-
-    def poll(self) -> PusherReport | None:
-        """Read and act; the newest report that came. Raises every PusherError, once, with the pusher told to stop."""
-
-
-@dataclass(frozen=True)
-class Status:
-    """A status report, in the controller's units (mm or inch, per minute)."""
-
-    state: str  # Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep; grblHAL also Tool
-    substate: int | None = None  # Hold:0 at rest, Hold:1 braking; Door:0-3
-    machine_position: tuple[float, ...] | None = None  # MPos
-    work_position: tuple[float, ...] | None = None  # WPos
-    work_offset: tuple[float, ...] | None = None  # WCO = MPos - WPos
-    buffer: tuple[int, ...] | None = None  # Bf: free blocks of the planner, free bytes of the receiver
-    line: int | None = None  # Ln
-    feed: float | None = None  # F, FS
-    spindle: float | None = None  # FS [1/min]
-    pins: str = ""  # Pn: active inputs, X Y Z for limit switches
-    overrides: tuple[int, ...] | None = None  # Ov: feed, rapids, spindle [%]
-    accessories: str = ""  # A
-    others: dict[str, str] = field(default_factory=dict)  # fields of other firmware
-
-
-STATUS = re.compile(r"<([A-Za-z]+)(?::(\d+))?((?:\|[^<>|]+)*)>")
-GREETING = re.compile(r"grbl(?:hal)? (\d+\.\S+) \[.*\]", re.IGNORECASE)
-BUILD = re.compile(r"\[VER:([^:\]]+)")
-SETTING = re.compile(r"\$(\d+)=([^ (]*)")
-ERROR = re.compile(r"error:\s*(\d+)")
-ALARM = re.compile(r"ALARM:\s*(\d+)")
-
-# in any other state (Hold, Door, Check ...) the pusher rests and accepts no motion: HOLD
-STATE_MODES = {
-    "Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM, "Sleep": Mode.ALARM,
-}  # fmt: skip
-
-
-class RealTime(Enum):
-    """Single bytes obeyed at once, outside the flow of lines."""
-
-    ASK = b"?"
-    HOLD = b"!"
-    RESUME = b"~"
-    RESET = b"\x18"
-    CANCEL_JOG = b"\x85"
-
-
-def parse_status(line: str) -> Status | None:
-    """The status report in a line; None where there is none, or only a damaged one."""
-    match = STATUS.search(line)
-    if match is None:
-        return None
-    state, substate, rest = match.groups()
-    fields = dict(text.partition(":")[::2] for text in rest.split("|")[1:])
-
-    def numbers(key: str) -> tuple[float, ...] | None:
-        text = fields.pop(key, None)
-        return None if text is None else tuple(float(number) for number in text.split(","))
-
-    def integers(key: str) -> tuple[int, ...] | None:
-        text = fields.pop(key, None)
-        return None if text is None else tuple(int(number) for number in text.split(","))
-
-    try:
-        feed, spindle = (*(numbers("FS") or numbers("F") or (None,)), None)[:2]
-        return Status(
-            state=state,
-            substate=None if substate is None else int(substate),
-            machine_position=numbers("MPos"),
-            work_position=numbers("WPos"),
-            work_offset=numbers("WCO"),
-            buffer=integers("Bf"),
-            line=(integers("Ln") or (None,))[0],
-            feed=feed,
-            spindle=spindle,
-            pins=fields.pop("Pn", ""),
-            overrides=integers("Ov"),
-            accessories=fields.pop("A", ""),
-            others=fields,
-        )
-    except ValueError:
-        return None  # bytes were lost inside a number; the next report is a twentieth of a second away
 
 
 class Grbl:
