@@ -10,7 +10,7 @@ import yaml
 from geometry_msgs.msg import Vector3
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -271,8 +271,6 @@ def test_a_bag_of_another_writer_is_read(tmp_path, version):
 
 def test_qos_survives_as_discovery_tells_it(tmp_path):
     """Discovery knows neither history nor depth."""
-    from rclpy.qos import HistoryPolicy
-
     told = QoSProfile(history=HistoryPolicy.UNKNOWN, depth=0, reliability=ReliabilityPolicy.RELIABLE,
                       durability=DurabilityPolicy.VOLATILE, deadline=bag.INFINITE, lifespan=bag.INFINITE,
                       liveliness_lease_duration=bag.INFINITE)  # fmt: skip
@@ -337,7 +335,8 @@ def test_no_flipped_byte_causes_a_traceback(tmp_path, flushed, rng):
         flipped = bytearray(content)
         flipped[where] ^= 1 << int(rng.integers(8))
         damaged.write_bytes(flipped)
-        for use in (bag.describe, lambda path: list(bag.read(path)), lambda path: bag.recover(path, tmp_path / f"out{number}")):  # noqa: B023
+        out = tmp_path / str(number)
+        for use in (bag.describe, lambda path: list(bag.read(path)), lambda path, out=out: bag.recover(path, out)):
             try:
                 use(damaged)
             except InvalidInput as error:
@@ -490,6 +489,18 @@ def test_messages_that_are_not_of_ros_2_are_refused(tmp_path):
             InvalidInput, match=r"foreign\.mcap: /foreign is encoded as 'json', expected ROS 2 messages \(cdr\)"
         ):
             use(path)
+
+
+def test_qos_that_is_not_that_of_rosbag2_is_refused(tmp_path):
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", bag.definition(STRING).encode())
+        writer.register_channel("/text", "cdr", schema, {"offered_qos_profiles": "- reliability: perfect"})
+        writer.finish()
+    with pytest.raises(InvalidInput, match=r"foreign\.mcap: /text has QoS profiles that are not those of rosbag2"):
+        bag.describe(path)
 
 
 def test_a_file_without_summary_is_read_and_recovered(tmp_path):

@@ -40,6 +40,9 @@ def pushfric(*arguments):
         (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
         (["import", "zhou2015", "none.csv", "--out", "bag"], "none.csv: no such file"),
         (["run", "none.yaml"], "none.yaml: cannot be read"),
+        (["push"], "No such command 'push'; see pushfric --help"),
+        (["demo", "--seed", "x"], "Invalid value for '--seed'"),
+        (["estimate"], "Missing argument"),
     ],
 )
 def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, error):

@@ -145,7 +145,7 @@ def _qos_entry(qos: QoSProfile) -> dict[str, Any]:
         "lifespan": _duration_entry(qos.lifespan),
         "liveliness": qos.liveliness.name.lower(),
         "liveliness_lease_duration": _duration_entry(qos.liveliness_lease_duration),
-        "avoid_ros_namespace_conventions": qos.avoid_ros_namespace_conventions,
+        "avoid_ros_namespace_conventions": False,
     }
 
 
@@ -164,14 +164,13 @@ def _qos_profile(entry: dict[str, Any]) -> QoSProfile:
 
     return QoSProfile(
         history=policy(HistoryPolicy, entry["history"]),
-        depth=entry["depth"],
+        depth=int(entry["depth"]),
         reliability=policy(ReliabilityPolicy, entry["reliability"]),
         durability=policy(DurabilityPolicy, entry["durability"]),
         deadline=duration(entry["deadline"]),
         lifespan=duration(entry["lifespan"]),
         liveliness=policy(LivelinessPolicy, entry["liveliness"]),
         liveliness_lease_duration=duration(entry["liveliness_lease_duration"]),
-        avoid_ros_namespace_conventions=entry["avoid_ros_namespace_conventions"],
     )
 
 
@@ -443,14 +442,13 @@ def _whole_records(file: pathlib.Path) -> Iterator[McapRecord]:
 
 
 def _topic(schema: Schema | None, channel: Channel, message_count: int, file: pathlib.Path) -> Topic:
-    profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
-    return Topic(
-        channel.topic,
-        _type_name(schema, channel, file),
-        tuple(_qos_profile(entry) for entry in profiles),
-        channel.metadata.get("topic_type_hash", ""),
-        message_count,
-    )
+    type_name = _type_name(schema, channel, file)
+    try:
+        entries = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
+        profiles = tuple(_qos_profile(entry) for entry in entries)
+    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InvalidInput(f"{file}: {channel.topic} has QoS profiles that are not those of rosbag2") from error
+    return Topic(channel.topic, type_name, profiles, channel.metadata.get("topic_type_hash", ""), message_count)
 
 
 def _type_name(schema: Schema | None, channel: Channel, file: pathlib.Path) -> str:
@@ -467,7 +465,7 @@ def _finished_files(path: PathLike) -> list[pathlib.Path]:
     for file in files:
         _check_begin(file)
         with file.open("rb") as stream:
-            stream.seek(-len(MCAP0_MAGIC), os.SEEK_END)
+            stream.seek(max(len(MCAP0_MAGIC), file.stat().st_size - len(MCAP0_MAGIC)))
             if stream.read() != MCAP0_MAGIC:
                 raise InvalidInput(f"{file}: the recording was cut short, expected a finished file; recover() saves the rest")
     return files

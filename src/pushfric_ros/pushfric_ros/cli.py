@@ -22,7 +22,6 @@ from pushfric_ros.object_file import ObjectModel, load_object, read_points
 from pushfric_ros.report import report, to_json, truth
 
 app = typer.Typer(
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
     help="Push an object a few times; learn its support friction, its centre of friction and the pusher's contact friction.",
@@ -44,13 +43,13 @@ GridOption = Annotated[
 ]
 SupportPointsOption = Annotated[
     pathlib.Path | None,
-    typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].", show_default=False),
+    typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
 ]
 TermsOption = Annotated[
     str, typer.Option("--terms", help=f"What the fit error is made of, comma-separated: {', '.join(TERMS)}.")
 ]
 HalfWidthOption = Annotated[
-    float, typer.Option("--half-width", help="Half the interval of possible contact points [m] (eqs 5, 6).")
+    float, typer.Option("--half-width", help="Half the interval of possible contact points (m; eqs 5, 6).")
 ]
 MuBoundOption = Annotated[float, typer.Option("--mu-bound", help="Known upper bound on mu_c, for the term cone (eqs 9, 10).")]
 NonnegativeOption = Annotated[
@@ -227,22 +226,30 @@ def _warn(line: str) -> None:
     console.print(f"warning: {line}", highlight=False, markup=False)
 
 
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
+"""A command line that names no known command or option, or gives a value of the wrong kind."""
+
+
 def main() -> None:
     """Entry point. Unusable input ends with one line and exit code 2."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        app()
+        sys.exit(app(prog_name="pushfric", standalone_mode=False))
+    except UsageError as error:
+        _fail(f"{error.format_message().rstrip('.')}; see pushfric --help", 2)  # type: ignore[attr-defined]
     except InvalidInput as error:
-        console.print(f"error: {error}", highlight=False, markup=False, soft_wrap=True)
-        sys.exit(2)
+        _fail(str(error), 2)
     except RunFailed as error:
-        console.print(f"error: {error}", highlight=False, markup=False, soft_wrap=True)
-        sys.exit(error.code)
+        _fail(str(error), error.code)
     except PushfricError as error:
-        console.print(f"error: {error}", highlight=False, markup=False, soft_wrap=True)
-        sys.exit(1)
-    except KeyboardInterrupt:
+        _fail(str(error), 1)
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
+
+
+def _fail(line: str, code: int) -> None:
+    console.print(f"error: {line}", highlight=False, markup=False)
+    sys.exit(code)
 
 
 if __name__ == "__main__":
