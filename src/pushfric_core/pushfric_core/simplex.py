@@ -18,6 +18,7 @@ settled in a ball around c need not be looked at while w stays in it. Of two nes
 and from the rows of the large one only: so the cost of a data point does not depend on the number before it.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +38,9 @@ Search = tuple[int, float, Indices]
 
 ZERO = 1e-14
 """Residuals within this of zero are rounding: the side of such a row is remembered, not read off."""
+
+OWN_GAP = RELATIVE_GAP / 2
+"""Half of what the certificate allows: it adds up in another order, and must come to the same conclusion."""
 
 VIOLATED = HARD_VIOLATION / 4
 """A hard row is violated beyond this: well within what the certificate allows, as it measures by the largest coefficient."""
@@ -65,8 +69,8 @@ GOLDEN = (np.sqrt(5) - 1) / 2
 REFRESH = 100
 """B^-1 is computed afresh after this many updates, before their rounding errors show."""
 
-ROUNDS = 30
-"""Cap on the rounds of a solve, and on the exchanges per condition in each: then the certificate judges what there is."""
+ROUNDS, EXCHANGES = 15, 20
+"""Caps on the descents of a solve and, times n + 10, on the exchanges of each: then the certificate judges what there is."""
 
 FAR, CLOSE = 4096, 192
 """Rows left unsettled in the two balls. Sorting 4096 takes some 0.3 ms; an exchange hardly slows down until a few hundred."""
@@ -105,7 +109,6 @@ class Simplex:
         self._n = n
         self._rows = np.zeros(2 * CLOSE, _row_type(n))  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
-        self._worst = 0.0  # the worst F any w could have, as `linear_program.certify` has it
         self._vertex = _Vertex(n)
         self._infeasible = False
         self._metric = np.eye(n)  # |v| is the length of metric @ v
@@ -126,7 +129,6 @@ class Simplex:
             self._rows = np.concatenate((self._rows, np.zeros(self._count, self._rows.dtype)))
         self._rows[first : self._count] = records
         self._groups += 1
-        self._worst += _worst(records)
         if self._vertex.has_room(len(records)):
             self._vertex.append(records, np.arange(first, self._count))
         else:
@@ -147,7 +149,6 @@ class Simplex:
         far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
         self._vertex.settled[FIT] -= gradients[settled].sum(axis=0)
         self._far.gradient -= gradients[far].sum(axis=0)
-        self._worst -= _worst(rows)
         self._removed += len(rows)
         # without cost, a row is in nobody's way: it may stay active until an exchange takes it out
         rows["cost"] = rows["scale"] = 0.0
@@ -197,18 +198,16 @@ class Simplex:
         a, above, below = rows
         m = len(above)
         if not m or a.shape != (m, self._n) or below.shape != (m,):
-            raise ValueError(
-                f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}"
-            )
-        peak = np.abs(a).max(axis=1)
-        if not np.isfinite(peak).all():
+            raise ValueError(f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}")
+        peak, cost = np.abs(a).max(axis=1), np.array((above, below))
+        if not math.isfinite(peak.sum()):
             raise ValueError("the coefficients of the rows must be finite")
-        scale = np.ldexp(1.0, np.frexp(peak)[1])
-        cost = np.array((above, below)) * scale
-        if not (cost >= 0).all():
+        if not cost.min() >= 0:
             raise ValueError("the costs of the rows must not be negative or NaN")
-        # a row of zeros costs nothing, and no w violates it
-        cost[:, peak == 0] = 0.0
+        scale = np.ldexp(1.0, np.frexp(peak)[1])
+        cost *= scale
+        if not peak.all():
+            cost[:, peak == 0] = 0.0  # a row of zeros costs nothing, and no w violates it
         records = np.zeros(m, self._rows.dtype)
         records["a"] = a / scale[:, None]
         records["cost"] = cost.T
@@ -238,16 +237,21 @@ class Simplex:
     def _judge(self) -> Optimum:
         """The certificate of `linear_program.certify`, from sums over the settled rows."""
         objective, lower_bound = self._vertex.bounds()
+        # F >= 0 always; without a feasible w, nothing better is known
         lower_bound = 0.0 if self._infeasible else max(0.0, min(lower_bound, objective))
         gap = objective - lower_bound
         if self._infeasible:
             status = Status.INFEASIBLE
-        elif gap <= RELATIVE_GAP / 2 * max(objective, NOISELESS * self._worst):
+        elif gap <= OWN_GAP * objective or gap <= OWN_GAP * NOISELESS * self._worst():
             status = Status.OPTIMAL
         else:
             status = Status.UNCERTIFIED
-        w = np.maximum(self._vertex.w, 0.0)
-        return Optimum(w / w.sum(), objective, lower_bound, gap, status)
+        return Optimum(self._vertex.w, objective, lower_bound, gap, status)
+
+    def _worst(self) -> float:
+        """The largest F any w could have, as `linear_program.certify` estimates it; O(M), but asked for noiseless data only."""
+        rows = self._rows[: self._count]
+        return float(np.abs(rows["a"]).max(axis=1) @ _finite(rows["cost"]).max(axis=1))
 
     def _sort(self, effort: int = 0) -> None:
         """Centre the close ball on w: settle the rows far from zero there, and give the vertex the others.
@@ -315,19 +319,22 @@ class _Vertex:
         self.cost = np.zeros((2, 2, self.fixed))  # of VIOLATION and of FIT; above and below
         self.cost[:, :, 0] = np.inf
         self.cost[:, 1, 1:] = [[NEGATIVE_WEIGHT], [np.inf]]
-        self.kink = self.cost.sum(axis=1)
-        self.finite = np.zeros((2, self.fixed))  # the finite costs of FIT; above and below
-        self.y = np.zeros((2, self.fixed))  # multipliers, per cost: the finite slope on its side, 0 while active
+        self.kink = self.cost[:, 0] + self.cost[:, 1]
+        self.slope = np.zeros((2, 2, self.fixed))  # derivative per cost, above and below zero; 0 on a hard side
+        self.slope[VIOLATION, 1, 1:] = -NEGATIVE_WEIGHT
+        self.y = np.zeros((2, self.fixed))  # multipliers, per cost: the slope on its side, 0 while active
         self.reserve(2 * CLOSE)
         self.limit = len(self.row)  # of count: beyond, rows should be settled
         self.product = np.empty((n, n))
+        self.moved = False  # since `locate`
         self.restart()
 
     def restart(self) -> None:
         """Stand where the last support point bears everything."""
         self.active = np.arange(self.n)
-        self.put(np.flatnonzero(self.side == 0), 1.0)
-        self.put(self.active, 0.0)
+        left = np.flatnonzero(self.side == 0)
+        self.put(left, np.ones(len(left)))
+        self.activate(self.active)
         self.dual = np.zeros(self.n)  # multipliers of the active conditions
         self.invert()
         self.locate()
@@ -344,7 +351,7 @@ class _Vertex:
 
         self.a = np.ascontiguousarray(resized(self.a.T).T)
         self.row, self.value, self.side, self.y = map(resized, (self.row, self.value, self.side, self.y))
-        self.cost, self.kink, self.finite = map(resized, (self.cost, self.kink, self.finite))
+        self.cost, self.kink, self.slope = map(resized, (self.cost, self.kink, self.slope))
 
     def has_room(self, rows: int) -> bool:
         return self.count + rows <= self.limit
@@ -357,9 +364,10 @@ class _Vertex:
         self.a[new] = a = records["a"]
         self.value[new] = value = a @ self.w
         self.cost[FIT, :, new] = cost = records["cost"].T
-        self.cost[VIOLATION, :, new] = np.isinf(cost)
+        self.cost[VIOLATION, :, new] = hard = np.isinf(cost)
         self.kink[:, new] = self.cost[:, 0, new] + self.cost[:, 1, new]
-        self.finite[:, new] = _finite(cost)
+        self.slope[:, 0, new] = hard[0], np.where(hard[0], 0.0, cost[0])
+        self.slope[:, 1, new] = -hard[1].astype(float), np.where(hard[1], 0.0, -cost[1])
         self.put(new, _side(value, records["side"]))
 
     def replace(self, records: Records, numbers: Indices) -> None:
@@ -371,12 +379,12 @@ class _Vertex:
             self.reserve(2 * self.limit)
         self.append(records, numbers)
         self.active = np.where(active_rows < 0, self.active, self.fixed + np.searchsorted(numbers, active_rows))
-        self.put(self.active, 0.0)
+        self.activate(self.active)
 
     def free(self, numbers: Indices) -> Mask:
         """Take the costs of these consecutive rows away; tells which of them are here."""
         first, last = self.fixed + np.searchsorted(self.row[self.fixed : self.count], (numbers[0], numbers[-1] + 1))
-        for costs in (self.cost, self.kink, self.finite, self.y):
+        for costs in (self.cost, self.kink, self.slope, self.y):
             costs[..., first:last] = 0.0
         return np.isin(numbers, self.row[first:last])
 
@@ -388,17 +396,22 @@ class _Vertex:
         rows = slice(self.fixed, self.count)
         return self.row[rows], self.side[rows]
 
-    def put(self, conditions: slice | Indices, side: float | Array) -> None:
-        """Put conditions on a side."""
+    def put(self, conditions: slice | Indices, side: Array) -> None:
+        """Put inactive conditions on a side, +1 or -1."""
         self.side[conditions] = side
-        self.y[:, conditions] = _finite(_slope(side, self.cost[:, 0, conditions], self.cost[:, 1, conditions]))
+        self.y[:, conditions] = np.where(side > 0, self.slope[:, 0, conditions], self.slope[:, 1, conditions])
+
+    def activate(self, conditions: int | Indices) -> None:
+        self.side[conditions] = 0.0
+        self.y[:, conditions] = 0.0
 
     def violation(self) -> float:
         """The largest of a hard condition."""
-        return float(np.abs(self.value[self._on_hard_side()]).max(initial=0.0))
+        wrong = self._on_hard_side()
+        return float(np.abs(self.value[wrong]).max()) if wrong.size else 0.0
 
     def _on_hard_side(self) -> Indices:
-        return np.flatnonzero(self.y[VIOLATION, : self.count])
+        return self.y[VIOLATION, : self.count].nonzero()[0]
 
     # ---- the walk
 
@@ -408,12 +421,12 @@ class _Vertex:
         cost, kink = self.cost[phase], self.kink[phase]
         # where F counts, a condition on its hard side is met, but by rounding only: it blocks either way
         blocked = self._on_hard_side() if phase == FIT else np.arange(0)
-        box, slopes = cost[:, self.active], np.empty((2, self.n))
+        box, slopes = cost.take(self.active, axis=1), np.empty((2, self.n))
         tolerance = stalled = 0.0
-        for exchanges in range(ROUNDS * self.count):
+        for exchanges in range(EXCHANGES * (10 + self.n)):
             gradient = self.settled[phase] + y @ a
             if exchanges == 0:
-                tolerance = flat * max(gradient.max(), -gradient.min())
+                tolerance = flat * math.sqrt(gradient @ gradient)
             multipliers = gradient @ self.inverse
             np.add(box[0], multipliers, out=slopes[0])
             np.subtract(box[1], multipliers, out=slopes[1])
@@ -434,8 +447,10 @@ class _Vertex:
             value += step * change
             if crossed.size:
                 self.put(crossed, -side[crossed])
-            self.put(self.active[i], 1.0 if upwards else -1.0)
-            self.put(entering, 0.0)
+            leaving = self.active[i]
+            side[leaving] = 1.0 if upwards else -1.0
+            self.y[:, leaving] = self.slope[:, 0 if upwards else 1, leaving]
+            self.activate(entering)
             value[entering] = 0.0
             box[:, i] = cost[:, entering]
             self._exchange(i, entering)
@@ -450,15 +465,15 @@ class _Vertex:
 
     def _search(self, value: Array, side: Array, kink: Array, approach: Array, slope: float) -> Search | None:
         """The condition at which F turns upwards, how far it is, and the conditions crossed before."""
-        ahead = np.flatnonzero(approach < -PARALLEL)
-        speed = -approach[ahead]
-        distance = np.maximum(side[ahead] * value[ahead], 0.0) / speed
+        ahead = (approach < -PARALLEL).nonzero()[0]
+        speed = -approach.take(ahead)
+        distance = np.maximum((side * value).take(ahead), 0.0) / speed
         order = distance.argsort()
-        slopes = slope + (kink[ahead] * speed)[order].cumsum()
-        turn = int(slopes.searchsorted(0.0))
+        slopes = (kink.take(ahead) * speed).take(order).cumsum()
+        turn = int(slopes.searchsorted(-slope))
         if turn == len(order):
             return None  # rounding only, as F is bounded below
-        distances = distance[order]
+        distances = distance.take(order)
         tied = order[turn : distances.searchsorted(distances[turn] + TIE, "right")]
         best = tied[speed[tied].argmax()] if len(tied) > 1 else tied[0]
         return ahead[best], float(distance[best]), ahead[order[:turn]]
@@ -473,6 +488,7 @@ class _Vertex:
     def _exchange(self, i: int, entering: int) -> None:
         """Put a condition in the place of the i-th active one."""
         self.active[i] = entering
+        self.moved = True
         self.updates += 1
         if self.updates > REFRESH:
             self.invert()
@@ -493,19 +509,23 @@ class _Vertex:
     def invert(self) -> None:
         """B^-1 afresh."""
         self.inverse = np.linalg.inv(self.a[self.active])
+        self.moved = True
         self.updates = 0
 
     def locate(self) -> bool:
         """w and all values afresh from the active conditions; False if a condition turns out to be on its other side."""
+        if not self.moved:
+            return True
         a = self.a[: self.count]
         w = self.inverse[:, 0].copy()
         error = self.a[self.active] @ w
         error[0] -= 1.0
         w -= self.inverse @ error
         w[np.abs(w) < ZERO] = 0.0
-        self.w = w
+        w.setflags(write=False)
+        self.w, self.moved = w, False
         self.value[: self.count] = value = a @ w
-        wrong = np.flatnonzero(self.side[: self.count] * value < -ZERO)
+        wrong = (self.side[: self.count] * value < -ZERO).nonzero()[0]
         if not wrong.size:
             return True
         self.put(wrong, -self.side[wrong])
@@ -515,11 +535,12 @@ class _Vertex:
 
     def bounds(self) -> tuple[float, float]:
         """F(w), and a bound below it from the multipliers."""
-        value, (above, below) = self.value[: self.count], self.finite[:, : self.count]
-        objective = self.settled[FIT] @ self.w + np.maximum(above * value, -below * value).sum()
+        value, (above, below) = self.value[: self.count], self.slope[FIT, :, : self.count]
+        objective = self.settled[FIT] @ self.w + np.maximum(above * value, below * value).sum()
         y = self.y[FIT, : self.count].copy()
         y[self.active] = self.dual
-        return float(objective), float((self.settled[FIT] + y @ self.a[: self.count]).min())
+        gradient = self.settled[FIT] + y @ self.a[: self.count]
+        return float(objective), float(gradient.min())
 
     def active_rows(self) -> tuple[Indices, Array]:
         """Numbers and multipliers of the active rows."""

@@ -7,10 +7,12 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
@@ -103,7 +105,9 @@ class PlayerNode(Node):
         names = []
         for text in filter(None, texts):
             try:
-                name = self.resolve_topic_name(text, only_expand=True)  # remapping applies to what is published, not to the bag
+                # not remapped: that applies to what is published, not to the bag
+                name = expand_topic_name(text, self.get_name(), self.get_namespace())
+                validate_full_topic_name(name)
             except InvalidTopicNameException as error:
                 raise InvalidInput(f"{where}: {text!r} is not a topic") from error
             if name not in known:

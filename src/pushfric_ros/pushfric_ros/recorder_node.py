@@ -7,8 +7,10 @@ from typing import Any, NamedTuple
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import setting
@@ -98,9 +100,10 @@ class RecorderNode(Node):
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
         try:
-            return topic._replace(name=self.resolve_topic_name(topic.name))
+            validate_full_topic_name(expand_topic_name(topic.name, self.get_name(), self.get_namespace()))
         except InvalidTopicNameException as error:
             raise InvalidInput(f"{self.get_fully_qualified_name()}: parameter topics: {topic.name!r} is not a topic") from error
+        return topic._replace(name=self.resolve_topic_name(topic.name))
 
     def _record(
         self, name: str, type_name: str, offered: Sequence[QoSProfile], wanted: QoSProfile, hash_text: str | None = None
@@ -148,6 +151,7 @@ class RecorderNode(Node):
                 self.get_logger().error(f"{name} is not recorded: {error}")
 
     def _on_message_lost(self, event: QoSMessageLostInfo) -> None:
+        """The middleware tells of messages lost on the way, not of those a full queue pushes out."""
         self._lost += event.total_count_change
 
     def _health(self) -> Health:
