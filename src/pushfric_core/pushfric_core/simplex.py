@@ -30,26 +30,24 @@ from pushfric_core.planar import Array
 
 Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
-Records = npt.NDArray[np.void]
-AnyArray = npt.NDArray[Any]
-Search = tuple[int, float, Indices]
+Rows = npt.NDArray[np.void]  # of `_row_type`
 
-# Rows are scaled to a largest coefficient in [1/2, 1), so these tolerances on them are absolute.
+# Rows are scaled to a largest coefficient in [1/2, 1), so that tolerances on them are absolute.
 
 ZERO = 1e-14
-"""Residuals within this of zero are rounding: the side of such a row is remembered, not read off."""
+"""Values within this of zero are rounding: the side of such a row is remembered, not read off."""
+
+VIOLATED = HARD_VIOLATION / 4
+"""A hard row is violated beyond this: well within what the certificate allows, which measures by the largest coefficient."""
 
 OWN_GAP = RELATIVE_GAP / 2
 """Half of what the certificate allows: it adds up in another order, and must come to the same conclusion."""
-
-VIOLATED = HARD_VIOLATION / 4
-"""A hard row is violated beyond this: well within what the certificate allows, as it measures by the largest coefficient."""
 
 NEGATIVE_WEIGHT = 1e3
 """Cost of a negative w_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
 
 FLAT = (1e-12, 1e-15)
-"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried where the first is too coarse."""
+"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried if the first is too coarse."""
 
 PARALLEL = 1e-11
 """A row that changes by less than this along an edge is parallel to it: exchanging it would make B singular."""
@@ -63,7 +61,7 @@ STALLED = 12
 SHIFT = 1e-10
 """By about this much: far above rounding, and so small that hardly an exchange is wrong when the shift is taken back."""
 
-GOLDEN = (np.sqrt(5) - 1) / 2
+GOLDEN = (math.sqrt(5) - 1) / 2
 """Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
 
 REFRESH = 100
@@ -73,13 +71,16 @@ ROUNDS, EXCHANGES = 15, 20
 """Caps on the descents of a solve and, times n + 10, on the exchanges of each: then the certificate judges what there is."""
 
 FAR, CLOSE = 4096, 192
-"""Rows left unsettled in the two balls. Sorting 4096 takes some 0.3 ms; an exchange hardly slows down until a few hundred."""
+"""Rows left unsettled in the two balls. Sorting 4096 takes some 0.5 ms; an exchange hardly slows down until a few hundred."""
 
 FLOOR = 1e-9
 """Least radius of a ball: the rows of noiseless data are all zero, and none of them is ever settled."""
 
 RIDGE = 1e-5
 """Part of the identity in C: keeps it invertible before the rows span all directions."""
+
+SAMPLE = 512
+"""Rows, or 2 n if that is more, that C is taken from."""
 
 VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
 
@@ -107,14 +108,14 @@ class Simplex:
         if n < 1:
             raise ValueError(f"n must be at least 1, got {n}")
         self._n = n
-        self._rows = np.zeros(2 * CLOSE, _row_type(n))  # in order of arrival, the first _count in use
+        self._rows: Rows = np.zeros(2 * CLOSE, _row_type(n))  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
         self._vertex = _Vertex(n)
         self._infeasible = False
         self._metric = np.eye(n)  # |v| is the length of metric @ v
-        self._metric_count = self._measured = 0  # rows there were when the metric was chosen; rows whose |a|* is known
+        self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
         self._far = self._close = _Ball(self._vertex.w, np.inf, np.zeros(n))
-        self._near = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
+        self._near: Indices = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
         self._fresh = 0
 
     def add(self, rows: ConstraintRows) -> None:
@@ -123,14 +124,16 @@ class Simplex:
         Raises:
             ValueError: shapes that do not fit, no rows, coefficients that are not finite, costs that are negative or NaN.
         """
-        records = self._records(rows)
-        first, self._count = self._count, self._count + len(records)
+        new = self._scaled(rows)
+        first, self._count = self._count, self._count + len(new)
         if self._count > len(self._rows):
-            self._rows = np.concatenate((self._rows, np.zeros(self._count, self._rows.dtype)))
-        self._rows[first : self._count] = records
+            grown = np.empty(2 * self._count, self._rows.dtype)
+            grown[:first] = self._rows[:first]
+            self._rows = grown
+        self._rows[first : self._count] = new
         self._groups += 1
-        if self._vertex.has_room(len(records)):
-            self._vertex.append(records, np.arange(first, self._count))
+        if self._vertex.has_room(len(new)):
+            self._vertex.append(new, np.arange(first, self._count))
         else:
             self._sort()
 
@@ -144,7 +147,7 @@ class Simplex:
         rows, numbers = self._rows[first:last], np.arange(first, last)
         if not rows["scale"].any():
             raise ValueError(f"there is no group {group} to remove")
-        gradients = _finite(_slope(rows["side"], *rows["cost"].T))[:, None] * rows["a"]
+        gradients = _slope(rows)[:, None] * rows["a"]
         settled = ~self._vertex.free(numbers)
         far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
         self._vertex.settled[FIT] -= gradients[settled].sum(axis=0)
@@ -168,7 +171,7 @@ class Simplex:
         """The dual y of the last optimum, one per present row in order of arrival; O(M)."""
         self._remember_sides()
         rows = self._rows[: self._count]
-        y = _finite(_slope(rows["side"], *rows["cost"].T))
+        y = _slope(rows)
         numbers, active = self._vertex.active_rows()
         y[numbers] = active
         if self._infeasible or (y @ rows["a"]).min() < 0:
@@ -193,7 +196,7 @@ class Simplex:
             return []
         return [int(group) for group in np.unique(self._rows["group"][self._vertex.contradiction()])]
 
-    def _records(self, rows: ConstraintRows) -> Records:
+    def _scaled(self, rows: ConstraintRows) -> Rows:
         """The rows as they are stored: scaled by a power of two, which is exact."""
         a, above, below = rows
         m = len(above)
@@ -208,16 +211,16 @@ class Simplex:
         cost *= scale
         if not peak.all():
             cost[:, peak == 0] = 0.0  # a row of zeros costs nothing, and no w violates it
-        records = np.zeros(m, self._rows.dtype)
-        records["a"] = a / scale[:, None]
-        records["cost"] = cost.T
-        records["scale"] = scale
-        records["side"] = np.where(cost[0] <= cost[1], 1.0, -1.0)
-        records["group"] = self._groups
-        return records
+        new: Rows = np.empty(m, self._rows.dtype)
+        new["a"] = a / scale[:, None]
+        new["cost"] = cost.T
+        new["scale"] = scale
+        new["side"] = np.where(cost[0] <= cost[1], 1.0, -1.0)
+        new["group"] = self._groups
+        return new
 
     def _optimise(self, flat: float) -> Optimum:
-        """Lexicographic descent, until w is optimal for the unsettled rows and none of the others were settled wrongly."""
+        """Lexicographic descent, until w is optimal for the unsettled rows and no other was settled wrongly."""
         vertex = self._vertex
         for effort in range(ROUNDS):
             shift = SHIFT * 0.1**effort
@@ -237,6 +240,9 @@ class Simplex:
     def _judge(self) -> Optimum:
         """The certificate of `linear_program.certify`, from sums over the settled rows."""
         objective, lower_bound = self._vertex.bounds()
+        w = self._vertex.w
+        if w.min() < 0:  # the descent was cut short, or led nowhere
+            w, _, objective, *_ = self.certificate()
         # F >= 0 always; without a feasible w, nothing better is known
         lower_bound = 0.0 if self._infeasible else max(0.0, min(lower_bound, objective))
         gap = objective - lower_bound
@@ -246,7 +252,7 @@ class Simplex:
             status = Status.OPTIMAL
         else:
             status = Status.UNCERTIFIED
-        return Optimum(self._vertex.w, objective, lower_bound, gap, status)
+        return Optimum(w, objective, lower_bound, gap, status)
 
     def _worst(self) -> float:
         """The largest F any w could have, as `linear_program.certify` estimates it; O(M), but asked for noiseless data only."""
@@ -256,18 +262,17 @@ class Simplex:
     def _sort(self, effort: int = 0) -> None:
         """Centre the close ball on w: settle the rows far from zero there, and give the vertex the others.
 
-        Every effort doubles the balls, so that a descent that leads out of one again and again ends with all rows unsettled.
+        Each effort doubles the balls, so that a descent that leads out of them again and again ends with all rows unsettled.
         """
         self._remember_sides()
-        w, close, far = self._vertex.w, CLOSE + self._n << effort, FAR << effort
+        w = self._vertex.w
         grown = self._count - self._fresh > max(FAR, len(self._near))
         if self._measure() or effort or grown or not self._far.holds(w, 2 * self._metric):
-            rows = self._rows[: self._count]
-            unsettled, self._far = _settle(rows, w, far)
+            unsettled, self._far = _settle(self._rows[: self._count], w, FAR << effort)
             self._near, self._fresh = np.flatnonzero(unsettled), self._count
         near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
         rows = self._rows[near]
-        unsettled, self._close = _settle(rows, w, close)
+        unsettled, self._close = _settle(rows, w, CLOSE + self._n << effort)
         self._rows["side"][near] = rows["side"]
         # w is within half the far radius now: whatever the close ball allows stays in the far one
         self._close.radius = min(self._close.radius, self._far.radius / 2)
@@ -280,7 +285,7 @@ class Simplex:
             self._compact()
         renew = self._count >= 2 * self._metric_count
         if renew:
-            sample = self._rows["a"][: self._count : 1 + self._count // max(512, 2 * self._n)]
+            sample = self._rows["a"][: self._count : 1 + self._count // max(SAMPLE, 2 * self._n)]
             second_moment = sample.T @ sample / len(sample) + RIDGE * np.eye(self._n)
             self._metric = np.linalg.cholesky(second_moment).T
             self._metric_count, self._measured = self._count, 0
@@ -316,26 +321,24 @@ class _Vertex:
         self.row = np.full(self.fixed, -1)  # number of the row
         self.value = np.zeros(self.fixed)  # a . w, or shifted from it while a degenerate vertex is left
         self.side = np.ones(self.fixed)  # +1, -1, or 0 while active: explicit, for at zero the value does not tell
-        self.cost = np.zeros((2, 2, self.fixed))  # of VIOLATION and of FIT; above and below
+        self.cost = np.zeros((2, 2, self.fixed))  # VIOLATION and FIT; above and below zero
         self.cost[:, :, 0] = np.inf
         self.cost[:, 1, 1:] = [[NEGATIVE_WEIGHT], [np.inf]]
-        self.kink = self.cost[:, 0] + self.cost[:, 1]
-        self.slope = np.zeros((2, 2, self.fixed))  # derivative per cost, above and below zero; 0 on a hard side
+        self.slope = np.zeros((2, 2, self.fixed))  # derivative of the cost there; 0 where it is infinite
         self.slope[VIOLATION, 1, 1:] = -NEGATIVE_WEIGHT
         self.y = np.zeros((2, self.fixed))  # multipliers, per cost: the slope on its side, 0 while active
         self.reserve(2 * CLOSE)
-        self.limit = len(self.row)  # of count: beyond, rows should be settled
+        self.limit = len(self.row)  # of count: beyond, rows ought to be settled
         self.product = np.empty((n, n))
-        self.moved = False  # since `locate`
         self.restart()
 
     def restart(self) -> None:
         """Stand where the last support point bears everything."""
-        self.active = np.arange(self.n)
         left = np.flatnonzero(self.side == 0)
         self.put(left, np.ones(len(left)))
+        self.active = np.arange(self.n)
         self.activate(self.active)
-        self.dual = np.zeros(self.n)  # multipliers of the active conditions
+        self.dual = np.zeros(self.n)  # multipliers of the active conditions, as `bounds` left them
         self.invert()
         self.locate()
 
@@ -344,47 +347,47 @@ class _Vertex:
     def reserve(self, rows: int) -> None:
         """Make room for so many rows; those there are lost."""
 
-        def resized(old: AnyArray) -> AnyArray:
+        def resized(old: npt.NDArray[Any]) -> npt.NDArray[Any]:
             new = np.zeros((*old.shape[:-1], self.fixed + rows), old.dtype)
             new[..., : self.fixed] = old[..., : self.fixed]
             return new
 
         self.a = np.ascontiguousarray(resized(self.a.T).T)
-        self.row, self.value, self.side, self.y = map(resized, (self.row, self.value, self.side, self.y))
-        self.cost, self.kink, self.slope = map(resized, (self.cost, self.kink, self.slope))
+        self.row, self.value, self.side = map(resized, (self.row, self.value, self.side))
+        self.cost, self.slope, self.y = map(resized, (self.cost, self.slope, self.y))
 
     def has_room(self, rows: int) -> bool:
         return self.count + rows <= self.limit
 
-    def append(self, records: Records, numbers: Indices) -> None:
+    def append(self, rows: Rows, numbers: Indices) -> None:
         """Add inactive rows, numbered upwards."""
-        new = slice(self.count, self.count + len(records))
+        new = slice(self.count, self.count + len(rows))
         self.count = new.stop
         self.row[new] = numbers
-        self.a[new] = a = records["a"]
+        self.a[new] = a = rows["a"]
         self.value[new] = value = a @ self.w
-        self.cost[FIT, :, new] = cost = records["cost"].T
+        self.cost[FIT, :, new] = cost = rows["cost"].T
         self.cost[VIOLATION, :, new] = hard = np.isinf(cost)
-        self.kink[:, new] = self.cost[:, 0, new] + self.cost[:, 1, new]
-        self.slope[:, 0, new] = hard[0], np.where(hard[0], 0.0, cost[0])
-        self.slope[:, 1, new] = -hard[1].astype(float), np.where(hard[1], 0.0, -cost[1])
-        self.put(new, _side(value, records["side"]))
+        self.slope[VIOLATION, :, new] = hard
+        self.slope[FIT, :, new] = np.where(hard, 0.0, cost)
+        self.slope[:, 1, new] *= -1.0
+        self.put(new, _side(value, rows["side"]))
 
-    def replace(self, records: Records, numbers: Indices) -> None:
+    def replace(self, rows: Rows, numbers: Indices) -> None:
         """Exchange all rows for others; the active ones must be among them."""
         active_rows = self.row[self.active]
         self.count = self.fixed
-        self.limit = self.fixed + len(records) + len(records) // 2 + CLOSE
+        self.limit = self.fixed + len(rows) + len(rows) // 2 + CLOSE
         if self.limit > len(self.row):
             self.reserve(2 * self.limit)
-        self.append(records, numbers)
+        self.append(rows, numbers)
         self.active = np.where(active_rows < 0, self.active, self.fixed + np.searchsorted(numbers, active_rows))
         self.activate(self.active)
 
     def free(self, numbers: Indices) -> Mask:
         """Take the costs of these consecutive rows away; tells which of them are here."""
         first, last = self.fixed + np.searchsorted(self.row[self.fixed : self.count], (numbers[0], numbers[-1] + 1))
-        for costs in (self.cost, self.kink, self.slope, self.y):
+        for costs in (self.cost, self.slope, self.y):
             costs[..., first:last] = 0.0
         return np.isin(numbers, self.row[first:last])
 
@@ -417,73 +420,69 @@ class _Vertex:
 
     def descend(self, phase: int, flat: float, shift: float) -> None:
         """Exchange conditions until no edge descends."""
-        a, value, side, y = self.a[: self.count], self.value[: self.count], self.side[: self.count], self.y[phase, : self.count]
-        cost, kink = self.cost[phase], self.kink[phase]
-        # where F counts, a condition on its hard side is met, but by rounding only: it blocks either way
-        blocked = self._on_hard_side() if phase == FIT else np.arange(0)
-        box, slopes = cost.take(self.active, axis=1), np.empty((2, self.n))
-        tolerance = stalled = 0.0
-        for exchanges in range(EXCHANGES * (10 + self.n)):
-            gradient = self.settled[phase] + y @ a
-            if exchanges == 0:
-                tolerance = flat * math.sqrt(gradient @ gradient)
-            multipliers = gradient @ self.inverse
-            np.add(box[0], multipliers, out=slopes[0])
-            np.subtract(box[1], multipliers, out=slopes[1])
-            edge = int(slopes.argmin()) if phase == FIT else self._cheapest(slopes, tolerance)
-            slope = slopes.item(edge)
-            if slope >= -tolerance:
-                break
-            upwards, i = edge < self.n, edge % self.n
-            direction = self.inverse[:, i] if upwards else -self.inverse[:, i]
-            change = a @ direction
-            approach = side * change
-            if blocked.size:
-                approach[blocked] = -np.abs(change[blocked])
-            found = self._search(value, side, kink, approach, slope)
-            if found is None:
-                break
-            entering, step, crossed = found
-            value += step * change
-            if crossed.size:
-                self.put(crossed, -side[crossed])
-            leaving = self.active[i]
-            side[leaving] = 1.0 if upwards else -1.0
-            self.y[:, leaving] = self.slope[:, 0 if upwards else 1, leaving]
-            self.activate(entering)
-            value[entering] = 0.0
-            box[:, i] = cost[:, entering]
-            self._exchange(i, entering)
+        stalled = 0
+        for _ in range(EXCHANGES * (10 + self.n)):
+            gradient, slopes = self._price(phase)
+            flattest = -flat * math.sqrt(gradient @ gradient)
+            edge = int(slopes.argmin()) if phase == FIT else self._cheapest(slopes, flattest)
+            if slopes[edge] >= flattest:
+                return
+            step = self._follow(edge, phase, slopes[edge])
+            if step is None:
+                return
             stalled = stalled + 1 if step < TIE else 0
             if stalled == STALLED:
                 self._shift(shift)
                 stalled = 0
-        if phase == FIT:
-            multipliers += (gradient - multipliers @ a[self.active]) @ self.inverse
-            self.dual = np.minimum(np.maximum(-multipliers, -box[1]), box[0])
-            self.dual[self.active < self.fixed] = 0.0
 
-    def _search(self, value: Array, side: Array, kink: Array, approach: Array, slope: float) -> Search | None:
-        """The condition at which F turns upwards, how far it is, and the conditions crossed before."""
+    def _price(self, phase: int) -> tuple[Array, Array]:
+        """The gradient, and the slope of every edge: (2n,), upwards and downwards."""
+        gradient = self.settled[phase] + self.y[phase, : self.count] @ self.a[: self.count]
+        multipliers = gradient @ self.inverse
+        slopes = self.cost[phase].take(self.active, axis=1)
+        slopes[0] += multipliers
+        slopes[1] -= multipliers
+        return gradient, slopes.reshape(-1)
+
+    def _cheapest(self, slopes: Array, flattest: float) -> int:
+        """Of the edges that reduce the violation, the one that raises F least for it: the dual simplex rule."""
+        price = self._price(FIT)[1] / np.maximum(-slopes, -flattest)
+        return int(np.where(slopes < flattest, price, np.inf).argmin())
+
+    def _follow(self, edge: int, phase: int, slope: float) -> float | None:
+        """Move along a descending edge to the condition that ends it, and exchange; the length of the step, None if there is none."""
+        value, side = self.value[: self.count], self.side[: self.count]
+        upwards, i = edge < self.n, edge % self.n
+        direction = self.inverse[:, i] if upwards else -self.inverse[:, i]
+        change = self.a[: self.count] @ direction
+        approach = side * change
+        if phase == FIT:
+            # a condition on its hard side is met, but by rounding only: it blocks either way
+            blocked = self._on_hard_side()
+            if blocked.size:
+                approach[blocked] = -np.abs(change[blocked])
         ahead = (approach < -PARALLEL).nonzero()[0]
         speed = -approach.take(ahead)
         distance = np.maximum((side * value).take(ahead), 0.0) / speed
         order = distance.argsort()
-        slopes = (kink.take(ahead) * speed).take(order).cumsum()
-        turn = int(slopes.searchsorted(-slope))
+        kinks = (self.cost[phase, 0] + self.cost[phase, 1]).take(ahead) * speed
+        turn = int(kinks.take(order).cumsum().searchsorted(-slope))
         if turn == len(order):
-            return None  # rounding only, as F is bounded below
+            return None  # by rounding only, as the costs are bounded below
         distances = distance.take(order)
         tied = order[turn : distances.searchsorted(distances[turn] + TIE, "right")]
-        best = tied[speed[tied].argmax()] if len(tied) > 1 else tied[0]
-        return ahead[best], float(distance[best]), ahead[order[:turn]]
-
-    def _cheapest(self, slopes: Array, tolerance: float) -> int:
-        """Of the edges that reduce the violation, the one that raises F least for it: the dual simplex rule."""
-        multipliers = (self.settled[FIT] + self.y[FIT, : self.count] @ self.a[: self.count]) @ self.inverse
-        above, below = self.cost[FIT][:, self.active]
-        price = np.stack((above + multipliers, below - multipliers)) / np.maximum(-slopes, tolerance)
-        return int(np.where(slopes < -tolerance, price, np.inf).argmin())
+        nearest = tied[speed[tied].argmax()] if len(tied) > 1 else tied[0]
+        step, entering, leaving = float(distance[nearest]), ahead[nearest], self.active[i]
+        value += step * change
+        if turn:
+            crossed = ahead[order[:turn]]
+            self.put(crossed, -side[crossed])
+        side[leaving] = 1.0 if upwards else -1.0
+        self.y[:, leaving] = self.slope[:, 0 if upwards else 1, leaving]
+        self.activate(entering)
+        value[entering] = 0.0
+        self._exchange(i, entering)
+        return step
 
     def _exchange(self, i: int, entering: int) -> None:
         """Put a condition in the place of the i-th active one."""
@@ -509,14 +508,13 @@ class _Vertex:
     def invert(self) -> None:
         """B^-1 afresh."""
         self.inverse = np.linalg.inv(self.a[self.active])
-        self.moved = True
+        self.moved = True  # since `locate`
         self.updates = 0
 
     def locate(self) -> bool:
         """w and all values afresh from the active conditions; False if a condition turns out to be on its other side."""
         if not self.moved:
             return True
-        a = self.a[: self.count]
         w = self.inverse[:, 0].copy()
         error = self.a[self.active] @ w
         error[0] -= 1.0
@@ -524,12 +522,10 @@ class _Vertex:
         w[np.abs(w) < ZERO] = 0.0
         w.setflags(write=False)
         self.w, self.moved = w, False
-        self.value[: self.count] = value = a @ w
+        self.value[: self.count] = value = self.a[: self.count] @ w
         wrong = (self.side[: self.count] * value < -ZERO).nonzero()[0]
-        if not wrong.size:
-            return True
         self.put(wrong, -self.side[wrong])
-        return False
+        return not wrong.size
 
     # ---- the certificate
 
@@ -537,10 +533,13 @@ class _Vertex:
         """F(w), and a bound below it from the multipliers."""
         value, (above, below) = self.value[: self.count], self.slope[FIT, :, : self.count]
         objective = self.settled[FIT] @ self.w + np.maximum(above * value, below * value).sum()
-        y = self.y[FIT, : self.count].copy()
-        y[self.active] = self.dual
-        gradient = self.settled[FIT] + y @ self.a[: self.count]
-        return float(objective), float(gradient.min())
+        gradient = self.settled[FIT] + self.y[FIT, : self.count] @ self.a[: self.count]
+        normals = self.a[self.active]
+        y = -gradient @ self.inverse
+        y -= (gradient + y @ normals) @ self.inverse
+        above, below = self.cost[FIT].take(self.active, axis=1)
+        self.dual = np.where(self.active < self.fixed, 0.0, np.minimum(np.maximum(y, -below), above))
+        return float(objective), float((gradient + self.dual @ normals).min())
 
     def active_rows(self) -> tuple[Indices, Array]:
         """Numbers and multipliers of the active rows."""
@@ -562,24 +561,23 @@ class _Ball:
         self.center, self.radius, self.gradient = center, radius, gradient
 
     def holds(self, w: Array, metric: Array) -> bool:
-        if np.isinf(self.radius):
+        if self.radius == np.inf:
             return True
         offset = metric @ (w - self.center)
         return bool(offset @ offset <= self.radius**2)
 
 
-def _settle(rows: Records, w: Array, size: int) -> tuple[Mask, _Ball]:
+def _settle(rows: Rows, w: Array, size: int) -> tuple[Mask, _Ball]:
     """Which rows must stay unsettled, about `size` of them, and the ball that settles the others; updates their sides."""
     value = rows["a"] @ w
     rows["side"] = side = _side(value, rows["side"])
-    slope = _slope(side, *rows["cost"].T)
     ratio = np.abs(value) / rows["norm"]
+    above, below = rows["cost"].T
     # active rows and hard rows on their hard side stay, removed ones go
-    ratio[(side == 0) | np.isinf(slope)] = 0.0
+    ratio[(side == 0) | np.isinf(np.where(side > 0, above, below))] = 0.0
     radius = max(FLOOR, float(np.partition(ratio, size)[size])) if len(rows) > size else np.inf
     unsettled = (ratio <= radius) & ((rows["scale"] > 0) | (side == 0))
-    slope[unsettled] = 0.0
-    return unsettled, _Ball(w, radius, slope @ rows["a"])
+    return unsettled, _Ball(w, radius, np.where(unsettled, 0.0, _slope(rows)) @ rows["a"])
 
 
 def _side(value: Array, side: Array) -> Array:
@@ -587,18 +585,14 @@ def _side(value: Array, side: Array) -> Array:
     return np.where((np.abs(value) > ZERO) & (side != 0), np.sign(value), side)
 
 
-def _slope(side: float | Array, above: Array, below: Array) -> Array:
-    """dphi/dr of rows on their sides; 0 at side 0."""
-    return np.where(side > 0, above, np.where(side < 0, -below, 0.0))
+def _slope(rows: Rows) -> Array:
+    """Derivative of each row's cost on its side; 0 where it is active or its cost infinite."""
+    above, below = _finite(rows["cost"]).T
+    return np.where(rows["side"] > 0, above, np.where(rows["side"] < 0, -below, 0.0))
 
 
-def _finite(costs: Array) -> Array:
-    return np.where(np.isinf(costs), 0.0, costs)
-
-
-def _worst(rows: Records) -> float:
-    """The largest F any w could have, as `linear_program.certify` has it."""
-    return float(np.abs(rows["a"]).max(axis=1) @ _finite(rows["cost"]).max(axis=1))
+def _finite(cost: Array) -> Array:
+    return np.where(np.isinf(cost), 0.0, cost)
 
 
 def _row_type(n: int) -> np.dtype[np.void]:
