@@ -22,7 +22,7 @@ setup(
         "numpy",
         "opencv-python-headless",
         "pyserial",
-        "mcap",
+        "mcap>=1.6",
         "zstandard",
         "PyYAML",
         "pydantic",

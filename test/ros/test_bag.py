@@ -23,7 +23,7 @@ from std_msgs.msg import String
 
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, Hypothesis, Observation, Recognition
-from pushfric_ros import bag
+from pushfric_ros import bag, message_types
 from pushfric_ros.bag import BagWriter
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 
@@ -109,7 +109,7 @@ def test_describe_tells_topics_counts_qos_and_times(cell_bag):
     assert (summary.start_ns, summary.end_ns) == (1_700_000_000_000_000_000, 1_700_000_000_000_000_009)
     latched = next(topic for topic in summary.topics if topic.name == "/cell/friction_estimate")
     assert latched.type_name == "pushfric_msgs/msg/FrictionEstimate"
-    assert latched.type_hash == bag.type_hash(latched.type_name)
+    assert latched.type_hash == message_types.type_hash(latched.type_name)
     (qos,) = latched.qos_profiles
     assert (qos.depth, qos.reliability, qos.durability) == (1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -204,7 +204,7 @@ def test_the_mcap_file_is_laid_out_as_rosbag2_does(cell_bag):
         "MSG: std_msgs/Header",
         *(f"MSG: geometry_msgs/{name}" for name in ("Point", "Pose", "Quaternion", "Twist", "Vector3")),
     }
-    assert channel.metadata["topic_type_hash"] == bag.type_hash(OBSERVATION)
+    assert channel.metadata["topic_type_hash"] == message_types.type_hash(OBSERVATION)
     assert yaml.safe_load(channel.metadata["offered_qos_profiles"])[0]["reliability"] == "reliable"
     information = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert record.name == "rosbag2"
@@ -239,7 +239,7 @@ def test_metadata_is_that_of_version_9(cell_bag):
                     "avoid_ros_namespace_conventions": False,
                 }
             ],
-            "type_description_hash": bag.type_hash(OBSERVATION),
+            "type_description_hash": message_types.type_hash(OBSERVATION),
         },
         "message_count": 5,
     }
@@ -286,7 +286,7 @@ def test_qos_survives_as_discovery_tells_it(tmp_path):
     "type_name", ["std_msgs/msg/String", "rcl_interfaces/msg/ParameterDescriptor", "visualization_msgs/msg/MarkerArray"]
 )
 def test_type_hash_is_that_of_the_specification(type_name):
-    assert bag.type_hash(type_name) == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
+    assert message_types.type_hash(type_name) == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
 
 
 # --- cut short ---
@@ -315,7 +315,7 @@ def test_recovery_saves_the_whole_chunks(tmp_path, flushed, kept):
         assert count == 12
     with AnyReader([tmp_path / "out"]) as reader:
         assert reader.message_count == count
-        assert {c.digest for c in reader.connections} <= {bag.type_hash(STRING)}
+        assert {c.digest for c in reader.connections} <= {message_types.type_hash(STRING)}
 
 
 def test_recovery_saves_what_lies_before_damage(tmp_path, flushed):
@@ -495,7 +495,7 @@ def test_qos_that_is_not_that_of_rosbag2_is_refused(tmp_path):
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2")
-        schema = writer.register_schema(STRING, "ros2msg", bag.definition(STRING).encode())
+        schema = writer.register_schema(STRING, "ros2msg", message_types.definition(STRING).encode())
         writer.register_channel("/text", "cdr", schema, {"offered_qos_profiles": "- reliability: perfect"})
         writer.finish()
     with pytest.raises(InvalidInput, match=r"foreign\.mcap: /text has QoS profiles that are not those of rosbag2"):
@@ -509,7 +509,7 @@ def test_a_file_without_summary_is_read_and_recovered(tmp_path):
         writer = Writer(stream, use_chunking=False, use_statistics=False, use_summary_offsets=False,
                         repeat_channels=False, repeat_schemas=False)  # fmt: skip
         writer.start(profile="ros2")
-        schema = writer.register_schema(STRING, "ros2msg", bag.definition(STRING).encode())
+        schema = writer.register_schema(STRING, "ros2msg", message_types.definition(STRING).encode())
         channel = writer.register_channel("/text", "cdr", schema)
         for stamp in (2, 1):
             writer.add_message(channel, stamp, text(str(stamp)), stamp)

@@ -47,7 +47,7 @@ NEGATIVE_WEIGHT = 1e3
 """Cost of a negative w_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
 
 FLAT = (1e-12, 1e-15)
-"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried if the first is too coarse."""
+"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, for where the first is too coarse."""
 
 PARALLEL = 1e-11
 """A row that changes by less than this along an edge is parallel to it: exchanging it would make B singular."""
@@ -201,7 +201,9 @@ class Simplex:
         a, above, below = rows
         m = len(above)
         if not m or a.shape != (m, self._n) or below.shape != (m,):
-            raise ValueError(f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}")
+            raise ValueError(
+                f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}"
+            )
         peak, cost = np.abs(a).max(axis=1), np.array((above, below))
         if not math.isfinite(peak.sum()):
             raise ValueError("the coefficients of the rows must be finite")
@@ -424,9 +426,11 @@ class _Vertex:
         for _ in range(EXCHANGES * (10 + self.n)):
             gradient, slopes = self._price(phase)
             flattest = -flat * math.sqrt(gradient @ gradient)
-            edge = int(slopes.argmin()) if phase == FIT else self._cheapest(slopes, flattest)
+            edge = int(slopes.argmin())
             if slopes[edge] >= flattest:
                 return
+            if phase == VIOLATION:
+                edge = self._cheapest(slopes, flattest)
             step = self._follow(edge, phase, slopes[edge])
             if step is None:
                 return
@@ -446,11 +450,12 @@ class _Vertex:
 
     def _cheapest(self, slopes: Array, flattest: float) -> int:
         """Of the edges that reduce the violation, the one that raises F least for it: the dual simplex rule."""
-        price = self._price(FIT)[1] / np.maximum(-slopes, -flattest)
-        return int(np.where(slopes < flattest, price, np.inf).argmin())
+        falling = np.flatnonzero(slopes < flattest)
+        price = self._price(FIT)[1][falling] / -slopes[falling]
+        return int(falling[price.argmin()])
 
     def _follow(self, edge: int, phase: int, slope: float) -> float | None:
-        """Move along a descending edge to the condition that ends it, and exchange; the length of the step, None if there is none."""
+        """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step."""
         value, side = self.value[: self.count], self.side[: self.count]
         upwards, i = edge < self.n, edge % self.n
         direction = self.inverse[:, i] if upwards else -self.inverse[:, i]
@@ -507,7 +512,7 @@ class _Vertex:
 
     def invert(self) -> None:
         """B^-1 afresh."""
-        self.inverse = np.linalg.inv(self.a[self.active])
+        self.inverse: Array = np.linalg.inv(self.a[self.active])
         self.moved = True  # since `locate`
         self.updates = 0
 
@@ -515,7 +520,7 @@ class _Vertex:
         """w and all values afresh from the active conditions; False if a condition turns out to be on its other side."""
         if not self.moved:
             return True
-        w = self.inverse[:, 0].copy()
+        w: Array = self.inverse[:, 0].copy()
         error = self.a[self.active] @ w
         error[0] -= 1.0
         w -= self.inverse @ error

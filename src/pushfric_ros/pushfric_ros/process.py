@@ -35,8 +35,7 @@ def run_node(make: Callable[[], Node]) -> None:
         executor.add_node(node)
         executor.spin()
     except InvalidInput as error:
-        print(f"error: {error}", file=sys.stderr, flush=True)
-        code = EXIT_INVALID_INPUT
+        code = _refuse(error)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     except ExternalShutdownException:
@@ -45,7 +44,15 @@ def run_node(make: Callable[[], Node]) -> None:
         if node is None or rclpy.ok():  # a real fault; otherwise the wait set lost a race with the shutdown signal
             raise
     finally:
-        if node is not None:
-            node.destroy_node()
+        try:
+            if node is not None:
+                node.destroy_node()
+        except InvalidInput as error:
+            code = _refuse(error)
         rclpy.try_shutdown()
     sys.exit(code)
+
+
+def _refuse(error: InvalidInput) -> int:
+    print(f"error: {error}", file=sys.stderr, flush=True)
+    return EXIT_INVALID_INPUT

@@ -14,8 +14,9 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import setting
-from pushfric_ros.bag import BagWriter, message_class
+from pushfric_ros.bag import BagWriter
 from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.message_types import message_class
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -90,13 +91,16 @@ class RecorderNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
 
     def destroy_node(self) -> None:
-        """Finish the bag and leave."""
+        """Finish the bag and leave.
+
+        Raises:
+            InvalidInput: it could not be finished, as where the disk is full.
+        """
         try:
             self._write_waiting(self.get_clock().now().nanoseconds)
             self._bag.close()
-        except InvalidInput as error:  # too late to end the process with it
-            self.get_logger().error(str(error))
-        super().destroy_node()
+        finally:
+            super().destroy_node()
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
         try:
