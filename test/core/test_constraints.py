@@ -5,6 +5,7 @@ import pytest
 from problems import PROBLEMS, moment
 
 from pushfric_core.constraints import cone_rows, frictionless_rows, moment_rows, normal_force_rows, stack
+from pushfric_core.errors import UninformativePush
 from pushfric_core.linear_program import fit_error
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
@@ -79,3 +80,43 @@ def test_frictionless_rows_measure_the_tangential_force():
 
 def test_no_constraints_stack_to_no_rows():
     assert stack([], 3).a.shape == (0, 3)
+
+
+def test_a_free_support_lowers_the_cost_as_far_as_any_force_can(rng):
+    """Against all forces of at most w_j, tried one by one."""
+    points = np.array(((-0.03, 0.0), (0.03, 0.0), (0.0, 0.04)))
+    turn = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.001, -0.031, 1.0))  # about a point 1.4 mm from the second support
+    angles, sizes = np.linspace(0, 2 * np.pi, 721), np.linspace(0, 1, 21)
+    disc = np.array([(r * np.cos(t), r * np.sin(t)) for r in sizes for t in angles])
+    velocities = np.array([(0.001 - y, -0.031 + x) for x, y in points])
+    fixed = -velocities / np.linalg.norm(velocities, axis=1)[:, None]
+    for _ in range(20):
+        w = rng.dirichlet(np.ones(3))
+        forces = w[0] * fixed[0] + w[2] * fixed[2]
+        arms = points - turn.contact_point
+        known = sum(w[j] * (arms[j][0] * fixed[j][1] - arms[j][1] * fixed[j][0]) for j in (0, 2))
+        moments = known + w[1] * (arms[1][0] * disc[:, 1] - arms[1][1] * disc[:, 0])
+        rows = moment_rows(turn, points, free_radius=0.005)
+        assert fit_error(rows, rows.a @ w) == pytest.approx(np.abs(moments).min(), abs=1e-4)
+        rows = frictionless_rows(turn, points, 2.0, free_radius=0.005)
+        assert fit_error(rows, rows.a @ w) == pytest.approx(2 * np.abs(forces[0] + w[1] * disc[:, 0]).min(), abs=2e-3)
+        rows = normal_force_rows(turn, points, free_radius=0.005)
+        assert rows.a @ w == pytest.approx(-forces[1] + w[1], abs=1e-9)
+
+
+def test_only_supports_within_the_radius_are_free():
+    turn = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.001, -0.031, 1.0))
+    assert len(moment_rows(turn, TWO, free_radius=0.001).a) == 1
+    assert len(moment_rows(turn, TWO, free_radius=0.002).a) == 2
+
+
+def test_a_support_exactly_on_the_center_of_rotation_needs_a_radius():
+    turn = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.03, 1.0))
+    with pytest.raises(UninformativePush, match="rotated exactly about its support point"):
+        moment_rows(turn, TWO)
+    assert np.isfinite(moment_rows(turn, TWO, free_radius=0.001).a).all()
+
+
+def test_a_translation_frees_nothing():
+    slide = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0))
+    assert len(moment_rows(slide, TWO, free_radius=0.05).a) == 1

@@ -30,6 +30,9 @@ class EstimatorConfig:
 
     terms: tuple[str, ...] = setting(("moment",), f"what the fit error is made of, any of: {', '.join(TERMS)}")
     half_width: float = setting(0.0, "half the contact interval of data points that bring none [m] (eqs 5 and 6)", 0.0, 1.0)
+    cor_radius: float = setting(
+        0.0, "supports this near the centre of rotation may push any way [m]; 0: none, as in the paper", 0.0, 1.0
+    )
     nonnegative_force: bool = setting(True, "the pusher cannot pull: f.n >= 0, hard (eq. 7)")
     mu_bound: float = setting(1.0, "known upper bound on mu_c, for the term cone (eqs 9 and 10)", 0.0, 100.0)
     force_weight: float = setting(0.05, "cost of a unit of force beside a metre of moment [m]", 0.0, 100.0)
@@ -130,11 +133,11 @@ class Estimator:
             observation = replace(observation, half_width=config.half_width)
         parts = []
         if "moment" in config.terms:
-            parts.append(moment_rows(observation, points))
+            parts.append(moment_rows(observation, points, config.cor_radius))
         if "frictionless" in config.terms:
-            parts.append(frictionless_rows(observation, points, config.force_weight))
+            parts.append(frictionless_rows(observation, points, config.force_weight, config.cor_radius))
         if "cone" in config.terms:
-            parts.append(cone_rows(observation, points, config.mu_bound, config.force_weight))
+            parts.append(cone_rows(observation, points, config.mu_bound, config.force_weight, config.cor_radius))
         if config.nonnegative_force:
-            parts.append(normal_force_rows(observation, points))
+            parts.append(normal_force_rows(observation, points, config.cor_radius))
         return stack(parts, len(points))

@@ -47,7 +47,7 @@ NEGATIVE_WEIGHT = 1e3
 """Cost of a negative w_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
 
 FLAT = (1e-12, 1e-15)
-"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, for where the first is too coarse."""
+"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried where that fails."""
 
 PARALLEL = 1e-11
 """A row that changes by less than this along an edge is parallel to it: exchanging it would make B singular."""
@@ -338,9 +338,10 @@ class _Vertex:
         """Stand where the last support point bears everything."""
         left = np.flatnonzero(self.side == 0)
         self.put(left, np.ones(len(left)))
-        self.active = np.arange(self.n)
+        self.active = np.arange(self.n)  # their positions; the first is always sum w = 1
         self.activate(self.active)
-        self.dual = np.zeros(self.n)  # multipliers of the active conditions, as `bounds` left them
+        self.normals = self.a[self.active]  # B
+        self.dual = np.zeros(self.n)  # their multipliers, as `bounds` left them
         self.invert()
         self.locate()
 
@@ -492,12 +493,13 @@ class _Vertex:
     def _exchange(self, i: int, entering: int) -> None:
         """Put a condition in the place of the i-th active one."""
         self.active[i] = entering
+        self.normals[i] = self.a[entering]
         self.moved = True
         self.updates += 1
         if self.updates > REFRESH:
             self.invert()
             return
-        row = self.a[entering] @ self.inverse
+        row = self.normals[i] @ self.inverse
         column = self.inverse[:, i] / row[i]
         row[i] = 0.0
         np.multiply(column[:, None], row, out=self.product)
@@ -512,7 +514,7 @@ class _Vertex:
 
     def invert(self) -> None:
         """B^-1 afresh."""
-        self.inverse: Array = np.linalg.inv(self.a[self.active])
+        self.inverse: Array = np.linalg.inv(self.normals)
         self.moved = True  # since `locate`
         self.updates = 0
 
@@ -520,16 +522,18 @@ class _Vertex:
         """w and all values afresh from the active conditions; False if a condition turns out to be on its other side."""
         if not self.moved:
             return True
-        w: Array = self.inverse[:, 0].copy()
-        error = self.a[self.active] @ w
+        w = self.inverse[:, 0].copy()
+        error = self.normals @ w
         error[0] -= 1.0
         w -= self.inverse @ error
         w[np.abs(w) < ZERO] = 0.0
         w.setflags(write=False)
-        self.w, self.moved = w, False
+        self.w: Array = w
+        self.moved = False
         self.value[: self.count] = value = self.a[: self.count] @ w
         wrong = (self.side[: self.count] * value < -ZERO).nonzero()[0]
-        self.put(wrong, -self.side[wrong])
+        if wrong.size:
+            self.put(wrong, -self.side[wrong])
         return not wrong.size
 
     # ---- the certificate
@@ -539,12 +543,12 @@ class _Vertex:
         value, (above, below) = self.value[: self.count], self.slope[FIT, :, : self.count]
         objective = self.settled[FIT] @ self.w + np.maximum(above * value, below * value).sum()
         gradient = self.settled[FIT] + self.y[FIT, : self.count] @ self.a[: self.count]
-        normals = self.a[self.active]
         y = -gradient @ self.inverse
-        y -= (gradient + y @ normals) @ self.inverse
+        y -= (gradient + y @ self.normals) @ self.inverse
         above, below = self.cost[FIT].take(self.active, axis=1)
-        self.dual = np.where(self.active < self.fixed, 0.0, np.minimum(np.maximum(y, -below), above))
-        return float(objective), float((gradient + self.dual @ normals).min())
+        self.dual: Array = np.minimum(np.maximum(y, -below), above)
+        self.dual[self.active < self.fixed] = 0.0
+        return float(objective), float((gradient + self.dual @ self.normals).min())
 
     def active_rows(self) -> tuple[Indices, Array]:
         """Numbers and multipliers of the active rows."""

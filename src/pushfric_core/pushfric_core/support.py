@@ -1,6 +1,7 @@
 """Support points and their weights: the friction forces of a sliding object and their centre."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +79,33 @@ def friction_directions(support_points: Array, twist: Twist) -> Array:
         still = support_points[int(np.argmin(speeds))]
         raise UninformativePush(f"the object rotated exactly about its support point ({still[0]:g}, {still[1]:g})")
     return np.asarray(-velocities / speeds[:, None])
+
+
+class SupportForces(NamedTuple):
+    """What a motion tells of the friction forces of unit weights."""
+
+    directions: Array  # (n, 2) -v_j / |v_j|; zero where free
+    free: Array  # (n,) 1 where a support may push in any direction with a force of at most w_j, else 0
+
+
+def support_forces(support_points: Array, twist: Twist, free_radius: float = 0.0) -> SupportForces:
+    """The friction directions, but for supports so near the centre of rotation that theirs is not known.
+
+    Args:
+        support_points: (n, 2) [m].
+        twist: of the object-frame origin.
+        free_radius: about the centre of rotation [m]; 0 refuses a support that lies exactly on it, as the paper does.
+    Raises:
+        UninformativePush: the object does not move, or rotates exactly about a support while free_radius is 0.
+    """
+    velocities = velocity_at(twist, support_points)
+    speeds = np.hypot(velocities[:, 0], velocities[:, 1])
+    # |v_j| = |omega| * distance to the centre of rotation
+    free = speeds <= abs(twist.omega) * free_radius
+    if free_radius == 0 or not free.any():
+        return SupportForces(friction_directions(support_points, twist), np.zeros(len(support_points)))
+    directions = np.where(free[:, None], 0.0, -velocities / np.where(free, 1.0, speeds)[:, None])
+    return SupportForces(directions, free.astype(float))
 
 
 def center_of_friction(support_points: Array, weights: Array) -> Array:

@@ -52,6 +52,9 @@ HalfWidthOption = Annotated[
     float, typer.Option("--half-width", help="Half the interval of possible contact points (m; eqs 5, 6).")
 ]
 MuBoundOption = Annotated[float, typer.Option("--mu-bound", help="Known upper bound on mu_c, for the term cone (eqs 9, 10).")]
+CorRadiusOption = Annotated[
+    float, typer.Option("--cor-radius", help="Supports this near the centre of rotation may push any way (m); 0: none.")
+]
 NonnegativeOption = Annotated[
     bool, typer.Option("--nonnegative-force/--no-nonnegative-force", help="The pusher cannot pull (eq. 7), hard.")
 ]
@@ -149,6 +152,7 @@ def estimate(
     half_width: HalfWidthOption = EstimatorConfig.half_width,
     mu_bound: MuBoundOption = EstimatorConfig.mu_bound,
     nonnegative_force: NonnegativeOption = True,
+    cor_radius: CorRadiusOption = EstimatorConfig.cor_radius,
     json: JsonFlag = False,
 ) -> None:
     """Estimate from a bag or a CSV, as fast as it goes."""
@@ -156,7 +160,11 @@ def estimate(
     points = _support_points(model, grid, support_points)
     try:
         config = EstimatorConfig(
-            terms=tuple(terms.split(",")), half_width=half_width, mu_bound=mu_bound, nonnegative_force=nonnegative_force
+            terms=tuple(terms.split(",")),
+            half_width=half_width,
+            mu_bound=mu_bound,
+            nonnegative_force=nonnegative_force,
+            cor_radius=cor_radius,
         )
     except ValueError as error:
         raise InvalidInput(str(error)) from error
