@@ -13,6 +13,6 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),
         ("share/pushfric_core", ["package.xml"]),
     ],
-    install_requires=["numpy", "scipy", "shapely"],
+    install_requires=["numpy", "shapely"],
     zip_safe=False,
 )

@@ -14,11 +14,11 @@ from pushfric_core.constraints import (
     normal_force_rows,
     stack,
 )
-from pushfric_core.highs import solve
-from pushfric_core.linear_program import Solution, Status
+from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
 from pushfric_core.settings import check_ranges, setting
+from pushfric_core.simplex import Optimum, Simplex
 from pushfric_core.support import center_of_friction, check_points
 
 TERMS = ("moment", "frictionless", "cone")
@@ -52,11 +52,13 @@ class Estimate:
         support_points: (n, 2) [m], object frame.
         observations: the data points it rests on, in order of arrival.
         solution: w with its objective [m, unit force] and certificate.
+        conflicts: data points whose hard constraints contradict each other; none unless the status is INFEASIBLE.
     """
 
     support_points: Array
     observations: tuple[Observation, ...]
-    solution: Solution
+    solution: Optimum
+    conflicts: tuple[Observation, ...] = ()
 
     @property
     def w(self) -> Array:
@@ -71,6 +73,14 @@ class Estimate:
     def pushes(self) -> int:
         """Pushes the data points came from."""
         return len({observation.push_id for observation in self.observations})
+
+    @property
+    def contradiction(self) -> str | None:
+        """Which pushes contradict each other, for people; None where none do."""
+        if self.status is not Status.INFEASIBLE:
+            return None
+        pushes = sorted({observation.push_id for observation in self.conflicts})
+        return f"no w lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
 
     @cached_property
     def center_of_friction(self) -> Array:
@@ -106,26 +116,28 @@ class Estimator:
     def __init__(self, support_points: npt.ArrayLike, config: EstimatorConfig | None = None) -> None:
         self.support_points = check_points(support_points)
         self.config = config or EstimatorConfig()
+        self._program = Simplex(len(self.support_points))
         self._observations: list[Observation] = []
-        self._rows: list[ConstraintRows] = []
 
     def add(self, observation: Observation) -> Estimate:
-        """Take a data point and estimate anew.
+        """Take a data point and estimate anew, from the last optimum on.
+
+        Where data points contradict the nonnegative force, the status is INFEASIBLE, w violates it least, and `conflicts` names
+        them.
 
         Raises:
-            UninformativePush: it rotates exactly about a support point; the estimator is as before.
-            InfeasibleProgram: the data points now contradict a hard constraint; the data point is kept, as later ones
-                cannot mend this, and `estimate` fails until the estimator is made anew.
-            SolverFailed: the program could not be solved.
+            UninformativePush: the data point rotates exactly about a support point; the estimator is as before.
         """
-        self._rows.append(self._rows_of(observation))
+        rows = self._rows_of(observation)
+        self._program.add(rows)
         self._observations.append(observation)
         return self.estimate()
 
     def estimate(self) -> Estimate:
         """The estimate from the data points so far; without any, all of w is equally good."""
-        solution = solve(stack(self._rows, len(self.support_points)))
-        return Estimate(self.support_points, tuple(self._observations), solution)
+        solution = self._program.solve()
+        conflicts = tuple(self._observations[group] for group in self._program.conflicts())
+        return Estimate(self.support_points, tuple(self._observations), solution, conflicts)
 
     def _rows_of(self, observation: Observation) -> ConstraintRows:
         points, config = self.support_points, self.config

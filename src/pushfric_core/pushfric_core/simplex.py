@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.constraints import ConstraintRows
-from pushfric_core.linear_program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP, Solution, Status, certify
+from pushfric_core.linear_program import HARD_VIOLATION, RELATIVE_GAP, Solution, Status, certify
 from pushfric_core.planar import Array
 
 Indices = npt.NDArray[np.intp]
@@ -41,7 +41,7 @@ VIOLATED = HARD_VIOLATION / 4
 """A hard row is violated beyond this: well within what the certificate allows, which measures by the largest coefficient."""
 
 OWN_GAP = RELATIVE_GAP / 2
-"""Half of what the certificate allows: it adds up in another order, and must come to the same conclusion."""
+"""Half of what `linear_program.certify` allows: it adds up in another order, and must come to the same conclusion."""
 
 NEGATIVE_WEIGHT = 1e3
 """Cost of a negative w_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
@@ -240,26 +240,15 @@ class Simplex:
         return self._judge()
 
     def _judge(self) -> Optimum:
-        """The certificate of `linear_program.certify`, from sums over the settled rows."""
+        """How good w is: from sums over the settled rows, or from all rows where that does not prove it optimal."""
         objective, lower_bound = self._vertex.bounds()
-        w = self._vertex.w
-        if w.min() < 0:  # the descent was cut short, or led nowhere
-            w, _, objective, *_ = self.certificate()
-        # F >= 0 always; without a feasible w, nothing better is known
-        lower_bound = 0.0 if self._infeasible else max(0.0, min(lower_bound, objective))
+        lower_bound = max(0.0, min(lower_bound, objective))
         gap = objective - lower_bound
-        if self._infeasible:
-            status = Status.INFEASIBLE
-        elif gap <= OWN_GAP * objective or gap <= OWN_GAP * NOISELESS * self._worst():
-            status = Status.OPTIMAL
-        else:
-            status = Status.UNCERTIFIED
-        return Optimum(w, objective, lower_bound, gap, status)
-
-    def _worst(self) -> float:
-        """The largest F any w could have, as `linear_program.certify` estimates it; O(M), but asked for noiseless data only."""
-        rows = self._rows[: self._count]
-        return float(np.abs(rows["a"]).max(axis=1) @ _finite(rows["cost"]).max(axis=1))
+        if not self._infeasible and gap <= OWN_GAP * objective and self._vertex.w.min() >= 0:
+            return Optimum(self._vertex.w, objective, lower_bound, gap, Status.OPTIMAL)
+        truth = self.certificate()
+        status = Status.INFEASIBLE if self._infeasible else truth.status
+        return Optimum(truth.w, truth.objective, truth.lower_bound, truth.gap, status)
 
     def _sort(self, effort: int = 0) -> None:
         """Centre the close ball on w: settle the rows far from zero there, and give the vertex the others.
@@ -274,7 +263,7 @@ class Simplex:
             self._near, self._fresh = np.flatnonzero(unsettled), self._count
         near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
         rows = self._rows[near]
-        unsettled, self._close = _settle(rows, w, CLOSE + self._n << effort)
+        unsettled, self._close = _settle(rows, w, (CLOSE + self._n) << effort)
         self._rows["side"][near] = rows["side"]
         # w is within half the far radius now: whatever the close ball allows stays in the far one
         self._close.radius = min(self._close.radius, self._far.radius / 2)
@@ -331,7 +320,7 @@ class _Vertex:
         self.y = np.zeros((2, self.fixed))  # multipliers, per cost: the slope on its side, 0 while active
         self.reserve(2 * CLOSE)
         self.limit = len(self.row)  # of count: beyond, rows ought to be settled
-        self.product = np.empty((n, n))
+        self.inverse, self.product = np.empty((n, n)), np.empty((n, n))  # B^-1, and room for an update of it
         self.restart()
 
     def restart(self) -> None:
@@ -514,7 +503,7 @@ class _Vertex:
 
     def invert(self) -> None:
         """B^-1 afresh."""
-        self.inverse: Array = np.linalg.inv(self.normals)
+        self.inverse[:] = np.linalg.inv(self.normals)
         self.moved = True  # since `locate`
         self.updates = 0
 
@@ -546,7 +535,7 @@ class _Vertex:
         y = -gradient @ self.inverse
         y -= (gradient + y @ self.normals) @ self.inverse
         above, below = self.cost[FIT].take(self.active, axis=1)
-        self.dual: Array = np.minimum(np.maximum(y, -below), above)
+        self.dual = np.minimum(np.maximum(y, -below), above)
         self.dual[self.active < self.fixed] = 0.0
         return float(objective), float((gradient + self.dual @ self.normals).min())
 

@@ -170,6 +170,8 @@ def estimate(
         raise InvalidInput(str(error)) from error
     data = offline.observations(source, model, TrajectoryConfig(), _warn)
     result = offline.estimate(Estimator(points, config), data, _warn)
+    if result.contradiction is not None:
+        _warn(result.contradiction)
     _print_result(report(estimate_to_msg(result, model.name)), json)
 
 

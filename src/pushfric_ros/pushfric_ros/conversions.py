@@ -129,7 +129,7 @@ def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
         max=estimate.mu_c_max,
         lower_bounds=estimate.contact_friction,
     )
-    msg.objective, msg.lower_bound, msg.gap = estimate.solution[2:5]
+    msg.objective, msg.lower_bound, msg.gap = estimate.solution.objective, estimate.solution.lower_bound, estimate.solution.gap
     return msg
 
 

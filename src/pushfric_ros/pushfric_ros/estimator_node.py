@@ -111,7 +111,10 @@ class EstimatorNode(Node):
             except PushfricError as error:
                 self._refuse("observation", error)
                 continue
-            self._problem = None
+            contradiction = self._estimate.contradiction
+            if contradiction is not None and self._problem is None:
+                self.get_logger().error(contradiction)
+            self._problem = contradiction
             self._publish(self._estimate)
 
     def _publish(self, estimate: Estimate) -> None:
