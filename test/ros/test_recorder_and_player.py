@@ -27,7 +27,7 @@ from pushfric_msgs.msg import Observation
 from pushfric_ros import bag, message_types
 from pushfric_ros.bag import BagWriter
 from pushfric_ros.player_node import PlayerNode
-from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.recorder_node import RecorderNode
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
@@ -83,8 +83,10 @@ class Listener:
         self.heard: list[str] = []
         self.clock: list[int] = []
         self.node.create_subscription(Observation, "observation", lambda msg: self.heard.append(f"o{msg.push_id}"), RELIABLE)
-        self.node.create_subscription(String, "text", lambda msg: self.heard.append(f"t{msg.data}"), SENSOR_DATA)
-        self.node.create_subscription(PointStamped, "center_of_friction", self._on_point, LATCHED)
+        self.node.create_subscription(String, "text", lambda msg: self.heard.append(f"t{msg.data}"), SENSOR_QUEUE)
+        # deep, so that a busy moment does not overwrite what was not heard yet
+        latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.node.create_subscription(PointStamped, "center_of_friction", self._on_point, latched)
         self.node.create_subscription(Clock, "/clock", self._on_clock, RELIABLE)
 
     def _on_point(self, msg: PointStamped) -> None:

@@ -18,7 +18,7 @@ from pushfric_core.planar import Array
 RELATIVE_GAP = 1e-9
 """A solution is optimal when its gap is within this of its objective."""
 
-NOISELESS = 1e-6
+NOISELESS = 1e-5
 """Floor of the objective in that test, as a fraction of the worst objective any w could have: noiseless data have F = 0."""
 
 HARD_VIOLATION = 1e-9
@@ -70,7 +70,8 @@ def certify(rows: ConstraintRows, w: Array, multipliers: Array) -> Solution:
     )
     objective = fit_error(rows, residuals)
     multipliers = np.clip(multipliers, -rows.below, rows.above)
-    lower_bound = min(float((multipliers @ rows.a).min()), objective) if len(rows.a) else 0.0
+    # y = 0 is in its box: F is never negative
+    lower_bound = max(0.0, min(float((multipliers @ rows.a).min()), objective)) if len(rows.a) else 0.0
     gap = objective - lower_bound
     worst = float(np.sum(scale * np.maximum(_finite(rows.above), _finite(rows.below))))
     if violated.any():
