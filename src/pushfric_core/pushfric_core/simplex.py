@@ -25,7 +25,7 @@ FLAT = (1e-12, 1e-15)
 """Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried where that fails."""
 
 SHIFT = 1e-10
-"""Conditions of a degenerate vertex are shifted apart by about this: far above rounding, hardly ever making an exchange wrong."""
+"""Conditions of a degenerate vertex are shifted apart by about this: far above rounding, hardly ever misleading an exchange."""
 
 ROUNDS = 15
 """Cap on the descents of a solve: then the certificate judges what there is."""
