@@ -16,7 +16,6 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/pushfric_ros"]),
         ("share/pushfric_ros", ["package.xml"]),
         ("share/pushfric_ros/launch", glob("launch/*.launch.py")),
-        ("share/pushfric_ros/config", glob("config/*")),
     ],
     install_requires=[
         "numpy",

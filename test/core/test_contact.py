@@ -1,6 +1,7 @@
 import numpy as np
+import pytest
 
-from pushfric_core.contact import PushingLine, friction_cone, interval, tangent
+from pushfric_core.contact import PushingLine, friction_cone, interval, pushing_line, tangent
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, transform
 
@@ -29,3 +30,20 @@ def test_a_line_touches_the_object_where_the_tip_stands(rng):
         touch = line.touch(outline, pose)
         tip = np.array(line.origin) + touch.distance * np.array(line.direction)
         assert np.allclose(transform(pose, touch.point + 0.004 * touch.normal), tip)
+
+
+def test_a_pushing_line_has_a_unit_direction():
+    assert pushing_line((0.1, 0.2), (3.0, 4.0), 0.002) == ((0.1, 0.2), (0.6, 0.8), 0.002)
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "text"),
+    [
+        ((0.0,), (0.0, 1.0), "line_origin must be two finite numbers"),
+        ((0.0, 0.0), (0.0, np.nan), "line_direction must be two finite numbers"),
+        ((0.0, 0.0), (0.0, 0.0), "line_direction must have a length"),
+    ],
+)
+def test_lines_that_are_none_are_refused(origin, direction, text):
+    with pytest.raises(ValueError, match=text):
+        pushing_line(origin, direction, 0.0)

@@ -100,6 +100,13 @@ def test_an_object_at_rest_gives_nothing():
     assert feed(Trajectory(OUTLINE), in_time(resting, blocked)) == []
 
 
+def test_an_object_at_rest_gives_nothing_however_slow_counts_as_moving():
+    poses, pushers = samples_of_a_push()
+    resting = [PoseSample(p.stamp, poses[20].pose) for p in poses]
+    blocked = [p._replace(position=pushers[20].position) for p in pushers]
+    assert feed(Trajectory(OUTLINE, TrajectoryConfig(minimum_speed=0.0)), in_time(resting, blocked)) == []
+
+
 def test_a_gap_in_the_poses_is_not_bridged():
     poses, pushers = samples_of_a_push()
     gap = TrajectoryConfig(longest_gap=0.2)

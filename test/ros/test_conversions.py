@@ -36,8 +36,8 @@ def test_poses_that_are_none_are_refused():
         conversions.pose_from_msg(PoseMsg(orientation=Quaternion(w=0.0)))
 
 
-@pytest.mark.parametrize("force", [None, (1.5, -0.5)])
-def test_observations_survive_message_and_wire_bit_for_bit(force):
+@pytest.mark.parametrize(("force", "pose"), [(None, Pose(0.25, 0.5, 0.0)), ((1.5, -0.5), None)])
+def test_observations_survive_message_and_wire_bit_for_bit(force, pose):
     observation = Observation(
         contact_point=(0.1, 1 / 3),
         contact_normal=(0.6, -0.8),
@@ -46,7 +46,7 @@ def test_observations_survive_message_and_wire_bit_for_bit(force):
         half_width=0.002,
         duration=1 / 7,
         stamp=123456789123456789,
-        pose=Pose(0.25, 0.5, 0.0),
+        pose=pose,
         force=force,
     )
     wire = serialize_message(conversions.observation_to_msg(observation, "box"))

@@ -201,6 +201,7 @@ def test_a_clock_that_jumps_back_starts_afresh(ros):
         ({"object": NAME, "mu_bound": math.nan}, "mu_bound"),
         ({"object": NAME, "window": 4}, "window must be odd"),
         ({"object": NAME, "terms": ["force"]}, "terms must name at least one of"),
+        ({"object": NAME, "half_width": math.inf}, "half_width must"),
     ],
 )
 def test_bad_parameters_are_refused_with_a_reason(ros, parameters, error):

@@ -7,7 +7,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import offline, zhou2015
-from pushfric_ros.object_file import load_object
+from pushfric_ros.object_file import OBJECT_FILE, load_object
 
 LOGS = {
     "10_130_10_10_10_130__exp_08_17_50.txt": 5.5,
@@ -33,7 +33,7 @@ def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_l
         written = {w.bag.name: w.bag for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)}
         bags = [written[log.removesuffix(".txt")] for log in LOGS]
     for bag, reference in zip(bags, LOGS.values(), strict=True):
-        model = load_object(str(bag / offline.OBJECT_FILE))
+        model = load_object(str(bag / OBJECT_FILE))
         data = offline.observations(bag, model, TrajectoryConfig(), refuse)
         estimate = offline.estimate(Estimator(model.support_points), data, refuse)
         error = 1e3 * np.hypot(*(estimate.center_of_friction - 0.05))

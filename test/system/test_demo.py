@@ -88,7 +88,7 @@ def test_the_result_has_the_documented_keys(demo):
 
 def test_the_demo_reports_every_push_and_draws_its_figure(demo):
     bag, _, run = demo
-    assert sum(line.startswith("push") for line in run.stderr.splitlines()) >= 13
+    assert sum(line.startswith("push") for line in run.stderr.splitlines()) == 14
     assert (bag / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert run.stdout == ""
 
@@ -192,6 +192,17 @@ def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(tmp_path, node
     assert process.returncode == 1
     assert f"error: {node.removesuffix('_node')} was killed by SIGKILL" in output
     assert nodes_alive(marker) == []
+
+
+def test_a_second_cell_of_the_same_name_is_refused(tmp_path):
+    process = start_demo(tmp_path, tmp_path.name)
+    await_first_push(process)
+    second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
+    assert second.returncode == 2
+    assert "a cell named /cell runs already on ROS domain" in second.stderr
+    assert not (tmp_path / "second").exists()
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
 
 
 @pytest.mark.parametrize("node", ["tracker_node", "actuator_node"])

@@ -1,5 +1,7 @@
 """The contact between pusher and object: point, normal, interval, friction cone."""
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,21 @@ class PushingLine(NamedTuple):
         start = transform(inverse(pose), self.origin)
         direction = rotation(-pose.theta) @ np.asarray(self.direction)
         return outline.first_touch(start, direction, self.tip_radius)
+
+
+def pushing_line(origin: Sequence[float], direction: Sequence[float], tip_radius: float) -> PushingLine:
+    """A pushing line along a direction of any length.
+
+    Raises:
+        ValueError: origin or direction are not two finite numbers each, or the direction has no length.
+    """
+    for name, values in (("line_origin", origin), ("line_direction", direction)):
+        if len(values) != 2 or not np.isfinite(values).all():
+            raise ValueError(f"{name} must be two finite numbers, got {tuple(values)}")
+    length = math.hypot(*direction)
+    if length == 0:
+        raise ValueError("line_direction must have a length, got (0, 0)")
+    return PushingLine((origin[0], origin[1]), (direction[0] / length, direction[1] / length), tip_radius)
 
 
 def tangent(normal: npt.ArrayLike) -> Array:

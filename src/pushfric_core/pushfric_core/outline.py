@@ -13,6 +13,9 @@ from pushfric_core.planar import Array, cross, left_of
 ON_OUTLINE = 1e-9
 """Points this close to the outline [m] count as inside: a grid may touch the edges."""
 
+LARGEST_GRID = 10_000
+"""Points; the program for w grows with the square of their number."""
+
 
 class Touch(NamedTuple):
     """Where a round tip, moving along a line, first meets the outline."""
@@ -106,10 +109,12 @@ class Outline:
         A single column or row lies in the middle. Points run along x first.
 
         Raises:
-            ValueError: no columns or rows, an inset that leaves no box, or no point inside.
+            ValueError: no columns or rows, too many of them, an inset that leaves no box, or no point inside.
         """
         if columns < 1 or rows < 1:
             raise ValueError(f"a grid needs at least 1 column and 1 row, got {columns} x {rows}")
+        if columns * rows > LARGEST_GRID:
+            raise ValueError(f"a grid may have at most {LARGEST_GRID} points, got {columns} x {rows}")
         if not 0 <= inset < min(self.size) / 2:
             raise ValueError(f"inset must lie in [0, {min(self.size) / 2:g}) m, half the shorter side, got {inset:g} m")
         low, high = self.lower + inset, self.lower + self.size - inset

@@ -7,7 +7,7 @@ import numpy as np
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, rotation
+from pushfric_core.planar import Pose, rotation, wrap
 
 
 class PlannedPush(NamedTuple):
@@ -55,4 +55,4 @@ def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: 
     contact = middle + push.offset * outline.edges[push.edge] / outline.lengths[push.edge]
     tip = np.asarray(line.origin) + position * np.asarray(line.direction)
     x, y = tip - rotation(theta) @ (contact + line.tip_radius * normal)
-    return Pose(float(x), float(y), float((theta + np.pi) % (2 * np.pi) - np.pi))
+    return Pose(float(x), float(y), wrap(theta))

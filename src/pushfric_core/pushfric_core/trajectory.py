@@ -149,7 +149,7 @@ class Trajectory:
         touch = pusher.line.touch(self.outline, middle)
         if touch is None or touch.edge is None:
             return None
-        if np.hypot(twist.vx, twist.vy) + abs(twist.omega) * reach < self.config.minimum_speed:
+        if not any(twist) or np.hypot(twist.vx, twist.vy) + abs(twist.omega) * reach < self.config.minimum_speed:
             return None
         return Observation(
             contact_point=(float(touch.point[0]), float(touch.point[1])),

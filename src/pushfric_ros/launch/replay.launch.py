@@ -16,7 +16,7 @@ def replay(values):
     bag = pathlib.Path(values["bag"])
     source = offline.source_of(bag)
     return source.namespace, graph.replay(
-        str(bag), values["object"] or str(bag / offline.OBJECT_FILE), source, float(values["rate"])
+        str(bag), values["object"] or str(offline.object_beside(bag)), source, float(values["rate"])
     )
 
 

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import check_ranges, setting
 from pushfric_msgs.action import Push
@@ -54,18 +55,7 @@ class ActuatorConfig:
         check_ranges(self)
         if not self.port:
             raise ValueError("port must name the serial port of the GRBL controller, got ''")
-        for name in ("line_origin", "line_direction"):
-            values = getattr(self, name)
-            if len(values) != 2 or not all(math.isfinite(value) for value in values):
-                raise ValueError(f"{name} must be two finite numbers, got {values}")
-        if math.hypot(*self.line_direction) == 0:
-            raise ValueError("line_direction must have a length, got (0, 0)")
-
-    @property
-    def direction(self) -> tuple[float, float]:
-        """Unit vector of the forward stroke."""
-        x, y = self.line_direction
-        return x / math.hypot(x, y), y / math.hypot(x, y)
+        pushing_line(self.line_origin, self.line_direction, self.tip_radius)
 
 
 class ActuatorNode(Node):
@@ -86,6 +76,7 @@ class ActuatorNode(Node):
                 self._pusher.connect()
             except NotConnected as error:
                 raise InvalidInput(str(error)) from error
+        self._line = pushing_line(config.line_origin, config.line_direction, config.tip_radius)
         self._report = PusherReport(0.0, 0.0, Mode.DISCONNECTED, None)  # the last one
         self._problem: str | None = None
         self._lost_at: float | None = None  # position when the connection was lost
@@ -175,14 +166,14 @@ class ActuatorNode(Node):
 
     def _publish(self, report: PusherReport) -> None:
         stamp = self.get_clock().now().nanoseconds if report.stamp is None else report.stamp
-        (x, y), (along_x, along_y) = self._config.line_origin, self._config.direction
+        (x, y), (along_x, along_y), radius = self._line
         msg = PusherState(
             mode=getattr(PusherState, f"MODE_{report.mode.name}"),
             position=report.position,
             speed=report.speed,
             tip=Point(x=x + report.position * along_x, y=y + report.position * along_y),
             direction=Vector3(x=along_x, y=along_y),
-            tip_radius=self._config.tip_radius,
+            tip_radius=radius,
             push_id=self._push_id,
         )
         msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), TABLE

@@ -319,7 +319,7 @@ def describe(path: PathLike) -> Summary:
         with _reader(file) as reader:
             summary = reader.get_summary()
             if summary is None or summary.statistics is None:
-                raise InvalidInput(f"{file}: has no summary, expected one at the end; recover() writes it anew")
+                raise InvalidInput(f"{file}: has no summary, expected one at the end; `pushfric bag recover` writes it anew")
             statistics = summary.statistics
             if statistics.message_count:
                 spans.append((statistics.message_start_time, statistics.message_end_time))
@@ -413,7 +413,7 @@ def _finished_files(path: PathLike) -> list[pathlib.Path]:
         with file.open("rb") as stream:
             stream.seek(max(len(MCAP0_MAGIC), file.stat().st_size - len(MCAP0_MAGIC)))
             if stream.read() != MCAP0_MAGIC:
-                raise InvalidInput(f"{file}: the recording was cut short, expected a finished file; recover() saves the rest")
+                raise InvalidInput(f"{file}: the recording was cut short, `pushfric bag recover` saves the rest")
     return files
 
 

@@ -13,6 +13,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import TERMS, Estimator, EstimatorConfig
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_ros import bag as bags
 from pushfric_ros import demo as demonstration
 from pushfric_ros import graph, offline, zhou2015
 from pushfric_ros.cell_file import load_cell
@@ -26,6 +27,8 @@ app = typer.Typer(
     add_completion=False,
     help="Push an object a few times; learn its support friction, its centre of friction and the pusher's contact friction.",
 )
+bag_app = typer.Typer(help="Look after bags.")
+app.add_typer(bag_app, name="bag")
 console = Console(stderr=True, soft_wrap=True)
 
 Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
@@ -38,7 +41,7 @@ ObjectOption = Annotated[
     ),
 ]
 GridOption = Annotated[
-    tuple[int, int],
+    tuple[int, int] | None,
     typer.Option("--grid", help="Support points: a grid of NX by NY over the object.", metavar="NX NY", show_default=False),
 ]
 SupportPointsOption = Annotated[
@@ -68,7 +71,7 @@ def demo(
     json: Annotated[
         pathlib.Path | None, typer.Option("--json", help="Write the result there as JSON.", show_default=False)
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the camera's noise and the operator's hand.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Of the camera's noise and the operator's hand.", min=0, max=2**31)] = 0,
     object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
@@ -80,18 +83,19 @@ def demo(
     bag = bag or pathlib.Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
     if json is not None and not json.parent.is_dir():
         raise InvalidInput(f"{json}: its folder does not exist")
+    if json is not None and json.is_dir():
+        raise InvalidInput(f"{json}: is a folder; expected the name of a file to write")
     if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
         raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
     last, ended = demonstration.run_demo(console, object_name, seed, bag, live=console.is_terminal and not headless)
     if ended.code or last is None:
         raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
     demonstration.print_summary(console, object_name, last)
-    summary_figure(
-        bag / demonstration.FIGURE, TABLE_1[object_name].outline, demonstration.course_of(bag, console), TABLE_1[object_name]
-    )
-    console.print(f"figure: {bag / demonstration.FIGURE}\nbag:    {bag}")
     if json is not None:
         json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
+    figure = bag / demonstration.FIGURE
+    summary_figure(figure, TABLE_1[object_name].outline, demonstration.course_of(bag, console), TABLE_1[object_name])
+    console.print(f"figure: {figure}\nbag:    {bag}")
 
 
 @app.command()
@@ -126,8 +130,8 @@ def replay(
     headless: HeadlessFlag = False,
 ) -> None:
     """Play a bag through the live graph; it ends with exactly the estimate of the live run."""
-    if not 0 < rate <= 1000:
-        raise InvalidInput(f"--rate must lie in (0, 1000], got {rate:g}")
+    if not 0.01 <= rate <= 1000:
+        raise InvalidInput(f"--rate must lie in [0.01, 1000], got {rate:g}")
     model, object_file = _object_of(bag, object_name)
     data = offline.observations(bag, model, TrajectoryConfig(), _warn)
     source = offline.source_of(bag)
@@ -146,7 +150,7 @@ def replay(
 def estimate(
     source: Input,
     object_name: ObjectOption = "",
-    grid: GridOption = (0, 0),
+    grid: GridOption = None,
     support_points: SupportPointsOption = None,
     terms: TermsOption = "moment",
     half_width: HalfWidthOption = EstimatorConfig.half_width,
@@ -173,6 +177,15 @@ def estimate(
     if result.contradiction is not None:
         _warn(result.contradiction)
     _print_result(report(estimate_to_msg(result, model.name)), json)
+
+
+@bag_app.command()
+def recover(
+    damaged: Annotated[pathlib.Path, typer.Argument(help="A bag, or .mcap, that was cut short.", show_default=False)],
+    out: Annotated[pathlib.Path, typer.Option(help="Folder of the new bag.", show_default=False)],
+) -> None:
+    """Save all that is whole of a bag that was cut short."""
+    console.print(f"{out}: {bags.recover(damaged, out)} messages saved")
 
 
 @app.command("import")
@@ -207,12 +220,12 @@ def _object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
     return load_object(where), where
 
 
-def _support_points(model: ObjectModel, grid: tuple[int, int], file: pathlib.Path | None) -> Any:
-    if file is not None and grid != (0, 0):
+def _support_points(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> Any:
+    if file is not None and grid is not None:
         raise InvalidInput("give --grid or --support-points, not both")
     if file is not None:
         return read_points(file)
-    if grid == (0, 0):
+    if grid is None:
         return model.support_points
     try:
         return model.outline.grid(*grid, model.file.support.inset)

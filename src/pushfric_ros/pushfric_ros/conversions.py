@@ -92,7 +92,7 @@ def observation_to_msg(observation: Observation, object_name: str) -> Observatio
     msg.half_width, msg.duration = observation.half_width, observation.duration
     msg.twist.linear.x, msg.twist.linear.y, msg.twist.angular.z = observation.twist
     if observation.pose is not None:
-        msg.pose = pose_to_msg(observation.pose)
+        msg.pose = [pose_to_msg(observation.pose)]
     if observation.force is not None:
         msg.force = [_vector(observation.force)]
     return msg
@@ -108,7 +108,7 @@ def observation_from_msg(msg: ObservationMsg) -> Observation:
         half_width=msg.half_width,
         duration=msg.duration,
         stamp=stamp_from_msg(msg.header.stamp),
-        pose=pose_from_msg(msg.pose),
+        pose=pose_from_msg(msg.pose[0]) if msg.pose else None,
         force=(msg.force[0].x, msg.force[0].y) if msg.force else None,
     )
 

@@ -1,7 +1,6 @@
 """The demonstration: the whole graph on a simulated cell, then a summary beside the truth."""
 
 import pathlib
-import shutil
 import tempfile
 from collections.abc import Sequence
 
@@ -18,7 +17,7 @@ from pushfric_ros import graph, offline
 from pushfric_ros.camera import Camera, save_camera
 from pushfric_ros.cell_file import CameraEntry, CellFile, PusherEntry
 from pushfric_ros.monitor import Monitor
-from pushfric_ros.object_file import load_object, save_object
+from pushfric_ros.object_file import OBJECT_FILE, load_object
 from pushfric_ros.supervisor import Ended, Supervisor
 
 SPEED = 5.0
@@ -53,9 +52,6 @@ def run_demo(
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}")
         ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live)
-        if bag.is_dir():
-            save_object(load_object(object_name), bag / offline.OBJECT_FILE)
-            shutil.copy(cell.camera.calibration, bag)
     return last, ended
 
 
@@ -88,6 +84,7 @@ def watch(
         return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
 
     try:
+        monitor.check_alone()
         with Supervisor(specs, namespace, say) as supervisor:
             return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
     finally:
@@ -96,10 +93,9 @@ def watch(
 
 def course_of(bag: pathlib.Path, console: Console) -> list[Estimate]:
     """The estimates after each data point, from what the bag recorded; for figures."""
-    model = load_object(str(bag / offline.OBJECT_FILE))
+    model = load_object(str(bag / OBJECT_FILE))
     data = offline.observations(bag, model, TrajectoryConfig(), console.print)
-    estimator = Estimator(model.support_points)
-    return [estimator.add(observation) for observation in data]
+    return list(offline.estimates(Estimator(model.support_points), data, console.print))
 
 
 def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:

@@ -1,6 +1,7 @@
 """The experiment node: carries out a push plan, one push after the other, with an operator who places the object."""
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -43,7 +44,9 @@ class ExperimentConfig:
     still: float = setting(0.5, "it must lie still for this long [s]", 0.0, 60.0)
     still_distance: float = setting(0.0005, "still: moved less than this [m], turned less than it over 10 cm", 0.0, 0.1)
     awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes that must report themselves well before the first push")
-    lost_result: float = setting(3.0, "a push is given up when the pusher idles this long without a result [s]", 0.1, 60.0)
+    lost_result: float = setting(
+        3.0, "a push is given up when the pusher idles or is silent for this long, of wall time [s]", 0.1, 60.0
+    )
 
 
 class ExperimentNode(Node):
@@ -61,7 +64,8 @@ class ExperimentNode(Node):
         self._well: set[str] = set()
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
-        self._idle_since: int | None = None
+        self._heard = -math.inf  # when the pusher last said something; this and the next in wall time [s]
+        self._idle_since: float | None = None
         self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
         self._condition: tuple[Callable[[], bool], Future] | None = None
         self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
@@ -104,14 +108,17 @@ class ExperimentNode(Node):
     async def _push(self, push_id: int) -> None:
         goal = Push.Goal(push_id=push_id, distance=self._config.distance, speed=self._config.speed, retract=True)
         self._report(PlanProgress.PHASE_PUSHING, f"push {push_id + 1} of {len(self._plan)}")
-        handle = await self._action.send_goal_async(goal)
-        if not handle.accepted:
-            return self._count_aborted(push_id, "the pusher refused it")
-        result = handle.get_result_async()
+        await self._until(lambda: self._idle and self._action.server_is_ready())
+        answered = self._action.send_goal_async(goal)
         self._idle_since = None
-        await self._until(lambda: result.done() or self._result_lost())
+        await self._until(lambda: answered.done() or self._lost())
+        if not answered.done() or not answered.result().accepted:
+            return self._count_aborted(push_id, "the pusher refused it" if answered.done() else "the pusher does not answer")
+        result = answered.result().get_result_async()
+        self._idle_since = None
+        await self._until(lambda: result.done() or self._lost())
         if not result.done():
-            return self._count_aborted(push_id, "the pusher idles but gave no result")
+            return self._count_aborted(push_id, "the pusher forgot it")
         answer = result.result()
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             return self._count_aborted(push_id, answer.result.message)
@@ -141,11 +148,17 @@ class ExperimentNode(Node):
 
     @property
     def _idle(self) -> bool:
-        return self._pusher is not None and self._pusher.mode == PusherState.MODE_IDLE
+        """The pusher said so, and not long ago."""
+        return self._pusher is not None and self._pusher.mode == PusherState.MODE_IDLE and not self._silent
 
-    def _result_lost(self) -> bool:
-        waited = 0 if self._idle_since is None else self.get_clock().now().nanoseconds - self._idle_since
-        return waited > self._config.lost_result * NANOSECONDS
+    @property
+    def _silent(self) -> bool:
+        return time.monotonic() - self._heard > self._config.lost_result
+
+    def _lost(self) -> bool:
+        """A pusher that idles, or says nothing at all, has forgotten its goal."""
+        idles = self._idle_since is not None and time.monotonic() - self._idle_since > self._config.lost_result
+        return idles or self._silent
 
     def _lies_still_at(self, wanted: Pose) -> bool:
         span = self._poses[-1][0] - self._poses[0][0] if self._poses else 0
@@ -161,11 +174,11 @@ class ExperimentNode(Node):
         return near and aligned and still
 
     def _on_pusher_state(self, msg: PusherState) -> None:
-        self._pusher = msg
-        if not self._idle or msg.push_id != PusherState.NO_PUSH:
+        self._pusher, self._heard = msg, time.monotonic()
+        if msg.mode != PusherState.MODE_IDLE or msg.push_id != PusherState.NO_PUSH:
             self._idle_since = None
         elif self._idle_since is None:
-            self._idle_since = self.get_clock().now().nanoseconds
+            self._idle_since = time.monotonic()
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}

@@ -58,7 +58,7 @@ def cell(file: CellFile, bag: str, estimator: Mapping[str, Any] | None = None) -
     pusher = file.pusher.model_dump() | {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
     plan = {"object": file.object, "plan": file.plan.file, "distance": file.plan.distance, "speed": file.plan.speed}
     return [
-        NodeSpec("recorder", {"bag": bag, "topics": [" ".join(topic) for topic in TOPICS]}),
+        NodeSpec("recorder", {"bag": bag, "object": file.object, "topics": [" ".join(topic) for topic in TOPICS]}),
         NodeSpec("estimator", {"object": file.object, **(estimator or {})}),
         NodeSpec("tracker", {"object": file.object, **file.camera.model_dump()}, respawn=True),
         NodeSpec("actuator", pusher, respawn=True),

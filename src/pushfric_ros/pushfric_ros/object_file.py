@@ -15,6 +15,9 @@ from pushfric_core.planar import Array
 from pushfric_core.simulation import TABLE_1
 
 Point = tuple[float, float]
+OBJECT_FILE = "object.yaml"
+"""A bag's folder may say under this name of what object it is."""
+
 Model = TypeVar("Model", bound=pydantic.BaseModel)
 
 
@@ -146,7 +149,7 @@ def read_points(path: pathlib.Path) -> Array:
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
+            reader = csv.DictReader(stream, skipinitialspace=True)
             if missing := [name for name in ("x", "y") if name not in (reader.fieldnames or [])]:
                 raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected x, y")
             points = [_point(row, f"{path}, line {reader.line_num}") for row in reader]

@@ -46,8 +46,8 @@ def _observation(row: dict[str, str], where: str) -> Observation:
         return value
 
     push_id = number("push_id")
-    if push_id != int(push_id):
-        raise InvalidInput(f"{where}: push_id must be a whole number, got {push_id}")
+    if push_id != int(push_id) or not 0 <= push_id < 2**31:
+        raise InvalidInput(f"{where}: push_id must be a whole number in [0, 2^31), got {push_id:g}")
     try:
         return Observation(
             contact_point=(number("contact_x"), number("contact_y")),
@@ -55,7 +55,7 @@ def _observation(row: dict[str, str], where: str) -> Observation:
             twist=Twist(number("vx"), number("vy"), number("omega")),
             push_id=int(push_id),
             half_width=number("half_width") if row.get("half_width") else 0.0,
-            force=(number("force_x"), number("force_y")) if row.get("force_x") else None,
+            force=(number("force_x"), number("force_y")) if row.get("force_x") or row.get("force_y") else None,
         )
     except (ValueError, PushfricError) as error:
         raise error if isinstance(error, InvalidInput) else InvalidInput(f"{where}: {error}") from error

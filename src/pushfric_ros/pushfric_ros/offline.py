@@ -1,6 +1,7 @@
 """Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate a live run would end with."""
 
 import pathlib
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
@@ -10,13 +11,10 @@ from pushfric_core.observation import Observation
 from pushfric_core.trajectory import Trajectory, TrajectoryConfig
 from pushfric_ros import bag
 from pushfric_ros.conversions import observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
-from pushfric_ros.object_file import ObjectModel
+from pushfric_ros.object_file import OBJECT_FILE, ObjectModel
 from pushfric_ros.observation_file import read_observations
 
 Warn = Callable[[str], None]
-
-OBJECT_FILE = "object.yaml"
-"""A bag's folder may say under this name of what object it is."""
 
 POSES, OBSERVATIONS = ("object_pose", "pusher_state"), ("observation",)
 """Topics that data points are made from, and the one of data points themselves."""
@@ -91,20 +89,22 @@ def _recorded(path: pathlib.Path, source: Source, warn: Warn) -> Iterator[Observ
             warn(f"{message.topic} refused: {error}")
 
 
-def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
-    """Let the estimator take the data points one by one, as a live one does; data points it refuses are left out.
-
-    Raises:
-        PushfricError: the last refusal, where it refused them all.
-    """
-    last = None
-    refusal: PushfricError = InvalidInput("no data points")
+def estimates(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Iterator[Estimate]:
+    """Let the estimator take the data points one by one, as a live one does; `warn` gets a line for each that it refuses."""
     for observation in data:
         try:
-            last = estimator.add(observation)
+            yield estimator.add(observation)
         except PushfricError as error:
-            refusal = error
             warn(f"data point of push {observation.push_id} refused: {error}")
-    if last is None:
-        raise refusal
-    return last
+
+
+def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
+    """The estimate after the last data point.
+
+    Raises:
+        InvalidInput: all of them were refused.
+    """
+    last = deque(estimates(estimator, data, warn), maxlen=1)
+    if not last:
+        raise InvalidInput("no data point could be used, expected at least one")
+    return last[0]

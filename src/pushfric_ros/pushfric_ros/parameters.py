@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import typing
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -32,8 +33,11 @@ def declare(node: Node, config_class: type[Config]) -> Config:
         except InvalidParameterValueException as error:
             low, high = field.metadata.get("low"), field.metadata.get("high")
             raise InvalidInput(f"{where} must lie in [{low}, {high}], got {error}") from error
-        if isinstance(value, float) and math.isnan(value):
-            raise InvalidInput(f"{where} must be a number, got nan")
+        if value is None:
+            raise InvalidInput(f"{where} must be {_type_name(default)}, got nothing")
+        numbers = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+        if not all(math.isfinite(number) for number in numbers if isinstance(number, float)):
+            raise InvalidInput(f"{where} must be finite, got {value}")
         values[field.name] = tuple(value) if typing.get_origin(hints[field.name]) is tuple else value
     try:
         return config_class(**values)

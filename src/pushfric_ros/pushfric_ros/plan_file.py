@@ -35,7 +35,9 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
         InvalidInput: the file is no plan, or names an edge or offset the object does not have.
     """
     if not path:
-        counts = TABLE_1[model.name].pushes if model.name in TABLE_1 else [EDGE_PUSHES] * len(model.outline.vertices)
+        known = TABLE_1.get(model.name)
+        is_known = known is not None and known.outline == model.outline
+        counts = known.pushes if known is not None and is_known else [EDGE_PUSHES] * len(model.outline.vertices)
         return even_pushes(model.outline, counts)
     entries = read_yaml(pathlib.Path(path), PlanFile).pushes
     for index, entry in enumerate(entries):

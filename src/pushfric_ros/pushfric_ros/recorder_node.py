@@ -1,5 +1,6 @@
 """The recorder node: the bytes of every message of the chosen topics into a bag."""
 
+import pathlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from pushfric_core.settings import setting
 from pushfric_ros.bag import BagWriter
 from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.message_types import message_class
+from pushfric_ros.object_file import OBJECT_FILE, load_object, save_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -40,12 +42,16 @@ class RecorderConfig:
     bag: str = setting("", "folder of the bag, new or empty")
     # an empty list would be declared as one of bytes
     topics: tuple[str, ...] = setting(("",), "each 'name package/msg/Type qos', qos one of sensor_data, reliable, latched")
+    object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
     discover: bool = setting(False, "record every other topic too, from when it is first seen")
 
     def __post_init__(self) -> None:
         if not self.bag:
             raise ValueError("bag must name the folder to record into, got nothing")
-        if not (self.discover or self.known_topics):
+        names = [topic.name for topic in self.known_topics]
+        if len(set(names)) < len(names):
+            raise ValueError(f"topics must name each topic once, got {', '.join(names)}")
+        if not (self.discover or names):
             raise ValueError("topics must name what to record unless discover is true, got nothing")
 
     @property
@@ -77,7 +83,10 @@ class RecorderNode(Node):
         known = [self._resolved(topic) for topic in config.known_topics]
         for topic in known:  # before there is a file
             message_class(topic.type_name)
+        model = load_object(config.object) if config.object else None
         self._bag = BagWriter(config.bag)
+        if model is not None:
+            save_object(model, pathlib.Path(config.bag) / OBJECT_FILE)
         self._bytes = 0
         self._lost = 0
         self._waiting: list[tuple[str, bytes]] = []  # for the first /clock

@@ -3,6 +3,7 @@
 import array
 import contextlib
 import os
+import pathlib
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import CameraInfo, Image
 
-from pushfric_core.contact import PushingLine
+from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput, SolverFailed
 from pushfric_core.planar import Pose
 from pushfric_core.settings import setting
@@ -57,6 +58,11 @@ class SimulatedCellConfig:
     placement_error: float = setting(0.001, "of the operator, standard deviation [m]; the angle errs by it over 2 cm", 0.0, 0.1)
     seed: int = setting(0, "of camera noise and operator", 0, 2**31)
 
+    def __post_init__(self) -> None:
+        pushing_line(self.line_origin, self.line_direction, self.tip_radius)
+        if not pathlib.Path(self.port_link or "/").parent.is_dir() or not self.port_link:
+            raise ValueError(f"port_link must be a path in an existing folder, got {self.port_link!r}")
+
 
 class SimulatedCellNode(Node):
     """Steps the simulation from a wall-clock timer and publishes /clock."""
@@ -68,7 +74,7 @@ class SimulatedCellNode(Node):
             raise InvalidInput(f"the simulated cell has no object {config.object!r}; expected one of {', '.join(TABLE_1)}")
         truth = TABLE_1[config.object]
         self._rng = np.random.default_rng(config.seed)
-        self._line = PushingLine(tuple(config.line_origin), tuple(config.line_direction), config.tip_radius)  # type: ignore[arg-type]
+        self._line = pushing_line(config.line_origin, config.line_direction, config.tip_radius)
         self._object = PushedObject(truth.outline, truth.support, truth.mu_c, Pose(0.0, 0.0, 0.0))
         self._present = False
         self._placing: tuple[float, Pose] | None = None  # when [s], and where
@@ -101,11 +107,9 @@ class SimulatedCellNode(Node):
 
     def _link(self, path: str) -> None:
         """Let the pseudo-terminal, whose name nobody can know beforehand, appear under a known one."""
-        if not path:
-            raise InvalidInput("the simulated cell needs port_link, the path at which its serial port is to appear")
-        staged = f"{path}.new"
-        os.symlink(self._grbl.port, staged)
-        os.replace(staged, path)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+        os.symlink(self._grbl.port, path)
 
     def _step(self) -> None:
         self._steps += 1
@@ -139,7 +143,11 @@ class SimulatedCellNode(Node):
 
     def _on_placement(self, msg: PoseStamped) -> None:
         """Do as a human operator would: take the object away and put it where it is wanted, nearly."""
-        wanted = pose_from_msg(msg.pose)
+        try:
+            wanted = pose_from_msg(msg.pose)
+        except ValueError as error:
+            self.get_logger().error(f"placement ignored: {error}")
+            return
         x, y, turn = self._rng.normal(0.0, self._config.placement_error, 3).clip(*self._reach())
         self._present = False
         self._placing = (self._elapsed + self._config.away, Pose(wanted.x + x, wanted.y + y, wanted.theta + turn / 0.02))

@@ -18,8 +18,8 @@ from ament_index_python.packages import get_package_prefix
 
 from pushfric_ros.graph import PACKAGE, NodeSpec
 
-PATIENCE = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
-"""How a process is asked to end, and for how long it is waited for each time [s]."""
+PATIENCE = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
+"""How a process is asked to end, and for how long it is waited for each time [s]; a SIGINT would print what it interrupts."""
 
 RESPAWN_DELAY = 1.0
 """A node that ended is restarted after this long [s]."""
@@ -49,8 +49,13 @@ class Supervisor:
         self._listeners: list[threading.Thread] = []
         self._due: dict[str, float] = {}  # when a node is started again
         self._files = tempfile.TemporaryDirectory(prefix="pushfric-")
+        self._interrupted = False
+        self._handlers: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> "Supervisor":
+        # an exception could strike anywhere, even in a fork: a flag waits for `poll`
+        for caught in (signal.SIGINT, signal.SIGTERM):
+            self._handlers[caught] = signal.signal(caught, self._on_signal)
         try:
             for spec in self._specs:
                 self._start(spec)
@@ -63,7 +68,13 @@ class Supervisor:
         self.stop()
 
     def poll(self) -> Ended | None:
-        """Look after the processes; returns how the run ended once a node that may end it has."""
+        """Look after the processes; returns how the run ended once a node that may end it has.
+
+        Raises:
+            KeyboardInterrupt: SIGINT or SIGTERM came since the start.
+        """
+        if self._interrupted:
+            raise KeyboardInterrupt
         for spec in self._specs:
             code = self._processes[spec.name].poll()
             if code is None:
@@ -94,7 +105,12 @@ class Supervisor:
                     process.wait(max(0.0, deadline - time.monotonic()))
         for listener in self._listeners:
             listener.join(1.0)
+        for caught, handler in self._handlers.items():
+            signal.signal(caught, handler)
         self._files.cleanup()
+
+    def _on_signal(self, *_: Any) -> None:
+        self._interrupted = True
 
     def _start(self, spec: NodeSpec) -> None:
         process = subprocess.Popen(

@@ -7,6 +7,7 @@ poses of the tool; so each push gives one data point: its finite motion, with th
 
 import csv
 import gzip
+import io
 import math
 import pathlib
 from collections.abc import Iterator
@@ -22,8 +23,7 @@ from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform
 from pushfric_ros.bag import BagWriter
 from pushfric_ros.conversions import observation_to_msg
-from pushfric_ros.object_file import ObjectFile, SupportFile, make_object, save_object
-from pushfric_ros.offline import OBJECT_FILE
+from pushfric_ros.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
 from pushfric_ros.qos import RELIABLE
 
 NAME = "zhou2015"
@@ -84,7 +84,11 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         InvalidInput: a column or a number is missing.
     """
     logs: dict[str, list[Observation]] = {}
-    with path.open(newline="") as stream:
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: cannot be read: {error}") from error
+    with io.StringIO(text, newline="") as stream:
         reader = csv.DictReader(stream)
         if missing := [name for name in COLUMNS if name not in (reader.fieldnames or [])]:
             raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected push_points.csv of {NAME}")
