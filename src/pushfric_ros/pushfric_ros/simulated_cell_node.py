@@ -59,6 +59,8 @@ class SimulatedCellConfig:
     seed: int = setting(0, "of camera noise and operator", 0, 2**31)
 
     def __post_init__(self) -> None:
+        if not self.calibration:
+            raise ValueError("calibration must name the camera's calibration YAML, got nothing")
         pushing_line(self.line_origin, self.line_direction, self.tip_radius)
         if not pathlib.Path(self.port_link or "/").parent.is_dir() or not self.port_link:
             raise ValueError(f"port_link must be a path in an existing folder, got {self.port_link!r}")
