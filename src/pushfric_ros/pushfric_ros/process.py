@@ -24,8 +24,9 @@ def run_node(make: Callable[[], Node]) -> None:
     # One thread per process: the estimates stay bit-for-bit reproducible and the tail of the update time short.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # rclpy's own handlers, which run before these, end the spinning; a KeyboardInterrupt would strike anywhere.
+    asked_to_stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+        signal.signal(number, lambda caught, _: asked_to_stop.append(caught))
     node = None
     code = 0
     try:
@@ -41,7 +42,7 @@ def run_node(make: Callable[[], Node]) -> None:
     except ExternalShutdownException:
         pass
     except rclpy_implementation.RCLError:
-        if node is None or rclpy.ok():  # a real fault; otherwise the wait set lost a race with the shutdown signal
+        if not asked_to_stop:  # a real fault; otherwise something was made or waited for after the signal ended the context
             raise
     finally:
         try:
