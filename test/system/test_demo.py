@@ -196,13 +196,15 @@ def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(tmp_path, node
 
 def test_a_second_cell_of_the_same_name_is_refused(tmp_path):
     process = start_demo(tmp_path, tmp_path.name)
-    await_first_push(process)
-    second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
+    try:
+        await_first_push(process)
+        second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
     assert second.returncode == 2
     assert "a cell named /cell runs already on ROS domain" in second.stderr
     assert not (tmp_path / "second").exists()
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
 
 
 @pytest.mark.parametrize("node", ["tracker_node", "actuator_node"])

@@ -413,7 +413,7 @@ def _finished_files(path: PathLike) -> list[pathlib.Path]:
         with file.open("rb") as stream:
             stream.seek(max(len(MCAP0_MAGIC), file.stat().st_size - len(MCAP0_MAGIC)))
             if stream.read() != MCAP0_MAGIC:
-                raise InvalidInput(f"{file}: the recording was cut short, `pushfric bag recover` saves the rest")
+                raise InvalidInput(f"{file}: the recording was cut short, expected a finished file; see pushfric bag recover")
     return files
 
 

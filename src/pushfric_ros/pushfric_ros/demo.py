@@ -84,7 +84,6 @@ def watch(
         return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
 
     try:
-        monitor.check_alone()
         with Supervisor(specs, namespace, say) as supervisor:
             return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
     finally:

@@ -1,6 +1,5 @@
 """The operator's view of a running graph: a node of the command line that keeps the last estimate of every push."""
 
-import os
 import time
 from collections.abc import Callable
 from typing import Any
@@ -15,15 +14,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.conversions import stamp_from_msg
 from pushfric_ros.estimator_node import SETTLED
 from pushfric_ros.qos import LATCHED, RELIABLE
 from pushfric_ros.supervisor import Ended, Supervisor
-
-LOOK_AROUND = 1.0
-"""How long other cells are looked for before a run [s]."""
 
 PATIENCE = 10.0
 """How long, after the end of a run, its last estimate is waited for [s]."""
@@ -69,22 +64,6 @@ class Monitor:
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
-
-    def check_alone(self) -> None:
-        """Look around for a second.
-
-        Raises:
-            InvalidInput: another cell is running under the same name; two would take each other's messages for their own.
-        """
-        deadline = time.monotonic() + LOOK_AROUND
-        while time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.05)
-            if self._node.count_publishers("friction_estimate"):
-                domain = os.environ.get("ROS_DOMAIN_ID", "0")
-                raise InvalidInput(
-                    f"a cell named {self._node.get_namespace()} runs already on ROS domain {domain}; "
-                    "end it, or set another ROS_DOMAIN_ID"
-                )
 
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, wait on until `done`, but not for ever."""

@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import fcntl
 import json
 import os
 import pathlib
@@ -12,10 +13,11 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
 from ament_index_python.packages import get_package_prefix
 
+from pushfric_core.errors import InvalidInput
 from pushfric_ros.graph import PACKAGE, NodeSpec
 
 PATIENCE = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
@@ -41,10 +43,13 @@ class Supervisor:
         specs: the nodes.
         namespace: of all of them.
         say: gets (node name, line) for all they print; called from threads.
+    Raises:
+        InvalidInput: a cell of this name runs already.
     """
 
     def __init__(self, specs: Sequence[NodeSpec], namespace: str, say: Callable[[str, str], None]) -> None:
         self._specs, self._namespace, self._say = list(specs), namespace, say
+        self._lock = lock(namespace)
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._listeners: list[threading.Thread] = []
         self._due: dict[str, float] = {}  # when a node is started again
@@ -107,6 +112,8 @@ class Supervisor:
             listener.join(1.0)
         for caught, handler in self._handlers.items():
             signal.signal(caught, handler)
+        os.unlink(self._lock.name)
+        self._lock.close()
         self._files.cleanup()
 
     def _on_signal(self, *_: Any) -> None:
@@ -133,6 +140,25 @@ class Supervisor:
         with process.stdout as lines:
             for line in lines:
                 self._say(name, line.rstrip())
+
+
+def lock(namespace: str) -> TextIO:
+    """Claim a cell's name on this machine's ROS domain; the claim ends with the file, however the process ends.
+
+    Raises:
+        InvalidInput: another run holds it; two would take each other's messages for their own.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    name = f"pushfric-{os.getuid()}-{domain}{namespace.replace('/', '-')}.lock"
+    file = (pathlib.Path(tempfile.gettempdir()) / name).open("w")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise InvalidInput(
+            f"a cell named {namespace} runs already on ROS domain {domain}; end it, or set another ROS_DOMAIN_ID"
+        ) from None
+    return file
 
 
 def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
