@@ -39,6 +39,16 @@ def publisher(ros, node, kind, topic, qos):
     return out
 
 
+def estimator_of_observations(ros):
+    """A running estimator's peer, what it hands data points in with, and the estimates it gets."""
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations"))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    return node, out, estimates
+
+
 def pose_msg(stamp, pose):
     msg = PoseWithCovarianceStamped()
     msg.header.stamp, msg.pose.pose = stamp_to_msg(stamp), pose_to_msg(pose)
@@ -113,11 +123,7 @@ def test_a_late_subscriber_gets_the_last_estimate(ros):
 
 def test_bad_messages_are_refused_and_change_nothing(ros):
     problem = four_feet()
-    node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=NAME, source="observations"))
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    _, out, estimates = estimator_of_observations(ros)
     good = [observation_to_msg(observation, NAME) for observation in problem.observations[:3]]
     broken, still = (observation_to_msg(problem.observations[0], NAME) for _ in range(2))
     broken.contact_point.x = math.nan
@@ -153,11 +159,7 @@ def call(ros, node, kind, name, request):
 
 def test_reset_and_select_object_start_afresh(ros):
     problem = four_feet()
-    node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=NAME, source="observations"))
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    node, out, estimates = estimator_of_observations(ros)
     first = observation_to_msg(problem.observations[0], NAME)
     for count in (1, 2):
         out.publish(first)

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import TERMS, Estimator, EstimatorConfig
+from pushfric_core.planar import Array
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import bag as bags
@@ -220,7 +221,7 @@ def _object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
     return load_object(where), where
 
 
-def _support_points(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> Any:
+def _support_points(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> Array:
     if file is not None and grid is not None:
         raise InvalidInput("give --grid or --support-points, not both")
     if file is not None:

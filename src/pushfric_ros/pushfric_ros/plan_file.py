@@ -36,9 +36,9 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
     """
     if not path:
         known = TABLE_1.get(model.name)
-        is_known = known is not None and known.outline == model.outline
-        counts = known.pushes if known is not None and is_known else [EDGE_PUSHES] * len(model.outline.vertices)
-        return even_pushes(model.outline, counts)
+        if known is not None and known.outline == model.outline:
+            return even_pushes(model.outline, known.pushes)
+        return even_pushes(model.outline, [EDGE_PUSHES] * len(model.outline.vertices))
     entries = read_yaml(pathlib.Path(path), PlanFile).pushes
     for index, entry in enumerate(entries):
         where = f"{path}: pushes.{index}"
