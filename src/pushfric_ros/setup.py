@@ -19,7 +19,7 @@ setup(
     ],
     install_requires=[
         "numpy",
-        "opencv-python-headless",
+        "opencv-python-headless>=4.7",
         "pyserial",
         "mcap>=1.6",
         "zstandard",
@@ -28,6 +28,7 @@ setup(
         "typer",
         "rich",
         "matplotlib",
+        "shapely>=2.1",
     ],
     entry_points={
         "console_scripts": [

@@ -9,8 +9,10 @@ from pushfric_core.errors import UninformativePush
 from pushfric_core.linear_program import fit_error
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
+from pushfric_core.support import FreeRadii, support_forces
 
 PULLED = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.02, 0.0))  # moves towards the pusher
+WITHIN_5_MM = FreeRadii(0.005, 0.005)
 TWO = np.array(((-0.03, 0.0), (0.03, 0.0)))
 
 
@@ -96,27 +98,38 @@ def test_a_free_support_lowers_the_cost_as_far_as_any_force_can(rng):
         arms = points - turn.contact_point
         known = sum(w[j] * (arms[j][0] * fixed[j][1] - arms[j][1] * fixed[j][0]) for j in (0, 2))
         moments = known + w[1] * (arms[1][0] * disc[:, 1] - arms[1][1] * disc[:, 0])
-        rows = moment_rows(turn, points, free_radius=0.005)
+        rows = moment_rows(turn, points, free=WITHIN_5_MM)
         assert fit_error(rows, rows.a @ w) == pytest.approx(np.abs(moments).min(), abs=1e-4)
-        rows = frictionless_rows(turn, points, 2.0, free_radius=0.005)
+        rows = frictionless_rows(turn, points, 2.0, free=WITHIN_5_MM)
         assert fit_error(rows, rows.a @ w) == pytest.approx(2 * np.abs(forces[0] + w[1] * disc[:, 0]).min(), abs=2e-3)
-        rows = normal_force_rows(turn, points, free_radius=0.005)
+        rows = normal_force_rows(turn, points, free=WITHIN_5_MM)
         assert rows.a @ w == pytest.approx(-forces[1] + w[1], abs=1e-9)
 
 
 def test_only_supports_within_the_radius_are_free():
     turn = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.001, -0.031, 1.0))
-    assert len(moment_rows(turn, TWO, free_radius=0.001).a) == 1
-    assert len(moment_rows(turn, TWO, free_radius=0.002).a) == 2
+    assert len(moment_rows(turn, TWO, free=FreeRadii(0.001, 0.001)).a) == 1
+    assert len(moment_rows(turn, TWO, free=FreeRadii(0.002, 0.002)).a) == 2
 
 
 def test_a_support_exactly_on_the_center_of_rotation_needs_a_radius():
     turn = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.03, 1.0))
     with pytest.raises(UninformativePush, match="rotated exactly about its support point"):
         moment_rows(turn, TWO)
-    assert np.isfinite(moment_rows(turn, TWO, free_radius=0.001).a).all()
+    assert np.isfinite(moment_rows(turn, TWO, free=FreeRadii(0.001, 0.001)).a).all()
 
 
 def test_a_translation_frees_nothing():
     slide = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0))
-    assert len(moment_rows(slide, TWO, free_radius=0.05).a) == 1
+    assert len(moment_rows(slide, TWO, free=FreeRadii(0.05, 0.05)).a) == 1
+
+
+def test_between_the_radii_supports_are_the_freer_the_nearer():
+    turn = Twist(0.0, 0.0, 2.0)  # about the origin
+    points = np.array(((0.0, 0.0), (0.004, 0.0), (0.0, 0.006), (0.0, -0.009), (0.02, 0.0)))
+    forces = support_forces(points, turn, FreeRadii(0.004, 0.009))
+    assert forces.free == pytest.approx((1, 1, 0.6, 0, 0))
+    assert np.linalg.norm(forces.directions, axis=1) == pytest.approx((0, 0, 0.4, 1, 1))
+    assert forces.directions[2] == pytest.approx((0.4, 0))
+    from_zero = support_forces(points, turn, FreeRadii(0.0, 0.008))
+    assert from_zero.free == pytest.approx((1, 0.5, 0.25, 0, 0))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import PROBLEMS
@@ -6,7 +8,8 @@ from pushfric_core.errors import UninformativePush
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist
+from pushfric_core.planar import Twist, rotation
+from pushfric_core.support import friction_directions
 
 
 def last_estimate(estimator, observations):
@@ -28,7 +31,7 @@ def test_every_estimate_is_certified_and_stays_as_it_is():
     problem = PROBLEMS[0]()
     estimator = Estimator(problem.outline.grid(5, 5))
     estimates = [estimator.add(observation) for observation in problem.observations[:10]]
-    assert [len(estimate.observations) for estimate in estimates] == list(range(1, 11))
+    assert [estimate.data_points for estimate in estimates] == list(range(1, 11))
     for estimate in estimates:
         assert estimate.status is Status.OPTIMAL
         assert estimate.w.sum() == pytest.approx(1)
@@ -67,12 +70,17 @@ def test_without_the_nonnegative_force_they_are_not():
 
 def test_a_motion_about_a_support_is_refused_and_leaves_no_trace():
     problem = PROBLEMS[1]()
-    estimator = Estimator(problem.truth.points)
+    estimator = Estimator(problem.truth.points, EstimatorConfig(cor_radius=0.0))
     before = last_estimate(estimator, problem.observations[:5])
     x, y = problem.truth.points[1]
-    with pytest.raises(UninformativePush):
-        estimator.add(Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0)))
-    assert estimator.estimate().observations == before.observations
+    turn = Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0))
+    for take in (estimator.check, estimator.add):
+        with pytest.raises(UninformativePush):
+            take(turn)
+    Estimator(problem.truth.points).check(turn)  # where supports may be free, that one is
+    after = estimator.estimate()
+    assert (after.data_points, after.solution) == (before.data_points, before.solution)
+    assert estimator.observations == tuple(problem.observations[:5])
 
 
 def test_a_half_width_loosens_the_fit():
@@ -85,10 +93,128 @@ def test_a_half_width_loosens_the_fit():
     assert errors[0] > errors[1] > errors[2]
 
 
+def test_a_penalty_above_the_multiplier_gives_the_hard_optimum():
+    problem = PROBLEMS[1]()
+    grid = problem.outline.grid(6, 6)
+    pulled = Observation((0.028, 0.0), (0.0, -1.0), Twist(0.0286, 0.0425, -1.175), push_id=99)  # w must make this one a push
+    hard = last_estimate(Estimator(grid), [*problem.observations, pulled])
+    assert hard.status is Status.OPTIMAL
+    free = last_estimate(Estimator(grid, EstimatorConfig(nonnegative_force=False)), [*problem.observations, pulled])
+    assert free.solution.objective < hard.solution.objective - 1e-4
+    exact = last_estimate(Estimator(grid, EstimatorConfig(pull_penalty=10.0)), [*problem.observations, pulled])
+    assert exact.solution.objective == pytest.approx(hard.solution.objective, rel=1e-9)
+    cheap = last_estimate(Estimator(grid, EstimatorConfig(pull_penalty=1e-3)), [*problem.observations, pulled])
+    assert free.solution.objective < cheap.solution.objective < hard.solution.objective
+
+
+def test_a_penalty_is_never_infeasible():
+    estimator = Estimator(np.array(((-0.03, 0.0), (0.03, 0.0))), EstimatorConfig(pull_penalty=2.0))
+    estimate = estimator.add(Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.02, 0.0)))
+    assert estimate.status is Status.OPTIMAL
+    assert estimate.solution.objective == pytest.approx(2.0)  # f . n = -1 for every w
+
+
+def test_a_push_can_be_excluded_again():
+    problem = PROBLEMS[1]()
+    grid = problem.outline.grid(6, 6)
+    wrong = Observation((0.05, 0.0), (0.0, -1.0), Twist(0.01, 0.02, -0.3), push_id=99)
+    without = last_estimate(Estimator(grid), problem.observations)
+    estimator = Estimator(grid)
+    misled = last_estimate(estimator, [*problem.observations[:10], wrong, wrong, *problem.observations[10:]])
+    assert misled.solution.objective > without.solution.objective + 0.01
+    estimate = estimator.exclude(99)
+    assert estimate.solution.objective == pytest.approx(without.solution.objective, abs=1e-9)
+    assert estimate.w == pytest.approx(without.w, abs=1e-6)
+    assert estimate.contact_friction == pytest.approx(without.contact_friction, abs=1e-4)
+    assert (estimate.data_points, estimate.pushes) == (without.data_points, without.pushes)
+    assert estimator.observations == tuple(problem.observations)
+    assert misled.contact_friction.shape == (len(problem.observations) + 2,)  # what was handed out stays
+    with pytest.raises(ValueError, match="push_id must be one of 0, 1, 2"):
+        estimator.exclude(99)
+    assert estimator.add(wrong).solution.objective == pytest.approx(
+        last_estimate(Estimator(grid), [*problem.observations, wrong]).solution.objective, abs=1e-9
+    )
+
+
+def test_excluding_everything_leaves_an_estimator_like_new():
+    problem = PROBLEMS[0]()
+    estimator = Estimator(problem.truth.points)
+    last_estimate(estimator, [replace(observation, push_id=7) for observation in problem.observations])
+    assert estimator.exclude(7).data_points == 0
+    again, fresh = (last_estimate(e, problem.observations) for e in (estimator, Estimator(problem.truth.points)))
+    assert again.w == pytest.approx(fresh.w, abs=1e-6)
+
+
+def test_a_known_center_of_friction_is_kept():
+    problem = PROBLEMS[0]()
+    true = problem.truth.center_of_friction
+    fits = []
+    for center in (true, true + (0.005, 0.0), true + (0.01, 0.0)):
+        estimate = last_estimate(Estimator(problem.outline.grid(5, 5), center_of_friction=center), problem.observations)
+        assert estimate.center_of_friction == pytest.approx(center, abs=1e-9)
+        fits.append(estimate.solution.objective)
+    assert fits[0] < fits[1] < fits[2]
+
+
+def test_a_center_of_friction_outside_the_supports_is_infeasible():
+    problem = PROBLEMS[0]()
+    estimate = Estimator(problem.truth.points, center_of_friction=(0.2, 0.0)).add(problem.observations[0])
+    assert estimate.status is Status.INFEASIBLE
+    assert estimate.contradiction == "no w over the support points has the centre of friction that is asked for"
+    with pytest.raises(ValueError, match="center_of_friction must be two finite numbers"):
+        Estimator(problem.truth.points, center_of_friction=(0.2,))
+
+
+def with_force(observation, problem, total, noise=0.0, rng=None):
+    """The data point with the force that a sensor would measure [N]."""
+    force = -total * problem.truth.weights @ friction_directions(problem.truth.points, observation.twist)
+    return replace(observation, force=tuple(force + (rng.normal(0, noise, 2) if rng is not None else 0.0)))
+
+
+def test_measured_forces_give_absolute_magnitudes(rng):
+    problem = PROBLEMS[2]()
+    config = EstimatorConfig(terms=("moment", "force"))
+    sensed = [with_force(o, problem, 3.5) for o in problem.observations]
+    estimate = last_estimate(Estimator(problem.truth.points, config), sensed)
+    assert estimate.status is Status.OPTIMAL
+    assert estimate.total_friction == pytest.approx(3.5, rel=1e-3)
+    assert estimate.center_of_friction == pytest.approx(problem.truth.center_of_friction, abs=1e-4)
+    noisy = [with_force(o, problem, 3.5, 0.1, rng) for o in problem.observations]
+    assert last_estimate(Estimator(problem.truth.points, config), noisy).total_friction == pytest.approx(3.5, rel=0.05)
+
+
+def test_forces_without_moments_find_the_center_too():
+    problem = PROBLEMS[1]()
+    sensed = [with_force(o, problem, 2.0) for o in problem.observations]
+    estimate = last_estimate(Estimator(problem.outline.grid(6, 6), EstimatorConfig(terms=("force",))), sensed)
+    assert estimate.center_of_friction == pytest.approx(problem.truth.center_of_friction, abs=0.005)
+
+
+def test_without_measured_forces_there_is_no_total():
+    problem = PROBLEMS[0]()
+    for terms in (("moment",), ("moment", "force")):
+        estimate = last_estimate(Estimator(problem.truth.points, EstimatorConfig(terms=terms)), problem.observations)
+        assert estimate.total_friction is None
+
+
+def test_a_measured_direction_within_its_cone_costs_nothing(rng):
+    problem = PROBLEMS[2]()
+    turned = []
+    for o in problem.observations:
+        sensed = with_force(o, problem, rng.uniform(1, 5))  # another sensor gain each time: the magnitude is not used
+        turned.append(replace(sensed, force=tuple(rotation(rng.uniform(-0.1, 0.1)) @ sensed.force)))
+    exact, wide = (
+        last_estimate(Estimator(problem.truth.points, EstimatorConfig(terms=("force_angle",), force_half_angle=angle)), turned)
+        for angle in (0.0, 0.101)
+    )
+    assert wide.solution.objective == pytest.approx(0.0, abs=1e-9)
+    assert exact.solution.objective > 0.01
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"terms": ("moments",)}, "moment, frictionless, cone, got moments"),
+        ({"terms": ("moments",)}, "moment, frictionless, cone, force, force_angle, got moments"),
         ({"terms": ()}, "got none"),
         ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, 100.0\], got -1.0"),
         ({"half_width": float("nan")}, "half_width must lie"),

@@ -5,10 +5,11 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+import yaml
 from sensor_msgs.msg import CameraInfo
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.camera import Camera, load_camera, save_camera
+from pushfric_ros.camera import Camera, lens_from_info, load_camera, load_lens, save_camera
 
 K = np.array(((900.0, 0.0, 320.0), (0.0, 910.0, 238.0), (0.0, 0.0, 1.0)))
 D = np.array((-0.2, 0.05, 0.001, -0.001, 0.0))
@@ -121,24 +122,37 @@ def test_a_saved_camera_is_read_back(tmp_path):
         np.testing.assert_array_equal(getattr(same, name), getattr(camera, name))
 
 
+def test_a_lens_without_a_table(tmp_path):
+    path = tmp_path / "lens.yaml"
+    path.write_text(YAML[: YAML.index("table_homography")])
+    lens = load_lens(path)
+    assert (lens.width, lens.height, lens.K[0, 0], lens.D[0]) == (640, 480, 1280, -0.1)
+    with pytest.raises(InvalidInput, match="table_homography must hold"):
+        load_camera(path)
+    save_camera(lens, tmp_path / "same.yaml")
+    assert "table_homography" not in yaml.safe_load((tmp_path / "same.yaml").read_text())
+    np.testing.assert_array_equal(load_lens(tmp_path / "same.yaml").K, lens.K)
+    np.testing.assert_array_equal(lens.over(oblique().H).H, oblique().H)
+
+
 @pytest.mark.parametrize("distortion", [D, np.arange(8) / 100])
 def test_camera_info_message_and_back(distortion):
     camera = dataclasses.replace(oblique(), D=distortion)
     info = CameraInfo(**camera.info_fields())
-    same = Camera.from_info(info, camera.H)
+    same = lens_from_info(info).over(camera.H)
     for name in ("width", "height", "K", "D", "H"):
         np.testing.assert_array_equal(getattr(same, name), getattr(camera, name))
 
 
 def test_an_uncalibrated_camera_info_is_refused():
     with pytest.raises(InvalidInput, match="not calibrated: K is all zero"):
-        Camera.from_info(CameraInfo(width=640, height=480), np.eye(3))
+        lens_from_info(CameraInfo(width=640, height=480))
 
 
 def test_other_distortion_models_are_refused():
     info = CameraInfo(**oblique().info_fields() | {"distortion_model": "equidistant"})
     with pytest.raises(InvalidInput, match="must be plumb_bob or rational_polynomial, got 'equidistant'"):
-        Camera.from_info(info, np.eye(3))
+        lens_from_info(info)
 
 
 @pytest.mark.parametrize(

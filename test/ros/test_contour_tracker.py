@@ -8,7 +8,8 @@ import shapely
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, transform, wrap
 from pushfric_ros.camera import Camera
-from pushfric_ros.contour_tracker import ContourTracker, NotSeen, Sighting
+from pushfric_ros.contour_tracker import ContourTracker
+from pushfric_ros.edge_fit import NotSeen, Sighting
 from pushfric_ros.simulated_camera import SimulatedCamera, coverage
 
 PIXEL = 0.000625

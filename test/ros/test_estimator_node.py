@@ -1,8 +1,9 @@
 import math
 
+import numpy as np
 import pytest
-from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
-from problems import four_feet
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
+from problems import observations_of
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -13,7 +14,7 @@ from pushfric_core.estimator import Estimator
 from pushfric_core.planar import Pose
 from pushfric_core.simulation import TABLE_1, PushedObject
 from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Observation, PusherState, SupportFriction
-from pushfric_msgs.srv import SelectObject
+from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.estimator_node import EstimatorNode
 from pushfric_ros.object_file import load_object
@@ -21,6 +22,7 @@ from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)
+DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 5, np.random.default_rng(5))
 
 
 def estimator(**parameters):
@@ -100,12 +102,11 @@ def test_every_data_point_gives_an_estimate_equal_to_the_cores(ros):
 
 
 def test_a_late_subscriber_gets_the_last_estimate(ros):
-    problem = four_feet()
     node = ros.node("peer", namespace="/cell")
     ros.compose(estimator(object=NAME, source="observations"))
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
     out = publisher(ros, node, Observation, "observation", RELIABLE)
-    for observation in problem.observations[:3]:
+    for observation in DATA[:3]:
         out.publish(observation_to_msg(observation, NAME))
     ros.wait_for(lambda: estimates and estimates[-1].data_points == 3, what="three estimates")
     late = ros.node("late", namespace="/cell")
@@ -122,13 +123,13 @@ def test_a_late_subscriber_gets_the_last_estimate(ros):
 
 
 def test_bad_messages_are_refused_and_change_nothing(ros):
-    problem = four_feet()
     _, out, estimates = estimator_of_observations(ros)
-    good = [observation_to_msg(observation, NAME) for observation in problem.observations[:3]]
-    broken, still = (observation_to_msg(problem.observations[0], NAME) for _ in range(2))
+    good = [observation_to_msg(observation, NAME) for observation in DATA[:3]]
+    broken, still, far = (observation_to_msg(DATA[0], NAME) for _ in range(3))
     broken.contact_point.x = math.nan
+    far.contact_point.x = 0.5
     still.twist.linear.x = still.twist.linear.y = still.twist.angular.z = 0.0
-    for msg in (good[0], broken, good[1], still, good[2]):
+    for msg in (good[0], broken, good[1], still, far, good[2]):
         out.publish(msg)
     ros.wait_for(lambda: len(estimates) == 3, what="the good data points' estimates")
     assert estimates[-1].data_points == 3
@@ -158,9 +159,8 @@ def call(ros, node, kind, name, request):
 
 
 def test_reset_and_select_object_start_afresh(ros):
-    problem = four_feet()
     node, out, estimates = estimator_of_observations(ros)
-    first = observation_to_msg(problem.observations[0], NAME)
+    first = observation_to_msg(DATA[0], NAME)
     for count in (1, 2):
         out.publish(first)
         ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
@@ -177,8 +177,56 @@ def test_reset_and_select_object_start_afresh(ros):
     assert estimates[-1].object == "wood_rect3"
 
 
+def test_a_push_is_excluded(ros):
+    node, out, estimates = estimator_of_observations(ros)
+    for observation in DATA[:4]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(estimates) == 4, what="the estimates")
+    refusal = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=9))
+    assert (refusal.success, refusal.message) == (False, "push_id must be one of 0, 1, 2, 3, got 9")
+    answer = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1))
+    assert (answer.success, answer.message) == (True, "3 data points of 3 pushes are left")
+    ros.wait_for(lambda: len(estimates) == 5, what="the estimate without the push")
+    expected = Estimator(load_object(NAME).support_points)
+    for observation in (DATA[k] for k in (0, 2, 3)):
+        model = expected.add(observation)
+    assert estimates[-1].objective == pytest.approx(model.solution.objective, abs=1e-12)
+
+
+def wrench_msg(stamp, force):
+    msg = WrenchStamped()
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), "table"
+    msg.wrench.force.x, msg.wrench.force.y = force
+    return msg
+
+
+def test_measured_forces_reach_the_estimate(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, terms=["moment", "force"]))
+    observations = collect(ros, node, Observation, "observation", RELIABLE)
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    wrenches = publisher(ros, node, WrenchStamped, "wrench", RELIABLE)
+    ros.wait_for(
+        lambda: node.count_publishers("friction_estimate") and node.count_publishers("observation"), what="the estimator"
+    )
+    wrong = wrench_msg(10**18 - 1, (1.0, 0.0))
+    wrong.header.frame_id = "sensor"
+    wrenches.publish(wrong)  # refused: it would have to be turned first
+    for msg in push(0, 10**18):
+        (states if isinstance(msg, PusherState) else poses).publish(msg)
+        if isinstance(msg, PusherState):
+            wrenches.publish(wrench_msg(10**18 + round(msg.position / 0.02 * 1e9), (0.0, 2.0)))
+    ros.wait_for(lambda: len(estimates) >= 4, what="the estimates of the push")
+    assert len(observations) == len(estimates)
+    for msg in observations:
+        theta = 2 * math.atan2(msg.pose[0].orientation.z, msg.pose[0].orientation.w)
+        assert (msg.force[0].x, msg.force[0].y) == pytest.approx((2 * math.sin(theta), 2 * math.cos(theta)), abs=1e-9)
+    assert estimates[-1].support_friction.total_friction[0] == pytest.approx(2.0, rel=0.2)
+
+
 def test_a_clock_that_jumps_back_starts_afresh(ros):
-    problem = four_feet()
     node = ros.node("peer", namespace="/cell")
     live = ros.compose(estimator(object=NAME, source="observations", use_sim_time=True))
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
@@ -188,7 +236,7 @@ def test_a_clock_that_jumps_back_starts_afresh(ros):
     for count, seconds in ((1, 100), (2, 101), (3, 50)):
         clock.publish(Clock(clock=stamp_to_msg(seconds * 10**9)))
         ros.wait_for(lambda seconds=seconds: live.get_clock().now().nanoseconds == seconds * 10**9, what="the clock")
-        out.publish(observation_to_msg(problem.observations[0], NAME))
+        out.publish(observation_to_msg(DATA[0], NAME))
         ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
     assert [msg.data_points for msg in estimates] == [1, 2, 1]
 
@@ -202,7 +250,7 @@ def test_a_clock_that_jumps_back_starts_afresh(ros):
         ({"object": NAME, "mu_bound": 1}, "parameter mu_bound must be a number with a point"),
         ({"object": NAME, "mu_bound": math.nan}, "mu_bound"),
         ({"object": NAME, "window": 4}, "window must be odd"),
-        ({"object": NAME, "terms": ["force"]}, "terms must name at least one of"),
+        ({"object": NAME, "terms": ["forces"]}, "terms must name at least one of"),
         ({"object": NAME, "half_width": math.inf}, "half_width must"),
     ],
 )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.outline import Outline
 from pushfric_core.simulation import TABLE_1
 from pushfric_ros.cell_file import load_cell
 from pushfric_ros.object_file import load_object, read_points, save_object
@@ -15,6 +16,7 @@ from pushfric_ros.plan_file import load_plan
 TRIANGLE = "name: triangle\noutline: [[0, 0], [0.15, 0], [0, 0.15]]\n"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
 ROW = "0.05,0,0,-1,0.001,0.02,0.1,3\n"
+OUTLINE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
 CELL = """
 object: rubber_rect4
 camera: {calibration: camera.yaml}
@@ -93,7 +95,7 @@ def test_observations_are_read_in_order(write):
         HEADER.strip()
         + ",half_width,note,force_x,force_y\n0.05,0,0,-1,0.001,0.02,0.1,3,0.002,hello,1,2\n0.05,0,0,-1,0,0.02,0,4,,,,\n"
     )
-    first, second = read_observations(write(text, "data.csv"))
+    first, second = read_observations(write(text, "data.csv"), OUTLINE)
     assert first.twist == (0.001, 0.02, 0.1)
     assert (first.push_id, first.half_width, first.force) == (3, 0.002, (1.0, 2.0))
     assert (second.push_id, second.half_width, second.force) == (4, 0.0, None)
@@ -108,6 +110,7 @@ def test_observations_are_read_in_order(write):
         (HEADER + ROW + ROW.replace("0.02", "fast"), "line 3: vy must be a number, got 'fast'"),
         (HEADER + ROW.replace("0.02", "nan"), "line 2: vy must be finite, got nan"),
         (HEADER + ROW.replace("-1", "-0.5"), "line 2: contact_normal must have length 1"),
+        (HEADER + ROW.replace("0.05", "0.5"), r"line 2: contact_point must be within 5 mm of the outline, got \(0.5, 0\) m"),
         (HEADER + "0.05,0,0,-1,0,0,0,3\n", "line 2: the twist of a data point must not be zero"),
         (HEADER + "0.05,0,0,-1,0,1\n", "line 2: push_id must be a number, got None"),
         (HEADER + ROW.replace(",3", ",3.5"), "push_id must be a whole number"),
@@ -117,14 +120,14 @@ def test_observations_are_read_in_order(write):
 def test_bad_observations_are_refused_in_one_line(write, text, error):
     path = write(text, "data.csv")
     with pytest.raises(InvalidInput, match=error) as refusal:
-        read_observations(path)
+        read_observations(path, OUTLINE)
     assert str(path) in str(refusal.value)
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "data.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidInput, match="cannot be read"):
-        read_observations(tmp_path / "data.csv")
+        read_observations(tmp_path / "data.csv", OUTLINE)
 
 
 def test_support_points_are_read(write):
@@ -160,9 +163,9 @@ def test_without_a_file_the_plan_is_the_papers(write):
     ("text", "error"),
     [
         ("pushes: []", "at least 1 item"),
-        ("pushes: [{edge: 4}]", "pushes.0: edge must be below 4, got 4"),
+        ("pushes: [{edge: 4}]", r"pushes.0: edge must lie in \[0, 3\], got 4"),
         ("pushes: [{edge: 0}, {edge: 1, offset: 0.04}]", "pushes.1: offset must lie within 0.032 m of the middle of edge 1"),
-        ("pushes: [{edge: 0, angle_deg: 95}]", "angle_deg: Input should be less than 90"),
+        ("pushes: [{edge: 0, angle_deg: 95}]", "pushes.0: angle must lie within 90 degrees of the inward normal"),
     ],
 )
 def test_bad_plans_are_refused(write, text, error):

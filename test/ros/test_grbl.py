@@ -264,6 +264,8 @@ def test_what_is_not_open_cannot_be_used():
         pusher.poll()
     with pytest.raises(NotConnected, match="is not open"):
         pusher.send(RealTime.RESUME)
+    with pytest.raises(NotConnected, match="no controller is connected at /dev/no_such_port"):
+        pusher.recover()
     pusher.ask(1)
     pusher.stop()
     pusher.close()
@@ -288,14 +290,15 @@ def test_an_alarm_at_boot_is_unlocked(peer):
 
 def test_home_is_where_the_stroke_begins(peer):
     peer.replies[b"$H"] = ""
-    pusher = Grbl(peer.port, home=True)
-    pusher.connect()
-    peer.say(GREETING)
+    pusher = connect(peer, home=True)
+    assert peer.heard == b"$I\n$$\nG21 G90 G94\n"  # a connection does not move
+    peer.heard = b""
+    pusher.recover()
     drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
     peer.status = "<Idle|MPos:-199.000,0.000,0.000|FS:0,0>"
     peer.say("ok\r\n")
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"$I\n$$\n$H\nG21 G90 G94\n"
+    assert peer.heard == b"\x18$H\nG21 G90 G94\n"
     assert report_now(pusher, peer).position == pytest.approx(0.0)
     begin_move(pusher, peer, 0.01)
     assert peer.heard == b"G1 X-189.000 F1200.000\n"
@@ -303,10 +306,58 @@ def test_home_is_where_the_stroke_begins(peer):
 
 def test_homing_that_is_switched_off_is_an_error(peer):
     peer.replies[b"$H"] = "error:5\r\n"
-    pusher = Grbl(peer.port, home=True)
-    pusher.connect()
-    peer.say(GREETING)
+    pusher = connect(peer, home=True)
+    pusher.recover()
     fail(pusher, CommandRefused, re.escape('"$H" refused: error:5 Setting disabled'), peer)
+
+
+def test_homing_that_fails_is_an_alarm_until_the_next_attempt(peer):
+    peer.replies[b"$H"] = ""
+    pusher = connect(peer, home=True)
+    pusher.recover()
+    drive(pusher, lambda: b"$H\n" in peer.heard, peer)
+    peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
+    peer.say("ALARM:8\r\n")
+    fail(pusher, Alarm, "ALARM:8 Homing fail", peer)
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert pusher.mode is Mode.ALARM
+
+
+def test_homing_is_stopped_by_a_reset(peer):
+    peer.replies[b"$H"] = ""
+    pusher = connect(peer, home=True)
+    pusher.recover()
+    drive(pusher, lambda: b"$H\n" in peer.heard, peer)
+    peer.heard, peer.on_reset = b"", "ALARM:6\r\n" + GREETING
+    peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
+    pusher.stop()
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert peer.heard == b"!\x18"
+    assert pusher.mode is Mode.ALARM
+
+
+def test_a_recovery_that_is_stopped_never_homes(peer):
+    pusher = connect(peer, home=True)
+    peer.heard = b""
+    pusher.recover()
+    drive(pusher, lambda: peer.heard == b"\x18", peer)
+    pusher.stop()
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert b"$H" not in peer.heard
+    assert pusher.mode is Mode.IDLE
+
+
+def test_recovery_resets_and_unlocks(peer):
+    pusher = connect(peer)
+    peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|Pn:X>"
+    drive(pusher, lambda: pusher.mode is Mode.ALARM, peer)
+    peer.heard = b""
+    pusher.recover()
+    drive(pusher, lambda: b"$X" in peer.heard, peer)
+    peer.status = IDLE
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert peer.heard == b"\x18$X\nG21 G90 G94\n"
+    assert pusher.mode is Mode.IDLE
 
 
 def test_a_move_is_one_line(peer):
@@ -395,6 +446,8 @@ def test_motions_are_refused_when_not_idle(peer):
     begin_move(pusher, peer)
     with pytest.raises(NotReady, match="the pusher's mode is running, expected idle"):
         pusher.move_to(0.01, 0.01)
+    with pytest.raises(NotReady, match="the pusher's mode is running, expected a pusher at rest"):
+        pusher.recover()
 
 
 def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
@@ -428,6 +481,7 @@ def test_a_refused_line_stops_and_is_named(peer):
 def test_an_error_of_other_firmware_is_named_as_such():
     assert str(CommandRefused("$H", 79)) == '"$H" refused: error:79 (not of GRBL 1.1)'
     assert str(Alarm(17)) == "ALARM:17 (not of GRBL 1.1)"
+    assert str(Alarm(None)) == "ALARM"
 
 
 def test_an_alarm_in_mid_push_is_raised_and_stays(peer):
@@ -438,6 +492,75 @@ def test_an_alarm_in_mid_push_is_raised_and_stays(peer):
     fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
     drive(pusher, lambda: not pusher.busy, peer)
     assert peer.heard == b"G1 X25.000 F1200.000\n!\x18"
+    assert pusher.mode is Mode.ALARM
+
+
+def test_recovery_waits_for_the_stop_that_an_alarm_has_caused(peer):
+    pusher = connect(peer)
+    begin_move(pusher, peer)
+    peer.heard, peer.status = b"", "<Alarm|MPos:6.000,0.000,0.000|FS:0,0|Pn:X>"
+    peer.say("ALARM:1\r\n")
+    fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
+    pusher.recover()
+    drive(pusher, lambda: b"$X" in peer.heard, peer)
+    peer.status = IDLE
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert peer.heard == b"!\x18\x18$X\nG21 G90 G94\n"
+
+
+def test_a_limit_leaves_the_controller_deaf_to_all_but_the_reset(peer):
+    """GRBL 1.1h does not even answer questions then."""
+    pusher = connect(peer)
+    begin_move(pusher, peer)
+    peer.heard, peer.status = b"", ""
+    peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
+    fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
+    drive(pusher, lambda: peer.heard == b"!\x18", peer)
+    peer.status = "<Alarm|MPos:6.000,0.000,0.000|FS:0,0|Pn:X>"
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert pusher.mode is Mode.ALARM
+
+
+def test_a_reset_that_was_dropped_is_sent_again(peer):
+    pusher = connect(peer)
+    begin_move(pusher, peer)
+    peer.heard, peer.status, peer.on_reset = b"", "", ""
+    peer.say("ALARM:2\r\n")
+    fail(pusher, Alarm, "ALARM:2 Soft limit", peer)
+    drive(pusher, lambda: peer.heard == b"!\x18", peer)
+    peer.status, peer.on_reset = "<Alarm|MPos:6.000,0.000,0.000|FS:0,0>", GREETING
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert peer.heard == b"!\x18\x18"
+    assert pusher.mode is Mode.ALARM
+
+
+def test_a_stop_that_is_not_answered_resets_and_leaves_the_port(peer):
+    pusher = connect(peer)
+    begin_move(pusher, peer)
+    peer.heard, peer.status = b"", ""
+    pusher.stop()
+    fail(pusher, NotConnected, "no answer to . within 2 s", peer)
+    peer.serve()
+    assert peer.heard.startswith(b"!\x18")
+    assert pusher.mode is Mode.DISCONNECTED
+
+
+def test_a_stop_gives_up_a_recovery_that_waits(peer):
+    pusher = connect(peer, home=True)
+    begin_move(pusher, peer)
+    peer.status = IDLE
+    pusher.stop()
+    pusher.recover()
+    pusher.stop()
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert b"$H" not in peer.heard
+
+
+def test_an_alarm_whose_line_was_lost_is_seen_in_the_reports(peer):
+    pusher = connect(peer)
+    begin_move(pusher, peer)
+    peer.status = "<Alarm:1|MPos:6.000,0.000,0.000|FS:0,0|Pn:X>"
+    fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
     assert pusher.mode is Mode.ALARM
 
 
@@ -479,7 +602,6 @@ def test_unplugged_in_mid_push(peer):
 
 
 def test_connecting_again_never_moves_nor_homes(peer):
-    peer.status = IDLE
     pusher = connect(peer, home=True)
     pusher.close()
     peer.heard = b""
@@ -492,7 +614,6 @@ def test_connecting_again_never_moves_nor_homes(peer):
     with pytest.raises(NotReady, match="the pusher's mode is alarm, expected idle"):
         pusher.move_to(0.01, 0.01)
     pusher.recover()
-    peer.say(GREETING)
     drive(pusher, lambda: b"$H\n" in peer.heard, peer)
 
 
@@ -672,8 +793,11 @@ def test_the_end_of_the_travel_is_a_hard_limit(terminal, clock):
     terminal.type("G0 X500", "ok")
     clock[0] += 60
     assert "Reset to continue" in terminal.wait_for("]")
-    assert "|Pn:X" in terminal.press(b"?", ">")
-    terminal.press(b"$X\n\x18", "unlock]")
+    heard = terminal.press(b"?$X\n\x18", "unlock]")
+    assert "<" not in heard  # deaf to all but the reset
+    assert "ok" not in heard
+    assert "<Alarm|MPos:" in (report := terminal.press(b"?", ">"))
+    assert "|Pn:X" in report
     simulated.reset()
     terminal.wait_for("help]")
     assert "<Idle|MPos:0.000" in terminal.press(b"?", ">")

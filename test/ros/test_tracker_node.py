@@ -9,13 +9,17 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from printed import marked_picture
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, wrap
+from pushfric_ros import graph
 from pushfric_ros.camera import Camera, save_camera
+from pushfric_ros.cell_file import load_cell
 from pushfric_ros.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.fiducial_tracker import load_fiducials
 from pushfric_ros.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.simulated_camera import SimulatedCamera
 from pushfric_ros.tracker_node import FROZEN_FRAMES, TrackerNode, grey_from_msg
@@ -122,11 +126,24 @@ def test_every_frame_at_60_hz_gets_its_pose(cell):
     np.testing.assert_allclose([msg.pose.pose.position.x for msg in cell.poses], 0.1 + 0.0005 * np.arange(30), atol=5e-5)
 
 
-@pytest.mark.parametrize("encoding", ["bgr8", "rgb8"])
-def test_colour_images(cell, encoding):
-    cell.send(cv2.cvtColor(cell.simulation.render(TRUTH), cv2.COLOR_GRAY2BGR), encoding)
+@pytest.mark.parametrize(
+    ("encoding", "channels"), [("bgr8", 3), ("rgb8", 3), ("bgra8", 4), ("rgba8", 4), ("bayer_rggb8", 1), ("bayer_grbg8", 1)]
+)
+def test_colour_images(cell, encoding, channels):
+    cell.send(np.dstack([cell.simulation.render(TRUTH)] * channels), encoding)
     cell.ros.wait_for(lambda: cell.poses, what="a pose")
     assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_mosaics(pattern):
+    colour = {"r": 200, "g": 100, "b": 50}
+    mosaic = np.tile([[colour[pattern[0]], colour[pattern[1]]], [colour[pattern[2]], colour[pattern[3]]]], (4, 4)).astype(
+        np.uint8
+    )
+    msg = Image(height=8, width=8, encoding=f"bayer_{pattern}8", step=8, data=array.array("B", mosaic.tobytes()))
+    grey = 0.299 * 200 + 0.587 * 100 + 0.114 * 50
+    np.testing.assert_allclose(grey_from_msg(msg)[2:-2, 2:-2], grey, atol=1)
 
 
 def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
@@ -175,7 +192,12 @@ def test_a_clock_set_back_is_followed(cell):
 @pytest.mark.parametrize(
     ("encoding", "fields", "reason"),
     [
-        ("mono16", {}, "encoding must be mono8, bgr8, rgb8, got 'mono16'"),
+        (
+            "mono16",
+            {},
+            "encoding must be mono8, bgr8, rgb8, bgra8, rgba8, "
+            "bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, got 'mono16'",
+        ),
         ("mono8", {"step": 100}, "640 x 480 mono8 with step 100 does not fit 307200 bytes"),
         ("bgr8", {}, "640 x 480 bgr8 with step 640 does not fit 307200 bytes"),
         ("mono8", {"width": 320, "step": 640}, "the camera is calibrated for 640 x 480 px, the image has 320 x 480"),
@@ -226,6 +248,67 @@ def test_a_placement_that_is_no_pose_is_ignored(cell):
     bad.pose.position.x = float("nan")
     cell.placements.publish(bad)
     cell.place(TRUTH)  # arrives after it
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_compressed_images(ros, tmp_path):
+    cell = Cell(ros, tmp_path, source="compressed")
+    publisher = cell.here.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
+    ros.wait_for(lambda: publisher.get_subscription_count(), what="a subscriber to image_raw/compressed")
+
+    def send(data: bytes, stamp: int) -> None:
+        msg = CompressedImage(format="jpeg", data=array.array("B", data))
+        msg.header.stamp = stamp_to_msg(stamp)
+        publisher.publish(msg)
+
+    for broken in (b"", b"no picture"):
+        send(broken, FIRST)
+    cell.report(unusable_frames="2", last_reason="not a picture: 10 bytes of format 'jpeg'")
+    send(cv2.imencode(".jpg", cell.simulation.render(TRUTH))[1].tobytes(), FIRST)
+    ros.wait_for(lambda: cell.poses, what="a pose")
+    pose = pose_from_msg(cell.poses[0].pose.pose)
+    assert np.hypot(pose.x - TRUTH.x, pose.y - TRUTH.y) < 1e-4  # as JPEG left it
+    assert stamp_from_msg(cell.poses[0].header.stamp) == FIRST
+
+
+def test_a_frozen_topic_gives_no_pose(cell):
+    frame = cell.simulation.render(TRUTH)
+    for _ in range(FROZEN_FRAMES + 3):
+        cell.send(frame)
+    cell.report(frames=str(FROZEN_FRAMES + 3), seen=str(FROZEN_FRAMES - 1), last_reason="frozen frame")
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_images_without_a_time_stamp_are_refused(cell):
+    cell.send(cell.simulation.render(TRUTH), stamp=0)
+    cell.report(unusable_frames="1", last_reason="the images carry no time stamp")
+
+
+def test_markers_tell_the_pose(ros, tmp_path):
+    (tmp_path / "markers.yaml").write_text("{family: apriltag_36h11, markers: [{id: 5, size: 0.04, center: [0.02, 0.0]}]}")
+    cell = Cell(ros, tmp_path, fiducials=str(tmp_path / "markers.yaml"))
+    cell.send(marked_picture(load_fiducials(tmp_path / "markers.yaml"), CAMERA, TRUTH, HEIGHT, np.random.default_rng(0)))
+    ros.wait_for(lambda: cell.poses, what="a pose")
+    assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
+
+
+def test_the_height_in_the_cell_file_is_used(ros, tmp_path):
+    """A face seen 12 mm over the table but taken to lie on it would appear 1.5 % larger, and off by parallax."""
+    (tmp_path / "flat.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist()}))
+    save_camera(CAMERA, tmp_path / "camera.yaml")
+    pusher = {
+        "port": "p",
+        "line_origin": [0.0, 0.0],
+        "line_direction": [0.0, 1.0],
+        "tip_radius": 0.003,
+        "stroke": 0.06,
+        "max_speed": 0.1,
+    }
+    camera = {"source": "topic", "calibration": "camera.yaml", "object_height": HEIGHT}
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"object": "flat.yaml", "camera": camera, "pusher": pusher}))
+    specs = graph.cell(load_cell(tmp_path / "cell.yaml"), str(tmp_path / "bag"))
+    parameters = dict(next(spec for spec in specs if spec.name == "tracker").parameters)
+    cell = Cell(ros, tmp_path, **parameters)
     assert_close(cell.see(TRUTH), TRUTH)
 
 
@@ -303,6 +386,8 @@ def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
         ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read as a camera YAML"),
         ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
         ({"threshold": 300}, "threshold"),
+        ({"object_height": -1.0}, "object_height"),
+        ({"fiducials": "absent.yaml"}, "absent.yaml: cannot be read"),
     ],
 )
 def test_unusable_parameters_are_refused(ros, tmp_path, parameters, text):

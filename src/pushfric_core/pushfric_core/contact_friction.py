@@ -1,30 +1,51 @@
 """The contact friction coefficient mu_c: a lower bound from every data point, and what they say together (section 5.1.3)."""
 
 import math
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from pushfric_core.contact import tangent
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
-from pushfric_core.support import friction_directions
+from pushfric_core.support import SupportForces
+
+TINY = 1e-300
+"""Keeps a division by no force at all defined; its quotient is not used."""
 
 
-def lower_bounds(observations: Sequence[Observation], support_points: Array, weights: Array) -> Array:
+class ContactForces(NamedTuple):
+    """What supports of unit weight push along the normals and tangents of m contacts."""
+
+    normal: Array  # (m, n)
+    along: Array  # (m, n)
+    free: Array  # (m, n) 1 where a support may push any way with a force of at most its weight, else 0
+
+
+def contact_forces(observation: Observation, forces: SupportForces) -> ContactForces:
+    """The forces of one data point's supports, m = 1."""
+    normal = np.asarray(observation.contact_normal)
+    return ContactForces((forces.directions @ normal)[None], (forces.directions @ tangent(normal))[None], forces.free[None])
+
+
+def lower_bounds(forces: ContactForces, weights: Array) -> Array:
     """tan(eta) = |f . t| / (f . n) of each data point (m,), infinite where f . n <= 0 (eq. 12).
 
+    Supports whose force is not known turn f towards the normal as far as they can: what is left is still a lower bound.
+
     Args:
-        observations: m data points.
-        support_points: (n, 2) [m].
+        forces: at m contacts.
         weights: (n,) estimate of w.
     """
-    bounds = np.empty(len(observations))
-    for k, observation in enumerate(observations):
-        force = weights @ friction_directions(support_points, observation.twist)
-        normal = float(force @ observation.contact_normal)
-        bounds[k] = abs(float(force @ tangent(observation.contact_normal))) / normal if normal > 0 else math.inf
-    return bounds
+    normal, along, free = forces.normal @ weights, np.abs(forces.along @ weights), forces.free @ weights
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bounds = np.where(normal > 0, along / normal, math.inf)
+    if free.any():
+        known = np.hypot(along, normal)
+        turn = np.where(free < known, np.arcsin(np.minimum(free, known) / np.maximum(known, TINY)), math.pi)
+        eta = np.maximum(np.arctan2(along, normal) - turn, 0.0)
+        bounds = np.where(free > 0, np.where(eta < math.pi / 2, np.tan(eta), math.inf), bounds)
+    return np.asarray(bounds)
 
 
 def percentile(bounds: Array, share: float) -> float:
@@ -39,4 +60,4 @@ def percentile(bounds: Array, share: float) -> float:
         raise ValueError(f"share must lie in (0, 1], got {share}")
     # the subtraction forgives 0.9 * 10 being a little above 9
     rank = math.ceil(share * len(bounds) - 1e-9)
-    return float(np.sort(bounds)[rank - 1])
+    return float(np.partition(bounds, rank - 1)[rank - 1])

@@ -1,41 +1,64 @@
 """The estimator: add(observation) -> estimate of w, p_CF and mu_c, as in section 3.3."""
 
+import math
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 import numpy.typing as npt
 
 from pushfric_core import contact_friction
 from pushfric_core.constraints import (
     ConstraintRows,
+    center_of_friction_rows,
     cone_rows,
     frictionless_rows,
     moment_rows,
     normal_force_rows,
+    sensed_direction_rows,
+    sensed_force_rows,
     stack,
 )
+from pushfric_core.contact_friction import ContactForces, contact_forces
 from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.simplex import Optimum, Simplex
-from pushfric_core.support import center_of_friction, check_points
+from pushfric_core.support import FreeRadii, center_of_friction, check_points, support_forces
 
-TERMS = ("moment", "frictionless", "cone")
+TERMS = ("moment", "frictionless", "cone", "force", "force_angle")
+
+COR_SHARE = 0.5
+"""How far the centre of rotation wanders in a step, as a share of the support's size: docs/estimation.md has the evidence."""
+
+FORCE_TERMS = ("force", "force_angle")
+"""Those that need a measured force; data points without one bring no row of theirs."""
 
 
 @dataclass(frozen=True)
 class EstimatorConfig:
-    """Which constraints make up the program; the defaults are the paper's (section 5)."""
+    """Which constraints make up the program; but for cor_radius, the defaults are the paper's (section 5)."""
 
     terms: tuple[str, ...] = setting(("moment",), f"what the fit error is made of, any of: {', '.join(TERMS)}")
     half_width: float = setting(0.0, "half the contact interval of data points that bring none [m] (eqs 5 and 6)", 0.0, 1.0)
-    cor_radius: float = setting(
-        0.0, "supports this near the centre of rotation may push any way [m]; 0: none, as in the paper", 0.0, 1.0
+    cor_radius: float | None = setting(
+        None,
+        "supports this near the centre of rotation may push any way [m]; 0: none, as in the paper; auto: the freer the nearer, "
+        f"within {COR_SHARE:g} of the rms distance of the support points from their middle",
+        0.0,
+        1.0,
     )
-    nonnegative_force: bool = setting(True, "the pusher cannot pull: f.n >= 0, hard (eq. 7)")
+    nonnegative_force: bool = setting(True, "the pusher cannot pull: f.n >= 0 (eq. 7)")
+    pull_penalty: float = setting(
+        math.inf, "cost of a unit of force that pulls, beside a metre of moment [m]; inf: eq. 7 is hard", 0.0, math.inf
+    )
     mu_bound: float = setting(1.0, "known upper bound on mu_c, for the term cone (eqs 9 and 10)", 0.0, 100.0)
     force_weight: float = setting(0.05, "cost of a unit of force beside a metre of moment [m]", 0.0, 100.0)
+    force_half_angle: float = setting(
+        0.0, "half the cone about a measured force that holds the true one, for the term force_angle [rad]", 0.0, 1.5
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -50,14 +73,20 @@ class Estimate:
 
     Attributes:
         support_points: (n, 2) [m], object frame.
-        observations: the data points it rests on, in order of arrival.
         solution: w with its objective [m, unit force] and certificate.
+        data_points: how many it rests on.
+        pushes: how many they came from.
+        stamp: of the newest of them [ns]; 0 where unknown.
+        contact_forces: at each contact, of supports of unit weight, in order of arrival.
         conflicts: data points whose hard constraints contradict each other; none unless the status is INFEASIBLE.
     """
 
     support_points: Array
-    observations: tuple[Observation, ...]
     solution: Optimum
+    data_points: int
+    pushes: int
+    stamp: int
+    contact_forces: ContactForces
     conflicts: tuple[Observation, ...] = ()
 
     @property
@@ -70,9 +99,9 @@ class Estimate:
         return self.solution.status
 
     @property
-    def pushes(self) -> int:
-        """Pushes the data points came from."""
-        return len({observation.push_id for observation in self.observations})
+    def total_friction(self) -> float | None:
+        """Support friction of the translating object [N]: times w, absolute magnitudes. None without measured forces."""
+        return None  # XXX scale
 
     @property
     def contradiction(self) -> str | None:
@@ -80,6 +109,8 @@ class Estimate:
         if self.status is not Status.INFEASIBLE:
             return None
         pushes = sorted({observation.push_id for observation in self.conflicts})
+        if not pushes:
+            return "no w over the support points has the centre of friction that is asked for"
         return f"no w lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
 
     @cached_property
@@ -90,7 +121,7 @@ class Estimate:
     @cached_property
     def contact_friction(self) -> Array:
         """Lower bounds (m,) on mu_c, one per data point (eq. 12)."""
-        return contact_friction.lower_bounds(self.observations, self.support_points, self.w)
+        return contact_friction.lower_bounds(self.contact_forces, self.w)
 
     @property
     def mu_c_p90(self) -> float:
@@ -109,15 +140,41 @@ class Estimator:
     Args:
         support_points: (n, 2) hypothesised supports in the object frame [m].
         config: the constraints; the paper's by default.
+        center_of_friction: p_CF (2,) [m] where it is known or hypothesised: a hard constraint (eq. 13).
     Raises:
-        ValueError: support_points is not (n, 2) with n >= 1, or not finite.
+        ValueError: support_points is not (n, 2) with n >= 1, center_of_friction not (2,), or a value is not finite.
     """
 
-    def __init__(self, support_points: npt.ArrayLike, config: EstimatorConfig | None = None) -> None:
+    def __init__(
+        self,
+        support_points: npt.ArrayLike,
+        config: EstimatorConfig | None = None,
+        center_of_friction: npt.ArrayLike | None = None,
+    ) -> None:
         self.support_points = check_points(support_points)
         self.config = config or EstimatorConfig()
-        self._program = Simplex(len(self.support_points))
-        self._observations: list[Observation] = []
+        if self.config.cor_radius is None:
+            spread = self.support_points - self.support_points.mean(axis=0)
+            self._free = FreeRadii(0.0, COR_SHARE * math.sqrt(np.mean(np.sum(spread**2, axis=1))))
+        else:
+            self._free = FreeRadii(self.config.cor_radius, self.config.cor_radius)
+        self._columns = len(self.support_points) + ("force" in self.config.terms)
+        self._program = Simplex(self._columns)  # XXX with_scale
+        self._observations: dict[int, Observation] = {}  # by the number of their rows in the program
+        self._pushes: Counter[int] = Counter()
+        self._contacts = _Contacts(len(self.support_points))
+        self._next = 0
+        if center_of_friction is not None:
+            center = np.array(center_of_friction, dtype=float)
+            if center.shape != (2,) or not np.isfinite(center).all():
+                raise ValueError(f"center_of_friction must be two finite numbers, got {center_of_friction}")
+            self._program.add(stack([center_of_friction_rows(center, self.support_points)], self._columns))
+            self._next = 1
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        """The data points in the program, in order of arrival."""
+        return tuple(self._observations.values())
 
     def add(self, observation: Observation) -> Estimate:
         """Take a data point and estimate anew, from the last optimum on.
@@ -129,27 +186,89 @@ class Estimator:
             UninformativePush: the data point rotates exactly about a support point; the estimator is as before.
         """
         rows = self._rows_of(observation)
+        forces = support_forces(self.support_points, observation.twist, self._free)
         self._program.add(rows)
-        self._observations.append(observation)
+        self._contacts.append(contact_forces(observation, forces))
+        self._observations[self._next] = observation
+        self._pushes[observation.push_id] += 1
+        self._next += 1
+        return self.estimate()
+
+    def check(self, observation: Observation) -> None:
+        """Whether `add` would take a data point.
+
+        Raises:
+            UninformativePush: it would not.
+        """
+        support_forces(self.support_points, observation.twist, self._free)
+
+    def exclude(self, push_id: int) -> Estimate:
+        """Take all data points of a push out again, and estimate anew, from the last optimum on (section 5.1.3).
+
+        Raises:
+            ValueError: there is no data point of that push.
+        """
+        groups = [group for group, observation in self._observations.items() if observation.push_id == push_id]
+        if not groups:
+            raise ValueError(f"push_id must be one of {', '.join(map(str, sorted(self._pushes))) or 'none'}, got {push_id}")
+        kept = np.array([observation.push_id != push_id for observation in self._observations.values()])
+        for group in groups:
+            self._program.remove(group)
+            del self._observations[group]
+        del self._pushes[push_id]
+        self._contacts.keep(kept)
         return self.estimate()
 
     def estimate(self) -> Estimate:
-        """The estimate from the data points so far; without any, all of w is equally good."""
+        """The estimate from the present data points; without any, all of w is equally good."""
         solution = self._program.solve()
-        conflicts = tuple(self._observations[group] for group in self._program.conflicts())
-        return Estimate(self.support_points, tuple(self._observations), solution, conflicts)
+        groups = self._program.conflicts()
+        conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
+        stamp = self._observations[next(reversed(self._observations))].stamp if self._observations else 0
+        data_points, pushes = len(self._observations), len(self._pushes)
+        return Estimate(self.support_points, solution, data_points, pushes, stamp, self._contacts.forces, conflicts)
 
     def _rows_of(self, observation: Observation) -> ConstraintRows:
         points, config = self.support_points, self.config
-        if observation.half_width == 0:
+        weight, free = config.force_weight, self._free
+        if observation.half_width == 0 and config.half_width > 0:
             observation = replace(observation, half_width=config.half_width)
         parts = []
         if "moment" in config.terms:
-            parts.append(moment_rows(observation, points, config.cor_radius))
+            parts.append(moment_rows(observation, points, free))
         if "frictionless" in config.terms:
-            parts.append(frictionless_rows(observation, points, config.force_weight, config.cor_radius))
+            parts.append(frictionless_rows(observation, points, weight, free))
         if "cone" in config.terms:
-            parts.append(cone_rows(observation, points, config.mu_bound, config.force_weight, config.cor_radius))
+            parts.append(cone_rows(observation, points, config.mu_bound, weight, free))
+        # a sensor that reads nothing at all gives no direction
+        if "force" in config.terms and observation.force is not None:
+            parts.append(sensed_force_rows(observation, points, weight, free))
+        if "force_angle" in config.terms and observation.force is not None and any(observation.force):
+            parts.append(sensed_direction_rows(observation, points, config.force_half_angle, weight, free))
         if config.nonnegative_force:
-            parts.append(normal_force_rows(observation, points, config.cor_radius))
-        return stack(parts, len(points))
+            parts.append(normal_force_rows(observation, points, config.pull_penalty, free))
+        return stack(parts, self._columns)
+
+
+class _Contacts:
+    """The contact forces of the present data points, in arrays with room to grow; what was handed out never changes."""
+
+    def __init__(self, n: int) -> None:
+        self._room = np.empty((3, 64, n))
+        self._count = 0
+
+    @property
+    def forces(self) -> ContactForces:
+        view = self._room[:, : self._count]
+        view.setflags(write=False)
+        return ContactForces(*view)
+
+    def append(self, forces: ContactForces) -> None:
+        if self._count == self._room.shape[1]:
+            self._room = np.concatenate((self._room, np.empty_like(self._room)), axis=1)
+        self._room[:, self._count] = np.concatenate(forces)
+        self._count += 1
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        kept = self._room[:, : self._count][:, which]
+        self._room, self._count = np.concatenate((kept, np.empty((3, 64, kept.shape[2]))), axis=1), kept.shape[1]

@@ -4,12 +4,17 @@ import math
 from dataclasses import dataclass
 
 from pushfric_core.errors import UninformativePush
+from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, Twist
 
 Vector = tuple[float, float]
 
 UNIT = 1e-3
 """A contact normal's length may differ from 1 by this much: text files round."""
+
+
+OFF_OUTLINE = 0.005
+"""A contact may lie this far from the outline [m]: outlines are drawn, poses are measured."""
 
 
 @dataclass(frozen=True)
@@ -54,3 +59,17 @@ class Observation:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
         if not any(self.twist):
             raise UninformativePush("the twist of a data point must not be zero: the object did not move")
+
+    def check_contact(self, outline: Outline) -> None:
+        """Refuse a contact that is not on the object.
+
+        Raises:
+            ValueError: it lies further than OFF_OUTLINE from the outline.
+        """
+        distance = outline.distance_to(self.contact_point)
+        if distance > OFF_OUTLINE:
+            x, y = self.contact_point
+            limit = f"{OFF_OUTLINE * 1e3:g} mm"
+            raise ValueError(
+                f"contact_point must be within {limit} of the outline, got ({x:g}, {y:g}) m, {distance:.3g} m away"
+            )

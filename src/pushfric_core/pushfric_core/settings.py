@@ -19,6 +19,8 @@ def check_ranges(config: Any) -> None:
         low, high = field.metadata.get("low"), field.metadata.get("high")
         value = getattr(config, field.name)
         # `not >=` also catches NaN
+        if value is None:
+            continue  # to be found: only where the field's type allows it
         if (low is not None and not value >= low) or (high is not None and not value <= high):
             span = f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
             raise ValueError(f"{field.name} must lie in {span}, got {value}")

@@ -81,31 +81,46 @@ def friction_directions(support_points: Array, twist: Twist) -> Array:
     return np.asarray(-velocities / speeds[:, None])
 
 
+class FreeRadii(NamedTuple):
+    """How far from the centre of rotation the friction of a support is not known [m]; in between, the freer the nearer."""
+
+    wholly: float  # within this it may push any way with a force of at most its weight
+    partly: float  # beyond this its friction opposes its velocity
+
+
+NOT_FREE = FreeRadii(0.0, 0.0)
+"""The paper's: a support exactly on the centre of rotation makes the data point useless."""
+
+
 class SupportForces(NamedTuple):
-    """What a motion tells of the friction forces of unit weights."""
+    """What a motion tells of the friction forces of unit weights: f_j = directions_j + any force of at most free_j."""
 
-    directions: Array  # (n, 2) -v_j / |v_j|; zero where free
-    free: Array  # (n,) 1 where a support may push in any direction with a force of at most w_j, else 0
+    directions: Array  # (n, 2) -(1 - free_j) v_j / |v_j|
+    free: Array  # (n,) in [0, 1]
 
 
-def support_forces(support_points: Array, twist: Twist, free_radius: float = 0.0) -> SupportForces:
-    """The friction directions, but for supports so near the centre of rotation that theirs is not known.
+def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_FREE) -> SupportForces:
+    """The friction forces, and how far those of supports near the centre of rotation are not known.
 
     Args:
         support_points: (n, 2) [m].
         twist: of the object-frame origin.
-        free_radius: about the centre of rotation [m]; 0 refuses a support that lies exactly on it, as the paper does.
+        radii: where supports are free.
     Raises:
-        UninformativePush: the object does not move, or rotates exactly about a support while free_radius is 0.
+        UninformativePush: the object does not move, or rotates exactly about a support while none is free.
     """
     velocities = velocity_at(twist, support_points)
     speeds = np.hypot(velocities[:, 0], velocities[:, 1])
     # |v_j| = |omega| * distance to the centre of rotation
-    free = speeds <= abs(twist.omega) * free_radius
-    if free_radius == 0 or not free.any():
+    near = speeds <= abs(twist.omega) * radii.partly
+    if radii.partly == 0 or not near.any():
         return SupportForces(friction_directions(support_points, twist), np.zeros(len(support_points)))
-    directions = np.where(free[:, None], 0.0, -velocities / np.where(free, 1.0, speeds)[:, None])
-    return SupportForces(directions, free.astype(float))
+    distances = speeds[near] / abs(twist.omega)
+    free = np.zeros(len(support_points))
+    width = radii.partly - radii.wholly
+    free[near] = np.minimum((radii.partly - distances) / width, 1.0) if width > 0 else 1.0
+    known = np.where(free < 1, speeds, 1.0)  # without a division by zero where all is free
+    return SupportForces(-((1 - free) / known)[:, None] * velocities, free)
 
 
 def center_of_friction(support_points: Array, weights: Array) -> Array:

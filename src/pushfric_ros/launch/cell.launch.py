@@ -9,12 +9,13 @@ from pushfric_ros.launch_graph import launch_description
 ARGUMENTS = {
     "cell": (None, "path of the cell's YAML file"),
     "bag": (None, "folder of the bag to record"),
+    "start": ("1", "push of the plan to begin with"),
 }
 
 
 def cell(values):
     file = load_cell(pathlib.Path(values["cell"]))
-    return file.namespace, graph.cell(file, values["bag"])
+    return file.namespace, graph.cell(file, values["bag"], int(values["start"]))
 
 
 def generate_launch_description():

@@ -1,21 +1,27 @@
-"""The actuator node: the push action, and where the pusher is."""
+"""The actuator node: the push action, and where the pusher is; a managed node.
+
+    unconfigured --configure--> inactive --activate--> active --deactivate--> inactive --cleanup--> unconfigured
+
+Unconfigured, the port is left alone. Inactive, the controller is connected, and connected again whenever it is lost, but
+nothing moves. Active, goals are taken. It does the first two steps by itself unless `autostart` is false.
+"""
 
 import math
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import Point, Vector3
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput
-from pushfric_core.settings import check_ranges, setting
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.conversions import TABLE, stamp_to_msg
@@ -23,7 +29,7 @@ from pushfric_ros.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.grbl import Grbl
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
-from pushfric_ros.pusher import Mode, NotConnected, Pusher, PusherError, PusherReport
+from pushfric_ros.pusher import Mode, NotConnected, Pusher, PusherConfig, PusherError, PusherReport
 from pushfric_ros.qos import RELIABLE
 
 READ_PERIOD = 0.005  # [s], as all below
@@ -34,31 +40,7 @@ ROUNDING = 1e-5  # of positions [m]
 RESTART_JUMP = 1e-3  # a position that changed by more while disconnected is reported [m]
 
 
-@dataclass(frozen=True)
-class ActuatorConfig:
-    """The pusher and its line on the table."""
-
-    port: str = setting("", "serial port of the GRBL controller")
-    baud: int = setting(115200, "[bit/s]", 300, 4_000_000)
-    axis: str = setting("X", "axis of the controller, with a minus sign where the stroke runs to negative coordinates")
-    home: bool = setting(False, "seek the home switch at start; otherwise the controller's work zero is stroke position 0")
-    line_origin: tuple[float, ...] = setting((0.0, 0.0), "centre of the tip at stroke position 0, in the table frame [m]")
-    line_direction: tuple[float, ...] = setting((0.0, 1.0), "of the forward stroke, in the table frame; any length")
-    tip_radius: float = setting(0.003, "[m]", 0.0, 0.1)
-    stroke: float = setting(0.06, "greatest stroke position [m]", 0.001, 10.0)
-    max_speed: float = setting(0.1, "[m/s]", 0.0001, 10.0)
-    poll_rate: float = setting(20.0, "reports of the pusher [Hz]", 1.0, 100.0)
-    connect_timeout: float = setting(2.0, "how long the controller may take to boot [s]", 0.1, 60.0)
-    wait_for_port: bool = setting(True, "wait for a port that is not there yet, instead of ending")
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if not self.port:
-            raise ValueError("port must name the serial port of the GRBL controller, got ''")
-        pushing_line(self.line_origin, self.line_direction, self.tip_radius)
-
-
-class ActuatorNode(Node):
+class ActuatorNode(LifecycleNode):
     """Serves `push`, one goal at a time: a goal that arrives while another runs is rejected, neither queued nor preferred.
 
     A lost connection is made again by itself, without a motion. After an alarm, `~/reset` unlocks or homes, as configured.
@@ -66,17 +48,14 @@ class ActuatorNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("actuator", **kwargs)
-        self._config = config = declare(self, ActuatorConfig)
+        self._config = config = declare(self, PusherConfig)
         try:
             self._pusher: Pusher = Grbl(config.port, config.baud, config.axis, config.home, config.connect_timeout)
         except ValueError as error:
             raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
-        if not config.wait_for_port:
-            try:
-                self._pusher.connect()
-            except NotConnected as error:
-                raise InvalidInput(str(error)) from error
         self._line = pushing_line(config.line_origin, config.line_direction, config.tip_radius)
+        self._configured = self._active = self._home_due = False
+        self._start_due = config.autostart
         self._report = PusherReport(0.0, 0.0, Mode.DISCONNECTED, None)  # the last one
         self._problem: str | None = None
         self._lost_at: float | None = None  # position when the connection was lost
@@ -84,22 +63,111 @@ class ActuatorNode(Node):
         self._quiet_until = time.monotonic() + GRACE
         self._told: str | None = None  # the last problem that was logged
         self._goal: ServerGoalHandle | None = None
-        self._push_id, self._start = PusherState.NO_PUSH, 0.0
+        self._client_seen = False  # that of the goal, in the graph
+        self._revoked: str | None = None  # why the goal may not go on
+        self._push_id = PusherState.NO_PUSH
+        self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
         self._arrival: Future | None = None
         self._state_out = self.create_publisher(PusherState, "pusher_state", RELIABLE)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
+        self._client_endpoint = self.resolve_service_name("push") + "/_action/send_goal"
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._diagnostics = Diagnostics(self, self._health)
         self.create_timer(1 / config.poll_rate, self._ask)
         # bytes come in real time, whatever clock the cell runs on
         self.create_timer(READ_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._service_change_state.callback = self._refuse_unknown(self._service_change_state.callback)
+        if self._start_due:
+            self.trigger_configure()
 
     def destroy_node(self) -> None:
         """Stop the pusher, whatever it does, before anything else ends."""
         self._pusher.close()
         self._server.destroy()
         super().destroy_node()
+
+    # Transitions
+
+    def _refuse_unknown(self, change_state: Callable) -> Callable:
+        """rclpy lets a transition that the state does not know end the node."""
+
+        def changed(request: Any, response: Any) -> Any:
+            self._start_due = False  # somebody else decides now
+            try:
+                return change_state(request, response)
+            except rclpy_implementation.RCLError:
+                wanted = request.transition.label or request.transition.id
+                self.get_logger().warning(f"no transition {wanted} from the state {self._lifecycle_state}")
+                response.success = False
+                return response
+
+        return changed
+
+    @property
+    def _lifecycle_state(self) -> str:
+        return str(self._state_machine.current_state[1])
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From now on the controller is connected, as soon as its port is there."""
+        self._configured, self._home_due = True, self._config.home
+        self._retry_at, self._retry_after = 0.0, FIRST_RETRY
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take goals; the first time, home before that where so configured. Refused until the controller has answered."""
+        if self._pusher.mode is Mode.DISCONNECTED or self._pusher.busy:
+            self.get_logger().error(f"cannot be activated yet: {self._problem or 'the controller is being connected'}")
+            return TransitionCallbackReturn.FAILURE
+        if self._home_due:
+            try:
+                self._pusher.recover()
+            except PusherError as error:
+                self._fail(error)
+                return TransitionCallbackReturn.FAILURE
+        self._active, self._home_due = True, False
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop a motion, and take no more goals."""
+        self._active = False
+        self._revoke("the actuator was deactivated")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave the port."""
+        self._leave("the actuator was told to leave its port")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop a motion and leave the port, for good."""
+        self._leave("the actuator was shut down")
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """A transition raised something: the safe state is to have left the port."""
+        self.get_logger().error("a transition failed; the pusher is left")
+        self._leave("a transition failed")
+        return TransitionCallbackReturn.SUCCESS
+
+    @property
+    def _not_active(self) -> str:
+        return f"the actuator is {self._lifecycle_state}, expected active"
+
+    def _revoke(self, why: str) -> None:
+        """Stop whatever moves; a goal under way is aborted with this reason once the pusher rests."""
+        if self._goal is not None:
+            self._revoked = why
+        if self._pusher.busy:
+            self._stop()
+
+    def _leave(self, why: str) -> None:
+        self._configured = self._active = False
+        self._pusher.close()
+        self._lost_at = self._report.position if self._report.mode is not Mode.DISCONNECTED else self._lost_at
+        self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
+        if self._arrival is not None:
+            self._arrival.set_exception(NotConnected(why))
 
     # The pusher
 
@@ -113,8 +181,20 @@ class ActuatorNode(Node):
             self._pusher.ask(self.get_clock().now().nanoseconds)
         except PusherError as error:
             self._fail(error)
+        self._look_for_client()
+
+    def _look_for_client(self) -> None:
+        """Nobody would cancel a push once the last client of the action has left."""
+        if self._goal is None or self._revoked is not None:
+            return
+        if self.count_clients(self._client_endpoint):
+            self._client_seen = True
+        elif self._client_seen:
+            self._revoke("the client that sent it is gone")
 
     def _poll(self) -> None:
+        if not self._configured:
+            return
         pusher = self._pusher
         try:
             if pusher.mode is Mode.DISCONNECTED and not pusher.busy:
@@ -127,15 +207,20 @@ class ActuatorNode(Node):
             return
         if report is not None and report.mode is not Mode.DISCONNECTED:
             self._take(report)
-        if self._arrival is not None and not pusher.busy:
+        if pusher.busy:
+            return
+        if self._arrival is not None:
             self._arrival.set_result(None)
+        if self._start_due and pusher.mode is not Mode.DISCONNECTED:
+            self._start_due = False
+            self.trigger_activate()
 
     def _take(self, report: PusherReport) -> None:
         if self._report.mode is Mode.DISCONNECTED:
             self._on_connected(report)
         self._report = report
         self._publish(report)
-        if self._goal is not None and self._push_id != PusherState.NO_PUSH:
+        if self._goal is not None and self._start is not None:
             self._goal.publish_feedback(Push.Feedback(travelled=report.position - self._start, speed=report.speed))
 
     def _on_connected(self, report: PusherReport) -> None:
@@ -164,11 +249,18 @@ class ActuatorNode(Node):
             self._retry_at = time.monotonic() + self._retry_after
             self._retry_after = min(2 * self._retry_after, LAST_RETRY)
 
+    def _stop(self) -> None:
+        try:
+            self._pusher.stop()
+        except PusherError as error:
+            self._fail(error)
+
     def _publish(self, report: PusherReport) -> None:
+        mode = Mode.HOLD if report.mode is Mode.IDLE and not self._active else report.mode  # idle means ready to move
         stamp = self.get_clock().now().nanoseconds if report.stamp is None else report.stamp
         (x, y), (along_x, along_y), radius = self._line
         msg = PusherState(
-            mode=getattr(PusherState, f"MODE_{report.mode.name}"),
+            mode=getattr(PusherState, f"MODE_{mode.name}"),
             position=report.position,
             speed=report.speed,
             tip=Point(x=x + report.position * along_x, y=y + report.position * along_y),
@@ -180,14 +272,12 @@ class ActuatorNode(Node):
         self._state_out.publish(msg)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._goal is not None:
-            response.message = "a push is under way, cancel it first"
+        if self._goal is not None or not self._active:
+            response.message = "a push is under way, cancel it first" if self._goal else self._not_active
             return response
-        self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
         try:
             self._pusher.recover()
-        except NotConnected as error:
-            self._fail(error)
+        except PusherError as error:
             response.message = str(error)
         else:
             response.success, response.message = True, "homing" if self._config.home else "unlocking"
@@ -197,8 +287,10 @@ class ActuatorNode(Node):
         mode = self._pusher.mode
         level = {Mode.DISCONNECTED: Level.ERROR, Mode.ALARM: Level.ERROR, Mode.HOLD: Level.WARN}.get(mode, Level.OK)
         message = mode.value if level is Level.OK or self._problem is None else f"{mode.value}: {self._problem}"
-        values = {"port": self._config.port, "controller": self._pusher.name, "mode": mode.value,
-                  "last problem": self._problem or "none"}  # fmt: skip
+        if not self._active and (not self._configured or level is Level.OK):
+            level, message = Level.WARN, self._not_active
+        values = {"state": self._lifecycle_state, "port": self._config.port, "controller": self._pusher.name,
+                  "mode": mode.value, "last problem": self._problem or "none"}  # fmt: skip
         return Health(level, message, values)
 
     # The push action
@@ -217,28 +309,31 @@ class ActuatorNode(Node):
         mode = Mode.DISCONNECTED if self._report.mode is Mode.DISCONNECTED else self._pusher.mode
         if self._goal is not None:
             return f"push {self._goal.request.push_id} is under way"
+        if not self._active:
+            return self._not_active
         if mode is not Mode.IDLE:
             return f"the pusher's mode is {mode.value}, expected idle"
         if push.push_id < 0:
             return f"push_id must be 0 or more, got {push.push_id}"
-        if not (push.distance > 0 and math.isfinite(push.distance)):
-            return f"distance must be positive, got {push.distance} m"
+        if push.distance == 0 or not math.isfinite(push.distance):
+            return f"distance must be a length, negative for the way back, got {push.distance} m"
+        if push.distance < 0 and push.retract:
+            return f"retract must be false for a way back, got {push.retract}"
         if not 0 < push.speed <= config.max_speed:
             return f"speed must be positive and at most max_speed {config.max_speed} m/s, got {push.speed} m/s"
         end, reach = self._report.position + push.distance, min(config.stroke, self._pusher.limits.travel)
         if end > reach + ROUNDING:
             return f"it would end at {end:.4f} m, beyond the stroke of {reach} m"
+        if push.distance < 0 and end < -ROUNDING:
+            return f"it would end at {end:.4f} m, before the stroke's beginning at 0 m"
         return None
 
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
-        self._goal = goal
+        self._goal, self._revoked, self._client_seen = goal, None, False
         goal.execute()
 
     def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:
-        try:
-            self._pusher.stop()
-        except PusherError as error:
-            self._fail(error)
+        self._stop()
         return CancelResponse.ACCEPT
 
     async def _execute(self, goal: ServerGoalHandle) -> Push.Result:
@@ -246,15 +341,16 @@ class ActuatorNode(Node):
         fastest = self._pusher.limits.max_speed
         if push.speed > fastest:
             self.get_logger().warning(f"push {push.push_id} is slower than asked: the controller allows {fastest:.4f} m/s")
-        self._start = start
         try:
-            problem = await self._stroke(goal, start + push.distance, push.speed, push.push_id)
+            self._start = start
+            problem = await self._stroke(goal, start + push.distance, push.speed)
+            self._start = None
             travelled = self._report.position - start
             if push.retract and problem is None:
                 back = min(RETRACT_FASTER * push.speed, self._config.max_speed)
-                problem = await self._stroke(goal, start, back, PusherState.NO_PUSH)
+                problem = await self._stroke(goal, start, back)
         finally:
-            self._goal = None
+            self._goal = self._start = None
         if problem is not None:
             goal.abort()
             return Push.Result(outcome=Push.Result.OUTCOME_ABORTED, travelled=travelled, message=problem)
@@ -264,22 +360,23 @@ class ActuatorNode(Node):
         goal.succeed()
         return Push.Result(outcome=Push.Result.OUTCOME_REACHED, travelled=travelled, message="reached")
 
-    async def _stroke(self, goal: ServerGoalHandle, position: float, speed: float, push_id: int) -> str | None:
-        """Move there unless canceled; what went wrong, if anything."""
-        if goal.is_cancel_requested:
-            return None
-        self._push_id, self._arrival = push_id, Future()
+    async def _stroke(self, goal: ServerGoalHandle, position: float, speed: float) -> str | None:
+        """Move there unless canceled or revoked; what went wrong, if anything."""
+        if goal.is_cancel_requested or self._revoked is not None:
+            return self._revoked
+        forward = position > self._report.position
+        self._push_id, self._arrival = goal.request.push_id if forward else PusherState.NO_PUSH, Future()
         try:
             self._pusher.move_to(position, speed)
             await self._arrival
         except PusherError as error:
-            return str(error)
+            return self._revoked or str(error)
         except BaseException:
             self._pusher.stop()
             raise
         finally:
             self._push_id, self._arrival = PusherState.NO_PUSH, None
-        return None
+        return self._revoked
 
 
 def main() -> None:

@@ -2,10 +2,10 @@
 
 import math
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -17,6 +17,8 @@ from pushfric_core.planar import Array
 
 Image = npt.NDArray[np.uint8]
 """A mono8 image (height, width)."""
+
+Loaded = TypeVar("Loaded")
 
 DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 DISTORTION_COEFFICIENTS = (4, 5, 8)
@@ -35,38 +37,86 @@ class CameraInfoFields(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
-    """Lens and table of one camera. Pixels are (u, v): u to the right, v down, (0, 0) the centre of the first pixel.
+class Lens:
+    """Lens and image size of one camera. Pixels are (u, v): u to the right, v down, (0, 0) the centre of the first pixel.
 
     Args:
         width, height: of the image [px].
         K: (3, 3) camera matrix [px].
         D: (4,), (5,) or (8,) distortion coefficients, as OpenCV orders them.
-        H: (3, 3) homography from the table plane z = 0 [m] to undistorted pixels, of any scale.
     Raises:
         ValueError: a shape that is none of these.
-        InvalidInput: values of no real camera: K all zero, H degenerate or seen from below the table.
+        InvalidInput: values of no real camera: K all zero.
     """
 
     width: int
     height: int
     K: Array
     D: Array
-    H: Array
 
     def __post_init__(self) -> None:
-        for name, shapes in (("K", ((3, 3),)), ("D", tuple((n,) for n in DISTORTION_COEFFICIENTS)), ("H", ((3, 3),))):
-            array = np.array(getattr(self, name), dtype=float)
-            if array.shape not in shapes:
-                raise ValueError(f"{name} must have shape {' or '.join(map(str, shapes))}, got {array.shape}")
-            if not np.isfinite(array).all():
-                raise InvalidInput(f"{name} must be finite, got {array.tolist()}")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        self._freeze("K", (3, 3))
+        self._freeze("D", *((n,) for n in DISTORTION_COEFFICIENTS))
         if self.width < 1 or self.height < 1:
             raise InvalidInput(f"the image size must be positive, got {self.width} x {self.height}")
         if not (self.K[0, 0] > 0 and self.K[1, 1] > 0 and self.K[2, 2] == 1):
             raise InvalidInput(f"the camera is not calibrated: K needs focal lengths > 0 and ends in 1, got {self.K.tolist()}")
+
+    def over(self, table_homography: npt.ArrayLike) -> "Camera":
+        """The camera with this lens whose homography H is given."""
+        return Camera(self.width, self.height, self.K, self.D, np.asarray(table_homography, dtype=float))
+
+    def info_fields(self) -> dict[str, Any]:
+        """What sensor_msgs/CameraInfo holds, by field name: CameraInfo(header=..., **lens.info_fields())."""
+        return {
+            "width": self.width,
+            "height": self.height,
+            "distortion_model": DISTORTION_MODELS[len(self.D) == 8],
+            "d": self.D.tolist(),
+            "k": self.K.ravel().tolist(),
+            "r": np.eye(3).ravel().tolist(),
+            "p": np.column_stack((self.K, np.zeros(3))).ravel().tolist(),
+        }
+
+    def _freeze(self, name: str, *shapes: tuple[int, ...]) -> None:
+        """Make a field a read-only array of one of these shapes."""
+        array = np.array(getattr(self, name), dtype=float)
+        if array.shape not in shapes:
+            raise ValueError(f"{name} must have shape {' or '.join(map(str, shapes))}, got {array.shape}")
+        if not np.isfinite(array).all():
+            raise InvalidInput(f"{name} must be finite, got {array.tolist()}")
+        array.setflags(write=False)
+        object.__setattr__(self, name, array)
+
+
+def lens_from_info(info: CameraInfoFields) -> Lens:
+    """From a sensor_msgs/CameraInfo.
+
+    Raises:
+        InvalidInput: not calibrated, or a distortion model other than DISTORTION_MODELS.
+    """
+    if not any(info.k):
+        raise InvalidInput("the camera is not calibrated: K is all zero")
+    if info.distortion_model not in DISTORTION_MODELS:
+        raise InvalidInput(f"distortion model must be {' or '.join(DISTORTION_MODELS)}, got {info.distortion_model!r}")
+    return Lens(info.width, info.height, np.reshape(info.k, (3, 3)), np.array(info.d))
+
+
+@dataclass(frozen=True, eq=False)
+class Camera(Lens):
+    """Lens and table of one camera.
+
+    Args:
+        H: (3, 3) homography from the table plane z = 0 [m] to undistorted pixels, of any scale.
+    Raises:
+        InvalidInput: H is degenerate or seen from below the table.
+    """
+
+    H: Array
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._freeze("H", (3, 3))
         # z of the table points to the camera
         if self._axes[2] @ self._axes[3] >= 0:
             raise InvalidInput("the table homography is mirrored: seen by the camera, y lies 90 degrees counter-clockwise of x")
@@ -86,31 +136,6 @@ class Camera:
         K = np.array(((focal, 0.0, u), (0.0, focal, v), (0.0, 0.0, 1.0)))
         x, y = center
         return cls(width, height, K, np.array(distortion), K @ ((1.0, 0.0, -x), (0.0, -1.0, y), (0.0, 0.0, distance)))
-
-    @classmethod
-    def from_info(cls, info: CameraInfoFields, table_homography: npt.ArrayLike) -> "Camera":
-        """From a sensor_msgs/CameraInfo and the homography H.
-
-        Raises:
-            InvalidInput: not calibrated, or a distortion model other than DISTORTION_MODELS.
-        """
-        if not any(info.k):
-            raise InvalidInput("the camera is not calibrated: K is all zero")
-        if info.distortion_model not in DISTORTION_MODELS:
-            raise InvalidInput(f"distortion model must be {' or '.join(DISTORTION_MODELS)}, got {info.distortion_model!r}")
-        return cls(info.width, info.height, np.reshape(info.k, (3, 3)), np.array(info.d), np.reshape(table_homography, (3, 3)))
-
-    def info_fields(self) -> dict[str, Any]:
-        """What sensor_msgs/CameraInfo holds, by field name: CameraInfo(header=..., **camera.info_fields())."""
-        return {
-            "width": self.width,
-            "height": self.height,
-            "distortion_model": DISTORTION_MODELS[len(self.D) == 8],
-            "d": self.D.tolist(),
-            "k": self.K.ravel().tolist(),
-            "r": np.eye(3).ravel().tolist(),
-            "p": np.column_stack((self.K, np.zeros(3))).ravel().tolist(),
-        }
 
     def at_height(self, height: float) -> Array:
         """Homography (3, 3) from the plane z = `height` [m] over the table to undistorted pixels."""
@@ -155,26 +180,31 @@ class Camera:
         return np.array((x_axis, y_axis, np.cross(x_axis, y_axis), origin))
 
 
-def load_camera(path: str | pathlib.Path) -> Camera:
-    """Read a camera from the YAML that camera_calibration writes, extended by `table_homography` (rows, cols, data).
+def load_lens(path: str | pathlib.Path) -> Lens:
+    """Read a lens from the YAML that camera_calibration writes.
 
     Raises:
         InvalidInput: the file cannot be read, lacks a field, or describes no calibrated camera; names file and field.
     """
-    try:
-        fields = yaml.safe_load(pathlib.Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InvalidInput(f"{path}: cannot be read as a camera YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(fields, dict):
-        raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")
-    try:
-        return Camera.from_info(_YamlInfo(fields), _matrix(fields, "table_homography", 9))
-    except (InvalidInput, ValueError) as error:
-        raise InvalidInput(f"{path}: {error}") from error
+    return _loaded(path, lambda fields: lens_from_info(_YamlInfo(fields)))
 
 
-def save_camera(camera: Camera, path: str | pathlib.Path, name: str = "camera") -> None:
-    """Write a camera as `load_camera` reads it; camera_info_manager reads its lens."""
+def load_camera(path: str | pathlib.Path) -> Camera:
+    """Read a camera from the YAML of its lens, extended by `table_homography` (rows, cols, data).
+
+    Raises:
+        InvalidInput: as `load_lens`.
+    """
+
+    def camera(fields: dict[str, Any]) -> Camera:
+        lens = lens_from_info(_YamlInfo(fields))
+        return lens.over(np.reshape(_matrix(fields, "table_homography", 9), (3, 3)))
+
+    return _loaded(path, camera)
+
+
+def save_camera(camera: Lens, path: str | pathlib.Path, name: str = "camera") -> None:
+    """Write a lens or a camera as `load_lens` and `load_camera` read it; camera_info_manager reads the lens of both."""
     info = camera.info_fields()
     fields = {
         "image_width": camera.width,
@@ -185,9 +215,23 @@ def save_camera(camera: Camera, path: str | pathlib.Path, name: str = "camera") 
         "distortion_coefficients": {"rows": 1, "cols": len(info["d"]), "data": info["d"]},
         "rectification_matrix": {"rows": 3, "cols": 3, "data": info["r"]},
         "projection_matrix": {"rows": 3, "cols": 4, "data": info["p"]},
-        "table_homography": {"rows": 3, "cols": 3, "data": camera.H.ravel().tolist()},
     }
+    if isinstance(camera, Camera):
+        fields["table_homography"] = {"rows": 3, "cols": 3, "data": camera.H.ravel().tolist()}
     pathlib.Path(path).write_text(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) -> Loaded:
+    try:
+        fields = yaml.safe_load(pathlib.Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InvalidInput(f"{path}: cannot be read as a camera YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(fields, dict):
+        raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")
+    try:
+        return read(fields)
+    except (InvalidInput, ValueError) as error:
+        raise InvalidInput(f"{path}: {error}") from error
 
 
 class _YamlInfo:

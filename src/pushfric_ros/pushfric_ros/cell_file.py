@@ -1,18 +1,24 @@
-"""A cell's YAML file: camera, pusher, object and push plan."""
+"""A cell's YAML file: camera, pusher, object, push plan and how it estimates."""
 
+import dataclasses
 import pathlib
-from typing import Annotated
+from typing import Annotated, Any
 
 import pydantic
 
+from pushfric_core.estimator import EstimatorConfig
+from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros.object_file import Point, Strict, read_yaml
+from pushfric_ros.pusher import PusherConfig
 
 
 class CameraEntry(Strict):
     """Where images come from, and how they map to the table."""
 
-    source: str = "0"  # device index, URL, video file or image folder; topic: subscribe to image_raw
+    source: str = "0"  # device index, URL, video file or image folder; topic or compressed: subscribe
     calibration: str  # path of the camera's calibration YAML
+    fiducials: str = ""  # path of the YAML of the markers on the object; empty: it is seen by its outline
+    object_height: Annotated[float, pydantic.Field(ge=0, le=1)] = 0.0  # over the table [m]; 0: as the object's file says
     threshold: Annotated[int, pydantic.Field(ge=0, le=255)] = 0  # of brightness; 0: found in each frame (Otsu)
     time_offset: float = 0.0  # added to the stamps of the images [s]
 
@@ -21,9 +27,11 @@ class PusherEntry(Strict):
     """The linear stage and its line on the table."""
 
     port: str  # serial port of the GRBL controller
-    baud: int = 115200
-    axis: str = "X"  # with a minus sign where the forward stroke goes to negative coordinates
-    home: bool = False  # seek the home switch at start; otherwise work zero of the controller is stroke position 0
+    baud: int = PusherConfig.baud
+    axis: str = PusherConfig.axis  # with a minus sign where the forward stroke goes to negative coordinates
+    home: bool = (
+        PusherConfig.home
+    )  # seek the home switch at activation; otherwise work zero of the controller is stroke position 0
     line_origin: Point  # centre of the tip at stroke position 0, in the table frame [m]
     line_direction: Point  # of the forward stroke, in the table frame
     tip_radius: Annotated[float, pydantic.Field(ge=0)]  # [m]
@@ -47,6 +55,22 @@ class CellFile(Strict):
     camera: CameraEntry
     pusher: PusherEntry
     plan: PlanEntry = PlanEntry()
+    estimator: dict[str, Any] = pydantic.Field(
+        default={}
+    )  # parameters of the estimator node: fields of EstimatorConfig and TrajectoryConfig
+
+    @pydantic.field_validator("estimator")
+    @classmethod
+    def _known(cls, values: dict[str, Any]) -> dict[str, Any]:
+        rest = dict(values)
+        for config in (EstimatorConfig, TrajectoryConfig):
+            own = {field.name: rest.pop(field.name) for field in dataclasses.fields(config) if field.name in rest}
+            if "terms" in own:
+                own["terms"] = tuple(own["terms"])
+            config(**own)
+        if rest:
+            raise ValueError(f"the estimator has no parameter {', '.join(rest)}")
+        return values
 
 
 def load_cell(path: pathlib.Path) -> CellFile:
@@ -61,6 +85,7 @@ def load_cell(path: pathlib.Path) -> CellFile:
     def beside(name: str) -> str:
         return str(folder / name) if name and (folder / name).exists() else name
 
-    camera = cell.camera.model_copy(update={"calibration": beside(cell.camera.calibration)})
+    files = {name: beside(getattr(cell.camera, name)) for name in ("calibration", "fiducials")}
+    camera = cell.camera.model_copy(update=files)
     plan = cell.plan.model_copy(update={"file": beside(cell.plan.file)})
     return cell.model_copy(update={"object": beside(cell.object), "camera": camera, "plan": plan})

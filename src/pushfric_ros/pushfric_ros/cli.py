@@ -10,18 +10,20 @@ import typer
 from rich.console import Console
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import TERMS, Estimator, EstimatorConfig
-from pushfric_core.planar import Array
+from pushfric_core.estimator import COR_SHARE, FORCE_TERMS, TERMS, Estimator, EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.recognition import Recognizer
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import bag as bags
+from pushfric_ros import calibrate_cli, graph, offline, zhou2015
 from pushfric_ros import demo as demonstration
-from pushfric_ros import graph, offline, zhou2015
 from pushfric_ros.cell_file import load_cell
-from pushfric_ros.conversions import estimate_to_msg
+from pushfric_ros.conversions import estimate_to_msg, recognition_to_msg
 from pushfric_ros.figures import summary_figure
-from pushfric_ros.object_file import ObjectModel, load_object, read_points
-from pushfric_ros.report import report, to_json, truth
+from pushfric_ros.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
+from pushfric_ros.parameters import AUTO
+from pushfric_ros.report import recognition_report, report, to_json, truth
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -30,6 +32,7 @@ app = typer.Typer(
 )
 bag_app = typer.Typer(help="Look after bags.")
 app.add_typer(bag_app, name="bag")
+app.add_typer(calibrate_cli.app, name="calibrate")
 console = Console(stderr=True, soft_wrap=True)
 
 Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
@@ -49,6 +52,7 @@ SupportPointsOption = Annotated[
     pathlib.Path | None,
     typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
 ]
+DEFAULT_TERMS = ",".join(EstimatorConfig.terms)
 TermsOption = Annotated[
     str, typer.Option("--terms", help=f"What the fit error is made of, comma-separated: {', '.join(TERMS)}.")
 ]
@@ -57,10 +61,29 @@ HalfWidthOption = Annotated[
 ]
 MuBoundOption = Annotated[float, typer.Option("--mu-bound", help="Known upper bound on mu_c, for the term cone (eqs 9, 10).")]
 CorRadiusOption = Annotated[
-    float, typer.Option("--cor-radius", help="Supports this near the centre of rotation may push any way (m); 0: none.")
+    str,
+    typer.Option(
+        "--cor-radius",
+        help="Supports this near the centre of rotation may push any way (m); 0: none, as in the paper; "
+        f"auto: the freer the nearer, within {COR_SHARE:g} of the rms distance of the support points from their middle.",
+        metavar="M|auto",
+    ),
 ]
 NonnegativeOption = Annotated[
-    bool, typer.Option("--nonnegative-force/--no-nonnegative-force", help="The pusher cannot pull (eq. 7), hard.")
+    bool, typer.Option("--nonnegative-force/--no-nonnegative-force", help="The pusher cannot pull (eq. 7).")
+]
+PullPenaltyOption = Annotated[
+    float, typer.Option("--pull-penalty", help="Cost of a unit of force that pulls (m); inf: eq. 7 is hard.")
+]
+ForceWeightOption = Annotated[
+    float, typer.Option("--force-weight", help="Cost of a unit of force beside a metre of moment (m), in all terms but moment.")
+]
+ForceHalfAngleOption = Annotated[
+    float,
+    typer.Option("--force-half-angle", help="Half the cone about a measured force, for the term force_angle (rad)."),
+]
+ExcludeOption = Annotated[
+    list[int] | None, typer.Option("--exclude-push", help="Leave out this push; may be given again.", show_default=False)
 ]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display: a line for each push.")]
@@ -95,7 +118,7 @@ def demo(
     if json is not None:
         json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
     figure = bag / demonstration.FIGURE
-    summary_figure(figure, TABLE_1[object_name].outline, demonstration.course_of(bag, console), TABLE_1[object_name])
+    summary_figure(figure, TABLE_1[object_name].outline, *demonstration.course_of(bag, console), TABLE_1[object_name])
     console.print(f"figure: {figure}\nbag:    {bag}")
 
 
@@ -105,6 +128,7 @@ def run(
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")
     ] = None,
+    start: Annotated[int, typer.Option(help="Push of the plan to begin with, to go on with one.", min=1)] = 1,
     headless: HeadlessFlag = False,
 ) -> None:
     """Run the real cell: carry out its push plan, estimate, record."""
@@ -113,10 +137,13 @@ def run(
     bag = bag or pathlib.Path("runs") / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
     if not pathlib.Path(file.pusher.port).exists():
         raise InvalidInput(f"{cell}: pusher.port: no serial port at {file.pusher.port}; expected a GRBL controller's")
-    specs = graph.cell(file, str(bag))
-    ended, last = demonstration.watch(
-        console, specs, file.namespace, f"pushing {model.name}", console.is_terminal and not headless
-    )
+    specs = graph.cell(file, str(bag), start)
+
+    def go_on(push: int) -> None:
+        console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}", markup=False)
+
+    live = console.is_terminal and not headless
+    ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
     if ended.code:
         raise RunFailed(ended.code, ended.reason)
     console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it")
@@ -153,31 +180,56 @@ def estimate(
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
-    terms: TermsOption = "moment",
+    terms: TermsOption = DEFAULT_TERMS,
     half_width: HalfWidthOption = EstimatorConfig.half_width,
     mu_bound: MuBoundOption = EstimatorConfig.mu_bound,
-    nonnegative_force: NonnegativeOption = True,
-    cor_radius: CorRadiusOption = EstimatorConfig.cor_radius,
+    nonnegative_force: NonnegativeOption = EstimatorConfig.nonnegative_force,
+    pull_penalty: PullPenaltyOption = EstimatorConfig.pull_penalty,
+    force_weight: ForceWeightOption = EstimatorConfig.force_weight,
+    force_half_angle: ForceHalfAngleOption = EstimatorConfig.force_half_angle,
+    cor_radius: CorRadiusOption = "auto",
+    exclude_push: ExcludeOption = None,
     json: JsonFlag = False,
 ) -> None:
     """Estimate from a bag or a CSV, as fast as it goes."""
     model, _ = _object_of(source, object_name)
-    points = _support_points(model, grid, support_points)
-    try:
-        config = EstimatorConfig(
-            terms=tuple(terms.split(",")),
-            half_width=half_width,
-            mu_bound=mu_bound,
-            nonnegative_force=nonnegative_force,
-            cor_radius=cor_radius,
-        )
-    except ValueError as error:
-        raise InvalidInput(str(error)) from error
-    data = offline.observations(source, model, TrajectoryConfig(), _warn)
-    result = offline.estimate(Estimator(points, config), data, _warn)
+    model = _with_support(model, grid, support_points)
+    config = _config(terms, half_width, mu_bound, nonnegative_force, pull_penalty, force_weight, force_half_angle, cor_radius)
+    result = offline.estimate(Estimator(model.support_points, config), _data(source, model, config, exclude_push), _warn)
     if result.contradiction is not None:
         _warn(result.contradiction)
     _print_result(report(estimate_to_msg(result, model.name)), json)
+
+
+@app.command()
+def recognize(
+    source: Input,
+    object_name: ObjectOption = "",
+    grid: GridOption = None,
+    support_points: SupportPointsOption = None,
+    terms: TermsOption = DEFAULT_TERMS,
+    half_width: HalfWidthOption = EstimatorConfig.half_width,
+    mu_bound: MuBoundOption = EstimatorConfig.mu_bound,
+    nonnegative_force: NonnegativeOption = EstimatorConfig.nonnegative_force,
+    pull_penalty: PullPenaltyOption = EstimatorConfig.pull_penalty,
+    force_weight: ForceWeightOption = EstimatorConfig.force_weight,
+    force_half_angle: ForceHalfAngleOption = EstimatorConfig.force_half_angle,
+    cor_radius: CorRadiusOption = "auto",
+    exclude_push: ExcludeOption = None,
+    json: JsonFlag = False,
+) -> None:
+    """Rank the hypotheses in the object's file by how well they explain the data (section 5.2)."""
+    model, where = _object_of(source, object_name)
+    if not model.hypotheses:
+        raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
+    model = _with_support(model, grid, support_points)
+    config = _config(terms, half_width, mu_bound, nonnegative_force, pull_penalty, force_weight, force_half_angle, cor_radius)
+    data = _data(source, model, config, exclude_push)
+    ranking = offline.recognize(Recognizer(model.hypotheses, config), data, _warn)
+    for ranked in ranking.hypotheses:
+        if ranked.contradiction is not None:
+            _warn(f"{ranked.name}: {ranked.contradiction}")
+    _print_ranking(recognition_report(recognition_to_msg(ranking)), json)
 
 
 @bag_app.command()
@@ -221,17 +273,55 @@ def _object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
     return load_object(where), where
 
 
-def _support_points(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> Array:
+def _with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> ObjectModel:
+    """The object on other support points, where such are given; hypotheses that bring their own keep them."""
     if file is not None and grid is not None:
         raise InvalidInput("give --grid or --support-points, not both")
     if file is not None:
-        return read_points(file)
-    if grid is None:
-        return model.support_points
+        support, where = SupportFile(points=[(x, y) for x, y in read_points(file).tolist()]), str(file)
+    elif grid is not None:
+        support, where = SupportFile(grid=grid, inset=model.file.support.inset), "--grid"
+    else:
+        return model
+    return make_object(model.file.model_copy(update={"support": support}), where)
+
+
+def _config(
+    terms: str,
+    half_width: float,
+    mu_bound: float,
+    nonnegative_force: bool,
+    pull_penalty: float,
+    force_weight: float,
+    force_half_angle: float,
+    cor_radius: str,
+) -> EstimatorConfig:
     try:
-        return model.outline.grid(*grid, model.file.support.inset)
+        return EstimatorConfig(
+            terms=tuple(terms.split(",")),
+            half_width=half_width,
+            cor_radius=None if cor_radius == AUTO else float(cor_radius),
+            nonnegative_force=nonnegative_force,
+            pull_penalty=pull_penalty,
+            mu_bound=mu_bound,
+            force_weight=force_weight,
+            force_half_angle=force_half_angle,
+        )
     except ValueError as error:
-        raise InvalidInput(f"--grid: {error}") from error
+        raise InvalidInput(
+            str(error).replace("could not convert string to float:", "cor_radius must be auto or a number, got")
+        ) from error
+
+
+def _data(
+    source: pathlib.Path, model: ObjectModel, config: EstimatorConfig, exclude_push: list[int] | None
+) -> list[Observation]:
+    """The data points, without those of the pushes that are left out."""
+    data = offline.observations(source, model, TrajectoryConfig(), _warn, bool(set(config.terms) & set(FORCE_TERMS)))
+    for push_id in exclude_push or []:
+        if all(observation.push_id != push_id for observation in data):
+            raise InvalidInput(f"--exclude-push: {source} has no data point of push {push_id}")
+    return [observation for observation in data if observation.push_id not in (exclude_push or [])]
 
 
 def _print_result(figures: dict[str, Any], as_json: bool) -> None:
@@ -242,8 +332,21 @@ def _print_result(figures: dict[str, Any], as_json: bool) -> None:
     output = Console(highlight=False)
     output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm")
     output.print(f"mu_c   {figures['mu_c']['p90']:.3f} (90 %), {figures['mu_c']['max']:.3f} (100 %)")
+    if "total_friction" in figures:
+        output.print(f"total  {figures['total_friction']:.3f} N of support friction")
     output.print(f"fit    {figures['objective'] * 1e3:.4f} mm, {figures['status']}, gap {figures['gap'] * 1e3:.1e} mm")
     output.print(f"from   {figures['data_points']} data points of {figures['pushes']} pushes")
+
+
+def _print_ranking(figures: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(to_json(figures))
+        return
+    output = Console(highlight=False, markup=False)
+    for hypothesis in figures["hypotheses"]:
+        fit = f"fit {hypothesis['fit_error'] * 1e3:.4f} mm, ratio {hypothesis['ratio']:.3f}"
+        output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")
+    output.print(f"best: {figures['best'] or 'none is feasible'}")
 
 
 def _warn(line: str) -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion, Vector3
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion, Vector3, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMsg
 
 from pushfric_core.contact import PushingLine
@@ -12,8 +12,10 @@ from pushfric_core.estimator import Estimate
 from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Pose, Twist
+from pushfric_core.recognition import Ranking
+from pushfric_core.sensed_force import ForceSample
 from pushfric_core.trajectory import PoseSample, PusherSample
-from pushfric_msgs.msg import ContactFriction, FrictionEstimate, PusherState, SupportFriction
+from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Hypothesis, PusherState, Recognition, SupportFriction
 from pushfric_msgs.msg import Observation as ObservationMsg
 
 TABLE = "table"
@@ -83,6 +85,20 @@ def pusher_sample_from_msg(msg: PusherState) -> PusherSample:
     return PusherSample(stamp_from_msg(msg.header.stamp), msg.position, msg.speed, line, push_id)
 
 
+def force_sample_from_msg(msg: WrenchStamped) -> ForceSample:
+    """The planar part of the pusher's force on the object.
+
+    Raises:
+        ValueError: it is not finite, or not in the table frame.
+    """
+    if msg.header.frame_id != TABLE:
+        raise ValueError(f"a wrench must have frame_id {TABLE!r}, got {msg.header.frame_id!r}")
+    force = (msg.wrench.force.x, msg.wrench.force.y)
+    if not all(math.isfinite(component) for component in force):
+        raise ValueError(f"a wrench must be finite, got a force of {force}")
+    return ForceSample(stamp_from_msg(msg.header.stamp), force)
+
+
 def observation_to_msg(observation: Observation, object_name: str) -> ObservationMsg:
     """A data point for the topic `observation`."""
     msg = ObservationMsg(object=object_name, push_id=observation.push_id)
@@ -116,11 +132,13 @@ def observation_from_msg(msg: ObservationMsg) -> Observation:
 def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
     """An estimate that rests on at least one data point."""
     msg = FrictionEstimate(object=object_name)
-    msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.observations[-1].stamp), OBJECT
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
     msg.status = STATUS_TO_MSG[estimate.status]
-    msg.data_points, msg.pushes = len(estimate.observations), estimate.pushes
+    msg.data_points, msg.pushes = estimate.data_points, estimate.pushes
     points = [_point(point) for point in estimate.support_points]
     msg.support_friction = SupportFriction(header=msg.header, object=object_name, support_points=points, weights=estimate.w)
+    if estimate.total_friction is not None:
+        msg.support_friction.total_friction = [estimate.total_friction]
     msg.center_of_friction = _point(estimate.center_of_friction)
     msg.contact_friction = ContactFriction(
         header=msg.header,
@@ -130,6 +148,17 @@ def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
         lower_bounds=estimate.contact_friction,
     )
     msg.objective, msg.lower_bound, msg.gap = estimate.solution.objective, estimate.solution.lower_bound, estimate.solution.gap
+    return msg
+
+
+def recognition_to_msg(ranking: Ranking) -> Recognition:
+    """A ranking that rests on at least one data point."""
+    msg = Recognition(best=ranking.best or "")
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(ranking.stamp), OBJECT
+    msg.hypotheses = [
+        Hypothesis(name=ranked.name, fit_error=ranked.fit_error, ratio=ranked.ratio, feasible=ranked.feasible)
+        for ranked in ranking.hypotheses
+    ]
     return msg
 
 

@@ -2,7 +2,7 @@
 
 import pathlib
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from rich.console import Console
 from rich.markup import escape
@@ -62,6 +62,7 @@ def watch(
     what: str,
     live: bool,
     replayed: Sequence[Observation] | None = None,
+    unfinished: Callable[[int], None] | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
     """Run a graph under the eyes of a monitor until it ends and its last estimate is there.
 
@@ -71,9 +72,10 @@ def watch(
         what: is going on, for people.
         live: with a display that is drawn anew in place.
         replayed: the data points that a bag holds, where one is played.
+        unfinished: an operator watches, who is prompted; told with which push of the plan to go on, if the run ends before.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
-    monitor = Monitor(console, namespace, what, steps, live)
+    monitor = Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)
 
     def say(name: str, line: str) -> None:
         # a node's information is for its log; what it warns of, and the one line of a failed start, is for the operator
@@ -88,13 +90,16 @@ def watch(
             return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
     finally:
         monitor.close()
+        if unfinished is not None and monitor.next_push is not None:
+            unfinished(monitor.next_push)
 
 
-def course_of(bag: pathlib.Path, console: Console) -> list[Estimate]:
-    """The estimates after each data point, from what the bag recorded; for figures."""
+def course_of(bag: pathlib.Path, console: Console) -> tuple[list[Estimate], tuple[Observation, ...]]:
+    """The estimates after each data point, and the data points, from what the bag recorded; for figures."""
     model = load_object(str(bag / OBJECT_FILE))
     data = offline.observations(bag, model, TrajectoryConfig(), console.print)
-    return list(offline.estimates(Estimator(model.support_points), data, console.print))
+    estimator = Estimator(model.support_points)
+    return list(offline.estimates(estimator, data, console.print)), estimator.observations
 
 
 def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:

@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable
 
 import cv2
-import numpy as np
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.camera import Image
@@ -25,20 +24,30 @@ class Device(threading.Thread):
 
     Args:
         source: device index, URL, video file, or folder or glob of pictures.
-        size: width and height asked of a camera [px].
+        size: width and height asked of a camera [px]; None: as it comes.
         now: the time [ns] to stamp frames with.
         arrived: called after each frame.
     Raises:
         InvalidInput: there is nothing to read at `source`.
     """
 
-    def __init__(self, source: str, size: tuple[int, int], now: Callable[[], int], arrived: Callable[[], None]) -> None:
+    def __init__(self, source: str, size: tuple[int, int] | None, now: Callable[[], int], arrived: Callable[[], None]) -> None:
         super().__init__(name="device")
         self._source, self._size, self._now, self._arrived = source, size, now, arrived
         self._closing = threading.Event()
-        self.frames: deque[tuple[int, Image, int]] = deque(maxlen=8)  # stamp [ns], mono8, how many alike in a row
+        self.frames: deque[tuple[int, Image]] = deque(maxlen=8)  # stamp [ns], mono8
         self.dropped = 0
         self._read, self._period = self._open()
+
+    @property
+    def pictures(self) -> bool:
+        """Each frame is a picture by itself."""
+        return pathlib.Path(self._source).is_dir() or glob.has_magic(self._source)
+
+    @property
+    def live(self) -> bool:
+        """A camera, which does not end."""
+        return not self._period
 
     def close(self) -> None:
         """End the thread and let go of the device."""
@@ -46,7 +55,6 @@ class Device(threading.Thread):
         self.join()
 
     def run(self) -> None:
-        previous, repeats = None, 0
         while not self._closing.wait(self._period):
             if self._period and len(self.frames) == self.frames.maxlen:
                 continue  # a file waits
@@ -58,16 +66,14 @@ class Device(threading.Thread):
                 continue
             stamp = self._now()
             grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-            repeats = repeats + 1 if previous is not None and np.array_equal(grey, previous) else 1
-            previous = grey
             self.dropped += len(self.frames) == self.frames.maxlen
-            self.frames.append((stamp, grey, repeats))
+            self.frames.append((stamp, grey))
             self._arrived()
 
     def _open(self) -> tuple[Callable[[], Image | None], float]:
         """What reads the next frame, None at the end, and the time between frames [s]; 0 for a camera, which sets it."""
-        pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
-        if glob.has_magic(pattern):
+        if self.pictures:
+            pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
             pictures = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sorted(glob.glob(pattern)))
             frames = (picture for picture in pictures if picture is not None)
             first = next(frames, None)
@@ -84,9 +90,9 @@ class Device(threading.Thread):
         if pathlib.Path(self._source).is_file():
             rate = capture.get(cv2.CAP_PROP_FPS)
             return lambda: capture.read()[1], 1 / rate if rate > 0 else PICTURE_PERIOD
-        width, height = self._size
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
+        if self._size is not None:
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
         return lambda: capture.read()[1], 0.0
 
     def _reopen(self) -> None:

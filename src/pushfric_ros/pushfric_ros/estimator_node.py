@@ -3,26 +3,30 @@
 from dataclasses import dataclass
 from typing import Any
 
-from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.estimator import FORCE_TERMS, Estimate, Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
+from pushfric_core.recognition import Recognizer
+from pushfric_core.sensed_force import SensedForce
 from pushfric_core.settings import setting
 from pushfric_core.trajectory import Trajectory, TrajectoryConfig
-from pushfric_msgs.msg import ContactFriction, FrictionEstimate, PusherState, SupportFriction
+from pushfric_msgs.msg import ContactFriction, FrictionEstimate, PusherState, Recognition, SupportFriction
 from pushfric_msgs.msg import Observation as ObservationMsg
-from pushfric_msgs.srv import SelectObject
+from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.conversions import (
     estimate_to_msg,
+    force_sample_from_msg,
     observation_from_msg,
     observation_to_msg,
     pose_sample_from_msg,
     pusher_sample_from_msg,
+    recognition_to_msg,
 )
 from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.object_file import ObjectModel, load_object
@@ -64,13 +68,17 @@ class EstimatorNode(Node):
             self._observations_out = self.create_publisher(ObservationMsg, "observation", RELIABLE)
             self.create_subscription(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
             self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+            if set(self._estimator_config.terms) & set(FORCE_TERMS):
+                self.create_subscription(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
         self._support_friction_out = self.create_publisher(SupportFriction, "support_friction", LATCHED)
         self._center_of_friction_out = self.create_publisher(PointStamped, "center_of_friction", LATCHED)
         self._contact_friction_out = self.create_publisher(ContactFriction, "contact_friction", LATCHED)
         self._estimate_out = self.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
+        self._recognition_out = self.create_publisher(Recognition, "recognition", LATCHED)
         self._diagnostics = Diagnostics(self, self._health)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
+        self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
         # time that runs backwards means another run of the cell or of a bag: what was learned before may not be mixed with it
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
@@ -79,28 +87,54 @@ class EstimatorNode(Node):
         """Start afresh with an object."""
         self._object = model
         self._trajectory = Trajectory(model.outline, self._trajectory_config)
+        self._sensed_force = SensedForce() if set(self._estimator_config.terms) & set(FORCE_TERMS) else None
         self._estimator = Estimator(model.support_points, self._estimator_config)
+        self._recognizer = Recognizer(model.hypotheses, self._estimator_config) if model.hypotheses else None
         self._estimate: Estimate | None = None
         self._problem: str | None = None
         self._refused = 0
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         try:
-            self._take(self._trajectory.add_pose(pose_sample_from_msg(msg)))
+            observed = self._trajectory.add_pose(pose_sample_from_msg(msg))
         except ValueError as error:
             self._refuse("object_pose", error)
+        else:
+            self._take_observed(observed)
 
     def _on_pusher_state(self, msg: PusherState) -> None:
         try:
-            self._take(self._trajectory.add_pusher(pusher_sample_from_msg(msg)))
+            observed = self._trajectory.add_pusher(pusher_sample_from_msg(msg))
         except ValueError as error:
             self._refuse("pusher_state", error)
+        else:
+            self._take_observed(observed)
+
+    def _on_wrench(self, msg: WrenchStamped) -> None:
+        assert self._sensed_force is not None
+        try:
+            complete = self._sensed_force.add_force(force_sample_from_msg(msg))
+        except ValueError as error:
+            self._refuse("wrench", error)
+        else:
+            self._take(complete)
 
     def _on_observation(self, msg: ObservationMsg) -> None:
         try:
-            self._take([observation_from_msg(msg)])
+            observation = observation_from_msg(msg)
+            observation.check_contact(self._object.outline)
         except (ValueError, PushfricError) as error:
             self._refuse("observation", error)
+        else:
+            self._take([observation])
+
+    def _take_observed(self, observations: list[Observation]) -> None:
+        """Take the data points that were made here, with their forces where these matter."""
+        if self._sensed_force is None:
+            self._take(observations)
+            return
+        for observation in observations:
+            self._take(self._sensed_force.add_observation(observation))
 
     def _take(self, observations: list[Observation]) -> None:
         for observation in observations:
@@ -111,13 +145,24 @@ class EstimatorNode(Node):
             except PushfricError as error:
                 self._refuse("observation", error)
                 continue
-            contradiction = self._estimate.contradiction
-            if contradiction is not None and self._problem is None:
-                self.get_logger().error(contradiction)
-            self._problem = contradiction
             self._publish(self._estimate)
+            self._recognize(observation)
+
+    def _recognize(self, observation: Observation) -> None:
+        if self._recognizer is None:
+            return
+        try:
+            ranking = self._recognizer.add(observation)
+        except PushfricError as error:
+            self._refuse("observation, for recognition,", error)
+        else:
+            self._recognition_out.publish(recognition_to_msg(ranking))
 
     def _publish(self, estimate: Estimate) -> None:
+        contradiction = estimate.contradiction
+        if contradiction is not None and self._problem is None:
+            self.get_logger().error(contradiction)
+        self._problem = contradiction
         msg = estimate_to_msg(estimate, self._object.name)
         self._support_friction_out.publish(msg.support_friction)
         self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
@@ -145,16 +190,39 @@ class EstimatorNode(Node):
             response.success = True
         return response
 
+    def _on_exclude_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
+        try:
+            estimate = self._estimator.exclude(request.push_id)
+        except ValueError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are left"
+        # without any there is nothing to tell: what was published last stands, and the diagnostics say what is left
+        self._estimate = estimate if estimate.data_points else None
+        if self._estimate is not None:
+            self._publish(self._estimate)
+        # recognition may have refused all of that push
+        if self._recognizer is not None and any(o.push_id == request.push_id for o in self._recognizer.observations):
+            ranking = self._recognizer.exclude(request.push_id)
+            if ranking.data_points:
+                self._recognition_out.publish(recognition_to_msg(ranking))
+        return response
+
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts afresh")
         self._select(self._object)
 
+    def _settled(self) -> int:
+        waiting = self._sensed_force.waiting_since if self._sensed_force is not None else None
+        return self._trajectory.settled if waiting is None else min(self._trajectory.settled, waiting - 1)
+
     def _health(self) -> Health:
-        values = {"object": self._object.name, SETTLED: self._trajectory.settled, "refused": self._refused, "data points": 0}
+        values = {"object": self._object.name, SETTLED: self._settled(), "refused": self._refused, "data points": 0}
         if self._estimate is not None:
             solution = self._estimate.solution
             values |= {
-                "data points": len(self._estimate.observations),
+                "data points": self._estimate.data_points,
                 "fit error": solution.objective,
                 "gap": solution.gap,
                 "status": self._estimate.status.value,

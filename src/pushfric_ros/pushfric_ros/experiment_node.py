@@ -15,8 +15,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from pushfric_core.contact import PushingLine
+from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, wrap
-from pushfric_core.push_plan import PlannedPush, placement
+from pushfric_core.push_plan import placement
 from pushfric_core.settings import setting
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PlanProgress, PusherState
@@ -28,6 +29,16 @@ from pushfric_ros.process import run_node
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 
 NANOSECONDS = 1e9
+WITHDRAWN = 1e-3  # a pusher nearer than this to its stroke's beginning is not brought back any further [m]
+
+HINDRANCES = {
+    PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
+    PusherState.MODE_HOMING: "it seeks its home switch",
+    PusherState.MODE_RUNNING: "",  # for a moment only
+    PusherState.MODE_HOLD: "it is held: release it at the controller, or activate the actuator",
+    PusherState.MODE_ALARM: "it is in alarm: see that it is free to move, then call the service actuator/reset",
+}
+"""Why a pusher in this mode cannot push, and what the operator does about it."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +47,7 @@ class ExperimentConfig:
 
     object: str = setting("", "name of an object of Table 1, or path of an object YAML")
     plan: str = setting("", "path of a push plan; empty: the paper's plan, or a few pushes along each edge")
+    start: int = setting(1, "push of the plan to begin with, to go on with one that was interrupted", 1, 2**31)
     distance: float = setting(0.05, "length of a push [m]", 0.001, 10.0)
     speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
     gap: float = setting(0.005, "from the resting tip to where the object is wanted [m]", 0.0, 0.1)
@@ -44,6 +56,7 @@ class ExperimentConfig:
     still: float = setting(0.5, "it must lie still for this long [s]", 0.0, 60.0)
     still_distance: float = setting(0.0005, "still: moved less than this [m], turned less than it over 10 cm", 0.0, 0.1)
     awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes that must report themselves well before the first push")
+    lost_object: float = setting(1.0, "a push is stopped when the object is unseen for this long, of wall time [s]", 0.1, 60.0)
     lost_result: float = setting(
         3.0, "a push is given up when the pusher idles or is silent for this long, of wall time [s]", 0.1, 60.0
     )
@@ -57,14 +70,17 @@ class ExperimentNode(Node):
         self._config = declare(self, ExperimentConfig)
         self._object = load_object(self._config.object)
         self._plan = load_plan(self._config.plan, self._object)
+        if self._config.start > len(self._plan):
+            where = f"{self.get_fully_qualified_name()}: parameter start"
+            raise InvalidInput(f"{where} must be at most {len(self._plan)}, the pushes of the plan; got {self._config.start}")
         self._placement_out = self.create_publisher(PoseStamped, "placement", LATCHED)
         self._progress_out = self.create_publisher(PlanProgress, "plan_progress", LATCHED)
-        self._progress = PlanProgress(count=len(self._plan))
+        self._progress = PlanProgress(count=len(self._plan), push_id=self._config.start - 1)
         self._awaited = {f"{self.get_namespace()}/{name}".replace("//", "/") for name in self._config.awaits if name}
         self._well: set[str] = set()
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
-        self._heard = -math.inf  # when the pusher last said something; this and the next in wall time [s]
+        self._heard = self._seen = -math.inf  # when pusher and object last showed; these and the next in wall time [s]
         self._idle_since: float | None = None
         self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
         self._condition: tuple[Callable[[], bool], Future] | None = None
@@ -77,63 +93,90 @@ class ExperimentNode(Node):
 
     async def _carry_out(self) -> None:
         self._start.cancel()
-        self._report(PlanProgress.PHASE_WAITING, "waiting for the pusher to be ready")
-        await self._until(lambda: self._idle and self._action.server_is_ready())
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         # not only are they running: they hear those they need, so that nothing of the first push is missed
-        self._report(PlanProgress.PHASE_WAITING, f"waiting for {', '.join(self._config.awaits)}")
-        await self._until(lambda: self._awaited <= self._well)
-        for push_id, push in enumerate(self._plan):
+        await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
+        for push_id in range(self._config.start - 1, len(self._plan)):
             self._progress.push_id = push_id
-            await self._place(push)
-            await self._push(push_id)
+            problem = await self._withdraw() or await self._place_and_push(push_id)
+            if problem is None:
+                self._progress.completed += 1
+            else:
+                self._progress.aborted += 1
+                self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
         self._report(PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {len(self._plan)} pushes done")
         await self._until(self._progress_out.wait_for_all_acked)
         raise SystemExit(0)
 
-    async def _place(self, push: PlannedPush) -> None:
-        """Ask for the object where the push needs it, and wait until it lies there still."""
-        await self._until(lambda: self._idle)
+    async def _withdraw(self) -> str | None:
+        """Bring the pusher back from where an aborted push, or an earlier run, has left it; why not, if not."""
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        assert self._pusher is not None
+        if self._pusher.position <= WITHDRAWN:
+            return None
+        self._report(PlanProgress.PHASE_WAITING, "bringing the pusher back")
+        back = Push.Goal(push_id=self._progress.push_id, distance=-self._pusher.position, speed=self._config.speed)
+        problem = await self._carry(back)
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        return None if problem is None else f"the pusher could not be brought back: {problem}"
+
+    async def _place_and_push(self, push_id: int) -> str | None:
+        """Have the object placed and push it; what went wrong, if anything."""
+        push = f"push {push_id + 1} of {len(self._plan)}"
         assert self._pusher is not None
         line: PushingLine = pusher_sample_from_msg(self._pusher).line
-        wanted = placement(self._object.outline, push, line, self._pusher.position + self._config.gap)
+        wanted = placement(self._object.outline, self._plan[push_id], line, self._pusher.position + self._config.gap)
         self._progress.placement = pose_to_msg(wanted)
         msg = PoseStamped(pose=self._progress.placement)
         msg.header.frame_id, msg.header.stamp = TABLE, self.get_clock().now().to_msg()
         self._poses.clear()
         self._placement_out.publish(msg)
         where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {math.degrees(wanted.theta):.0f} degrees"
-        self._report(PlanProgress.PHASE_PLACING, f"place the object at {where}")
-        await self._until(lambda: self._lies_still_at(wanted))
+        prompt = f"{push}: place the object at {where}"
+        await self._until_well(lambda: self._misplaced(wanted), PlanProgress.PHASE_PLACING, prompt)
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        self._report(PlanProgress.PHASE_PUSHING, push)
+        config = self._config
+        return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
 
-    async def _push(self, push_id: int) -> None:
-        goal = Push.Goal(push_id=push_id, distance=self._config.distance, speed=self._config.speed, retract=True)
-        self._report(PlanProgress.PHASE_PUSHING, f"push {push_id + 1} of {len(self._plan)}")
-        await self._until(lambda: self._idle and self._action.server_is_ready())
+    async def _carry(self, goal: Push.Goal) -> str | None:
+        """Have the pusher carry out a goal; what went wrong, if anything."""
         answered = self._action.send_goal_async(goal)
         self._idle_since = None
-        await self._until(lambda: answered.done() or self._lost())
-        if not answered.done() or not answered.result().accepted:
-            return self._count_aborted(push_id, "the pusher refused it" if answered.done() else "the pusher does not answer")
-        result = answered.result().get_result_async()
+        await self._until(lambda: answered.done() or self._forgotten())
+        if not answered.done():
+            return "the pusher does not answer"
+        handle = answered.result()
+        if not handle.accepted:
+            return "the pusher refused it"
+        result = handle.get_result_async()
         self._idle_since = None
-        await self._until(lambda: result.done() or self._lost())
+        await self._until(lambda: result.done() or self._forgotten() or self._pushes_unseen())
+        unseen = not result.done() and not self._forgotten()
+        if unseen:
+            handle.cancel_goal_async()
+            await self._until(lambda: result.done() or self._forgotten())
         if not result.done():
-            return self._count_aborted(push_id, "the pusher forgot it")
-        answer = result.result()
-        if answer.status != GoalStatus.STATUS_SUCCEEDED:
-            return self._count_aborted(push_id, answer.result.message)
-        self._progress.completed += 1
-        return None
-
-    def _count_aborted(self, push_id: int, why: str) -> None:
-        self._progress.aborted += 1
-        self.get_logger().warning(f"push {push_id + 1} aborted: {why}")
+            return "the pusher forgot it"
+        if result.result().status == GoalStatus.STATUS_SUCCEEDED:
+            return None
+        return f"the object was not seen for {self._config.lost_object:g} s" if unseen else str(result.result().result.message)
 
     def _report(self, phase: int, message: str) -> None:
         self._progress.phase, self._progress.message = phase, message
         self._progress.header.stamp = self.get_clock().now().to_msg()
         self._progress_out.publish(self._progress)
         self.get_logger().info(message)
+
+    async def _until_well(self, amiss: Callable[[], str | None], phase: int, prompt: str) -> None:
+        """Tell the operator what is amiss, as it changes, until nothing is any more."""
+
+        def changed() -> bool:
+            return amiss() != said
+
+        while (said := amiss()) is not None:
+            self._report(phase, f"{prompt}: {said}" if said else prompt)
+            await self._until(changed)
 
     def _until(self, condition: Callable[[], bool]) -> Future:
         """A future that is done once the condition, looked at 20 times a second, holds."""
@@ -146,32 +189,53 @@ class ExperimentNode(Node):
             future, self._condition = self._condition[1], None
             future.set_result(None)
 
-    @property
-    def _idle(self) -> bool:
-        """The pusher said so, and not long ago."""
-        return self._pusher is not None and self._pusher.mode == PusherState.MODE_IDLE and not self._silent
+    def _unwell(self) -> str | None:
+        """The nodes that are awaited."""
+        return ", ".join(sorted(name.rpartition("/")[2] for name in self._awaited - self._well)) or None
+
+    def _hindrance(self) -> str | None:
+        """Why the pusher cannot move; None where it can."""
+        if self._pusher is None or self._silent:
+            return "nothing is heard of it"
+        if self._pusher.mode != PusherState.MODE_IDLE:
+            return HINDRANCES[self._pusher.mode]
+        return None if self._action.server_is_ready() else "its action server is not there"
 
     @property
     def _silent(self) -> bool:
         return time.monotonic() - self._heard > self._config.lost_result
 
-    def _lost(self) -> bool:
+    def _forgotten(self) -> bool:
         """A pusher that idles, or says nothing at all, has forgotten its goal."""
         idles = self._idle_since is not None and time.monotonic() - self._idle_since > self._config.lost_result
         return idles or self._silent
 
-    def _lies_still_at(self, wanted: Pose) -> bool:
-        span = self._poses[-1][0] - self._poses[0][0] if self._poses else 0
-        if span < 0.9 * self._config.still * NANOSECONDS:
-            return False
+    @property
+    def _unseen(self) -> bool:
+        return time.monotonic() - self._seen > self._config.lost_object
+
+    def _pushes_unseen(self) -> bool:
+        """The pusher goes forward, and nobody knows where the object is."""
+        return self._unseen and self._pusher is not None and self._pusher.push_id != PusherState.NO_PUSH
+
+    def _misplaced(self, wanted: Pose) -> str | None:
+        """What the object lacks; None once it lies still where it is wanted."""
+        if not self._poses:
+            return ""
+        if self._unseen:
+            return "it is not seen"
         last = self._poses[-1][1]
-        near = math.hypot(last.x - wanted.x, last.y - wanted.y) <= self._config.position_tolerance
-        aligned = abs(wrap(last.theta - wanted.theta)) <= self._config.angle_tolerance
+        off, turned = math.hypot(last.x - wanted.x, last.y - wanted.y), abs(wrap(last.theta - wanted.theta))
+        if off > self._config.position_tolerance:
+            return f"it lies {100 * off:.0f} cm off"
+        if turned > self._config.angle_tolerance:
+            return f"it is turned {10 * round(math.degrees(turned) / 10)} degrees too far"
         still = all(
             math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
             for _, p in self._poses
         )
-        return near and aligned and still
+        long_enough = self._poses[-1][0] - self._poses[0][0] >= 0.9 * self._config.still * NANOSECONDS
+        return None if still and long_enough else "let it lie still"
 
     def _on_pusher_state(self, msg: PusherState) -> None:
         self._pusher, self._heard = msg, time.monotonic()
@@ -189,6 +253,7 @@ class ExperimentNode(Node):
         except ValueError as error:
             self.get_logger().error(f"object_pose refused: {error}", once=True)
             return
+        self._seen = time.monotonic()
         oldest = stamp - int(self._config.still * NANOSECONDS)
         self._poses = [(t, p) for t, p in self._poses if oldest <= t <= stamp] + [(stamp, pose)]
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pushfric_core.estimator import Estimate
+from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, transform
 from pushfric_core.simulation import TableObject
@@ -17,13 +18,20 @@ MILLIMETRE = 1e3
 INK, BLUE, RED, GREY = "#222222", "#2563a8", "#c2410c", "#9a9a9a"
 
 
-def summary_figure(path: pathlib.Path, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
+def summary_figure(
+    path: pathlib.Path,
+    outline: Outline,
+    estimates: Sequence[Estimate],
+    data: Sequence[Observation],
+    truth: TableObject | None,
+) -> None:
     """Four panels: trajectories with contacts (Figure 3), w (Figure 5), mu_c (Figure 8), error of p_CF (Figure 11).
 
     Args:
         path: where the image goes; its suffix tells the format.
         outline: of the object.
         estimates: after each data point, at least one; the last is drawn.
+        data: the data points.
         truth: of a simulated object; without it the last panel shows p_CF itself.
     """
     with mpl.rc_context(
@@ -38,20 +46,20 @@ def summary_figure(path: pathlib.Path, outline: Outline, estimates: Sequence[Est
     ):
         figure = Figure(figsize=(11, 7.6), layout="constrained")
         trajectories, friction, contact, errors = figure.subplots(2, 2, height_ratios=(1, 1)).ravel()
-        _draw_trajectories(trajectories, outline, estimates[-1])
+        _draw_trajectories(trajectories, outline, data)
         _draw_support_friction(friction, outline, estimates[-1], truth)
         _draw_contact_friction(contact, estimates[-1], truth)
         _draw_center_of_friction(errors, outline, estimates, truth)
         figure.savefig(path, dpi=130)
 
 
-def _draw_trajectories(axes: Any, outline: Outline, estimate: Estimate) -> None:
+def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:
     """Two pushes: where the object was at each data point, and where the pusher touched it."""
-    pushes = sorted({o.push_id for o in estimate.observations if o.pose is not None})
+    pushes = sorted({o.push_id for o in data if o.pose is not None})
     shown = [pushes[index] for index in sorted({len(pushes) // 5, len(pushes) - 1 - len(pushes) // 5})] if pushes else []
     shift = 0.0
     for color, push in zip((BLUE, RED), shown, strict=False):
-        course = [o for o in estimate.observations if o.push_id == push and o.pose is not None]
+        course = [o for o in data if o.push_id == push and o.pose is not None]
         left = min(transform(o.pose, outline.vertices)[:, 0].min() for o in course if o.pose)
         right = max(transform(o.pose, outline.vertices)[:, 0].max() for o in course if o.pose)
         for age, o in enumerate(course):
@@ -110,7 +118,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, truth: TableObject | N
 
 def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
     """p_CF against the number of data points: its error in percent of the sides, or where it is."""
-    counts = [len(estimate.observations) for estimate in estimates]
+    counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
     if truth is None:
         axes.plot(counts, centers * MILLIMETRE, label=("x", "y"))

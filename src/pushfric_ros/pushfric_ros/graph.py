@@ -1,9 +1,10 @@
 """The node graph, defined once: the supervisor, in-process composition and the launch files all start from here."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from pushfric_core.estimator import FORCE_TERMS
 from pushfric_ros.cell_file import CellFile
 from pushfric_ros.offline import Source
 
@@ -43,23 +44,34 @@ TOPICS = (
     Topic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
     Topic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
     Topic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
+    Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
 )
 """What a cell records: all but the images."""
 
+WRENCH = Topic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
+"""Recorded as well where the estimate rests on measured forces."""
 
-def cell(file: CellFile, bag: str, estimator: Mapping[str, Any] | None = None) -> list[NodeSpec]:
+
+def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
     """The nodes of a cell that carries out its push plan and records it.
 
     Args:
         file: the cell.
         bag: folder of the bag to record.
-        estimator: further parameters of the estimator.
+        start: number of the push of the plan to begin with.
     """
+    topics = [*TOPICS, WRENCH] if set(file.estimator.get("terms", ())) & set(FORCE_TERMS) else TOPICS
     pusher = file.pusher.model_dump() | {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
-    plan = {"object": file.object, "plan": file.plan.file, "distance": file.plan.distance, "speed": file.plan.speed}
+    plan = {
+        "object": file.object,
+        "plan": file.plan.file,
+        "distance": file.plan.distance,
+        "speed": file.plan.speed,
+        "start": start,
+    }
     return [
-        NodeSpec("recorder", {"bag": bag, "object": file.object, "topics": [" ".join(topic) for topic in TOPICS]}),
-        NodeSpec("estimator", {"object": file.object, **(estimator or {})}),
+        NodeSpec("recorder", {"bag": bag, "object": file.object, "topics": [" ".join(topic) for topic in topics]}),
+        NodeSpec("estimator", {"object": file.object, **file.estimator}),
         NodeSpec("tracker", {"object": file.object, **file.camera.model_dump()}, respawn=True),
         NodeSpec("actuator", pusher, respawn=True),
         NodeSpec("experiment", plan, ends_run=True),
@@ -86,13 +98,13 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         **line,
         **same,
     }
-    specs = [NodeSpec("simulated_cell", simulation), *cell(file, bag)]
-    return [with_simulated_time(spec) if spec.name != "simulated_cell" else spec for spec in specs]
+    # at a multiple of real time, a busy machine is no lost object yet
+    patient = {"experiment": {"lost_object": 10.0}}
+    specs = [with_simulated_time(replace(s, parameters={**s.parameters, **patient.get(s.name, {})})) for s in cell(file, bag)]
+    return [NodeSpec("simulated_cell", simulation), *specs]
 
 
-def replay(
-    bag: str, object_name: str, source: Source, rate: float, estimator: Mapping[str, Any] | None = None
-) -> list[NodeSpec]:
+def replay(bag: str, object_name: str, source: Source, rate: float) -> list[NodeSpec]:
     """A bag played into a live estimator.
 
     Args:
@@ -100,14 +112,13 @@ def replay(
         object_name: of what object it is.
         source: what its data points come from.
         rate: multiple of the recorded speed.
-        estimator: further parameters of the estimator.
     """
     topics = list(source.topics)
     player = NodeSpec("player", {"bag": bag, "rate": rate, "topics": topics, "wait_for": topics}, ends_run=True)
-    live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **(estimator or {})})
+    live = NodeSpec("estimator", {"object": object_name, "source": source.kind})
     return [with_simulated_time(live), player]
 
 
 def with_simulated_time(spec: NodeSpec) -> NodeSpec:
     """The same node on the clock of /clock."""
-    return NodeSpec(spec.name, {**spec.parameters, "use_sim_time": True}, spec.respawn, spec.ends_run)
+    return replace(spec, parameters={**spec.parameters, "use_sim_time": True})

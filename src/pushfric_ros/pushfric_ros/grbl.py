@@ -7,15 +7,15 @@ Flow control is send-and-wait: a line is sent only after the controller answered
 nothing is gained from keeping the controller's buffer full, and what was refused is always known.
 
     DISCONNECTED --connect(), greeting, $I, $$, ?--> IDLE, or ALARM; an alarm is unlocked ($X) unless homing is configured
-    IDLE, ALARM --$H, where configured: once, and on recover()--> HOMING --> IDLE
+    IDLE, HOLD, ALARM --recover(): soft reset, $H where homing is configured, else $X--> HOMING --> IDLE
     IDLE --move_to()--> RUNNING --target reached--> IDLE
     RUNNING, HOMING --stop(): feed hold, rest, soft reset--> HOLD --> IDLE; ALARM if the controller lost its position by it
     RUNNING --a button at the controller--> HOLD --another--> RUNNING
     any --ALARM:n--> ALARM --recover()--> as after connect()
     any --port gone, silence, restart of the controller--> DISCONNECTED
 
-Whatever goes wrong is raised by `poll()`, after the pusher has been told to stop. A connection made again never moves the
-pusher: homing waits for `recover()`.
+Whatever goes wrong is raised by `poll()`, after the pusher has been told to stop. A connection never moves the pusher,
+first or made again: homing waits for `recover()`.
 """
 
 import contextlib
@@ -76,7 +76,7 @@ class Grbl:
             port: of the controller, such as /dev/ttyUSB0.
             baud: [bit/s]
             axis: X, Y, Z, A, B or C, with a minus sign where the stroke runs towards negative coordinates.
-            home: seek the home switch on the first connection and on `recover`; otherwise an alarm is unlocked.
+            home: `recover` seeks the home switch; otherwise it unlocks an alarm, and so does every connection.
             greeting_timeout: how long a controller may take to boot [s].
         Raises:
             ValueError: axis is none of these.
@@ -86,7 +86,6 @@ class Grbl:
         self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
         self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
         self._index = "XYZABC".index(self._letter)
-        self._may_home = home
         self._zero = 0.0  # work coordinate of stroke position 0 [mm]
         self._port: serial.Serial | None = None
         self._forget()
@@ -95,7 +94,8 @@ class Grbl:
         """Nothing is known of a controller until it has answered."""
         self._buffer = b""
         self._script: Script | None = None
-        self._connected = self._homing = self._moving = self._resetting = self._greeted = False
+        self._connected = self._homing = self._moving = self._halting = self._resetting = self._greeted = False
+        self._recovery_due = False  # once a stop under way is over
         self._status: Status | None = None
         self._statuses = 0
         self._offset: tuple[float, ...] | None = None
@@ -124,7 +124,7 @@ class Grbl:
 
     @property
     def busy(self) -> bool:
-        return self._script is not None
+        return self._script is not None or self._recovery_due
 
     @property
     def name(self) -> str:
@@ -166,9 +166,11 @@ class Grbl:
         self._drop()
 
     def recover(self) -> None:
-        self.close()
-        self._may_home = self._home
-        self.connect()
+        if not self._connected:
+            raise NotConnected(f"no controller is connected at {self._path}")
+        if self._moving or self._homing:
+            raise NotReady(f"the pusher's mode is {self.mode.value}, expected a pusher at rest")
+        self._recovery_due = True
 
     def move_to(self, position: float, speed: float) -> None:
         """Raises ValueError where the speed is not positive; see Pusher."""
@@ -180,10 +182,12 @@ class Grbl:
         self._script = self._stroke(position, speed)
 
     def stop(self) -> None:
-        if not self._connected or self._resetting:
+        self._recovery_due = False
+        if not self._connected or self._halting:
             return
         self.send(RealTime.HOLD)
-        at_once = self._homing  # the controller is deaf to a feed hold then
+        # the controller is deaf to a feed hold then; after some alarms to all but the reset
+        at_once = self._homing or self.mode is Mode.ALARM
         if self._script is not None:
             self._script.close()
         self._moving = False
@@ -209,7 +213,7 @@ class Grbl:
             self._drop()
             raise
         except PusherError as error:
-            if self._connected and not self._resetting:
+            if self._connected and not self._halting:
                 self.stop()
                 raise
             lost = NotConnected(f"{self.name}: {error}")
@@ -292,7 +296,7 @@ class Grbl:
     def _judge(self) -> None:
         """Raise what the lines just read mean for a connection; a reset brings alarms and greetings of its own."""
         trouble, self._trouble = self._trouble, None
-        if not self._connected or self._resetting:
+        if not self._connected or self._halting or self._resetting:
             return
         if trouble is not None:
             raise trouble
@@ -300,8 +304,10 @@ class Grbl:
             raise NotConnected(f"the controller at {self._path} is silent for {SILENCE:g} s")
 
     def _step(self) -> None:
+        if self._script is None and self._recovery_due:
+            self._script, self._recovery_due = self._recovering(), False
         if self._script is not None and next(self._script, FINISHED) is FINISHED:
-            self._script = None
+            self._script, self._moving = None, False
 
     @property
     def _in_motion(self) -> bool:
@@ -339,11 +345,13 @@ class Grbl:
             if status.work_position is not None or self._offset is not None:
                 break
         self._connected = True
-        if self._may_home:
-            yield from self._seek_home()
-        elif status.state == "Alarm" and not self._home:
-            yield from self._command("$X")
-            yield from self._report()
+        if not self._home:
+            yield from self._unlock()
+        yield from self._prepare()
+
+    def _recovering(self) -> Script:
+        yield from self._reset()  # some alarms ask for it
+        yield from self._seek_home() if self._home else self._unlock()
         yield from self._prepare()
 
     def _greeting(self) -> Script:
@@ -365,8 +373,13 @@ class Grbl:
         while not self._greeted and time.monotonic() < deadline:
             yield
 
+    def _unlock(self) -> Script:
+        if self.mode is Mode.ALARM:
+            yield from self._command("$X")
+            yield from self._report()
+
     def _seek_home(self) -> Script:
-        self._may_home, self._homing = False, True
+        self._homing = True
         try:
             yield from self._command("$H", HOMING_TIMEOUT)
             yield from self._report()
@@ -390,7 +403,10 @@ class Grbl:
             while self._statuses == seen:
                 yield
             # right after its `ok` a controller may still report to be idle where it was
-            idle = idle + 1 if self._status is not None and self._status.state == "Idle" else 0
+            assert self._status is not None
+            idle = idle + 1 if self._status.state == "Idle" else 0
+            if self.mode is Mode.ALARM:  # the line that said so was lost
+                raise Alarm(self._status.substate)
             if idle and self._last is not None and abs(self._last.position - position) <= self._resolution:
                 return
         raise Timeout(f"the pusher rests at {self._last.position if self._last else 0:.4f} m, was sent to {position:.4f} m")
@@ -401,16 +417,23 @@ class Grbl:
         return max(0.02, 1 / self._axis_setting(100)) * MM
 
     def _stopping(self, at_once: bool) -> Script:
+        self._halting = True  # and remains so if this fails: then there is nothing left but to leave the port
+        if not at_once:
+            yield from self._resting()
+        yield from self._reset()
+        yield from self._prepare()
+        self._halting = False
+
+    def _reset(self) -> Script:
         self._resetting = True
         try:
-            if not at_once:
-                yield from self._resting()
             self._greeted = False
             self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
-            self.send(RealTime.RESET)
-            yield from self._until_greeted()
+            for _ in range(2):  # GRBL drops a reset that comes while it still reports its alarm
+                if not self._greeted:
+                    self.send(RealTime.RESET)
+                    yield from self._until_greeted()
             yield from self._report()
-            yield from self._prepare()
         finally:
             self._resetting = False
 
@@ -420,7 +443,10 @@ class Grbl:
         deadline = time.monotonic() + 1 + (braking if math.isfinite(braking) else 0)
         before = None
         while time.monotonic() < deadline:
-            status = yield from self._report()
+            try:
+                status = yield from self._report()
+            except Timeout:
+                return
             moving = status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)
             place = status.machine_position or status.work_position
             if not moving and place == before:

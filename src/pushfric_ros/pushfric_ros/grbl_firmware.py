@@ -235,7 +235,8 @@ class SimulatedGrbl:
         self._send(line.encode() + b"\r\n")
 
     def _answer_question(self) -> None:
-        if self._asked and self._state != "Home":  # the homing cycle leaves no time for reports
+        # the homing cycle leaves no time for reports, and a limit none for anything but a reset
+        if self._asked and self._state != "Home" and not self._deaf:
             self._asked = False
             self._say(self._report())
 
@@ -245,7 +246,7 @@ class SimulatedGrbl:
         fields = [self._state + substate, f"MPos:{carriage + self._offset:.3f},0.000,0.000",
                   f"Bf:{PLANNER_BLOCKS - len(self._plan)},{RECEIVER_BYTES - len(self._line)}",
                   f"FS:{abs(speed) * MINUTE:.0f},0"]  # fmt: skip
-        if self._state == "Alarm" and self._deaf:
+        if not -PULL_OFF < carriage < self._travel + PULL_OFF:
             fields.append("Pn:X")
         self._until_wco -= 1
         if self._until_wco <= 0:

@@ -28,10 +28,10 @@ class CommandRefused(PusherError):
 
 
 class Alarm(PusherError):
-    """The controller stopped with ALARM:n and refuses to move."""
+    """The controller stopped with ALARM:n and refuses to move; the code is None where it is not known."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(f"ALARM:{code} {ALARMS.get(code, '(not of GRBL 1.1)')}")
+    def __init__(self, code: int | None) -> None:
+        super().__init__("ALARM" if code is None else f"ALARM:{code} {ALARMS.get(code, '(not of GRBL 1.1)')}")
         self.code = code
 
 

@@ -32,10 +32,15 @@ class Monitor:
         what: is going on, for the progress bar.
         steps: pushes awaited; None where the plan's progress tells.
         live: a table that is drawn anew in place; otherwise a line for each push.
+        prompts: without the table, tell the operator what is awaited; with it, he sees it anyway.
     """
 
-    def __init__(self, console: Console, namespace: str, what: str, steps: int | None, live: bool) -> None:
+    def __init__(
+        self, console: Console, namespace: str, what: str, steps: int | None, live: bool, prompts: bool = False
+    ) -> None:
         self.estimate: FrictionEstimate | None = None
+        self.next_push: int | None = None  # number in the plan of the push at hand; None: no plan is under way
+        self._prompts = prompts and not live
         self._console, self._live = console, live
         self._rows: dict[int, FrictionEstimate] = {}
         self._progress = Progress(
@@ -92,11 +97,15 @@ class Monitor:
             self._progress.update(self._task, completed=push)
 
     def _on_progress(self, msg: PlanProgress) -> None:
+        if self._prompts and msg.message != self._message and msg.phase in (msg.PHASE_WAITING, msg.PHASE_PLACING):
+            self._console.print(msg.message, highlight=False, markup=False)
         self._message = msg.message
-        if msg.phase == PlanProgress.PHASE_FINISHED:
+        finished = msg.phase == PlanProgress.PHASE_FINISHED
+        if finished:
             self._finished = stamp_from_msg(msg.header.stamp)
+        self.next_push = None if finished else msg.push_id + 1
         if self._plan_leads:
-            self._progress.update(self._task, total=max(msg.count, 1), completed=msg.completed + msg.aborted)
+            self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else msg.push_id)
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for value in (value for status in msg.status for value in status.values if value.key == SETTLED):

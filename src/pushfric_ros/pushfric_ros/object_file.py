@@ -1,6 +1,7 @@
 """What is known of an object before it is pushed: its outline and hypothesised supports, from a YAML file or from Table 1."""
 
 import csv
+import math
 import pathlib
 from dataclasses import dataclass
 from typing import Annotated, TypeVar
@@ -12,6 +13,7 @@ import yaml
 from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
+from pushfric_core.recognition import Hypothesis
 from pushfric_core.simulation import TABLE_1
 
 Point = tuple[float, float]
@@ -57,10 +59,26 @@ class SupportFile(Strict):
 class HypothesisFile(Strict):
     """One hypothesis to be told apart from others (section 5.2)."""
 
-    name: str
+    name: Annotated[str, pydantic.Field(min_length=1)]
     center_of_friction: Point | None = None  # [m]
-    support: SupportFile | None = None
-    rotation_deg: float = 0.0
+    support: SupportFile | None = None  # the object's, where there is none
+    rotation_deg: float = 0.0  # of both about the centroid of the outline, counter-clockwise
+
+    def over(self, outline: Outline, support_points: Array) -> Hypothesis:
+        """The hypothesis; `support_points` are those of the object.
+
+        All turns that make an outline look the same leave its centroid where it is, wherever the object frame has its origin.
+
+        Raises:
+            ValueError: its own support points make no sense.
+        """
+        try:
+            points = support_points if self.support is None else self.support.points_over(outline)
+        except ValueError as error:
+            raise ValueError(f"hypothesis {self.name!r}: {error}") from error
+        center = None if self.center_of_friction is None else np.array(self.center_of_friction)
+        centroid = outline.polygon.centroid
+        return Hypothesis(self.name, points, center).turned(math.radians(self.rotation_deg), (centroid.x, centroid.y))
 
 
 class ObjectFile(Strict):
@@ -72,6 +90,21 @@ class ObjectFile(Strict):
     height: Annotated[float, pydantic.Field(ge=0)] = 0.0  # of the outline the camera sees, over the table [m]
     hypotheses: list[HypothesisFile] = []
 
+    @pydantic.field_validator("hypotheses")
+    @classmethod
+    def _names_differ(cls, hypotheses: list[HypothesisFile]) -> list[HypothesisFile]:
+        names = [hypothesis.name for hypothesis in hypotheses]
+        if len(set(names)) < len(names):
+            raise ValueError(f"expected names that differ, got {', '.join(names)}")
+        return hypotheses
+
+
+LOOKALIKES = {"delrin_rect_left": (-0.007, 0.0), "delrin_rect_center": (0.0, 0.0), "delrin_rect_right": (0.007, 0.0)}
+"""The objects of section 5.2.1 that look the same, with their centres of friction [m]."""
+
+ORIENTATIONS = {"delrin_square3": (0, 90, 180, 270), "wood_rect3": (0, 180)}
+"""Turns that make an object look the same but put its feet elsewhere [degrees] (section 5.2.2)."""
+
 
 @dataclass(frozen=True)
 class ObjectModel:
@@ -81,6 +114,7 @@ class ObjectModel:
     outline: Outline
     support_points: Array  # (n, 2) hypothesised [m]
     height: float  # of the outline the camera sees, over the table [m]
+    hypotheses: tuple[Hypothesis, ...]  # to be told apart; often none
     file: ObjectFile  # what it was made from
 
 
@@ -92,11 +126,10 @@ def load_object(name_or_path: str) -> ObjectModel:
     """
     if name_or_path in TABLE_1:
         known = TABLE_1[name_or_path]
-        vertices = [(float(x), float(y)) for x, y in known.outline.vertices]
-        return make_object(
-            ObjectFile(name=name_or_path, outline=vertices, support=SupportFile(grid=known.grid, inset=known.inset)),
-            name_or_path,
-        )
+        support = SupportFile(grid=known.grid, inset=known.inset)
+        hypotheses = _table_1_hypotheses(name_or_path)
+        file = ObjectFile(name=name_or_path, outline=_points(known.outline.vertices), support=support, hypotheses=hypotheses)
+        return make_object(file, name_or_path)
     path = pathlib.Path(name_or_path)
     if not path.is_file():
         raise InvalidInput(f"no object {name_or_path!r}: expected a YAML file or one of {', '.join(TABLE_1)}")
@@ -107,13 +140,30 @@ def make_object(file: ObjectFile, where: str) -> ObjectModel:
     """The object a file describes; `where` names the file in errors.
 
     Raises:
-        InvalidInput: the outline or the support points make no sense.
+        InvalidInput: the outline or some support points make no sense.
     """
     try:
         outline = Outline(np.array(file.outline))
-        return ObjectModel(file.name, outline, file.support.points_over(outline), file.height, file)
+        points = file.support.points_over(outline)
+        hypotheses = tuple(hypothesis.over(outline, points) for hypothesis in file.hypotheses)
+        return ObjectModel(file.name, outline, points, file.height, hypotheses, file)
     except ValueError as error:
         raise InvalidInput(f"{where}: {error}") from error
+
+
+def _table_1_hypotheses(name: str) -> list[HypothesisFile]:
+    """What the paper tells an object of Table 1 from: others, or its own orientations, that look the same."""
+    if name in LOOKALIKES:
+        return [HypothesisFile(name=other, center_of_friction=center) for other, center in LOOKALIKES.items()]
+    feet = SupportFile(points=_points(TABLE_1[name].support.points))
+    return [
+        HypothesisFile(name=f"turned by {turn} degrees", support=feet, center_of_friction=(0.0, 0.0), rotation_deg=turn)
+        for turn in ORIENTATIONS.get(name, ())
+    ]
+
+
+def _points(xy: Array) -> list[Point]:
+    return [(float(x), float(y)) for x, y in xy]
 
 
 def save_object(model: ObjectModel, path: pathlib.Path) -> None:

@@ -6,14 +6,19 @@ import pathlib
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
 from pushfric_core.planar import Twist
 
 REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
 OPTIONAL = ("half_width", "force_x", "force_y")
 
 
-def read_observations(path: pathlib.Path) -> list[Observation]:
+def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]:
     """The data points of a CSV file, in its order. Columns other than REQUIRED and OPTIONAL are ignored.
+
+    Args:
+        path: the file.
+        outline: of the object; contacts must lie on it.
 
     Raises:
         InvalidInput: names the file, the line, and what was expected there.
@@ -27,7 +32,7 @@ def read_observations(path: pathlib.Path) -> list[Observation]:
                 raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {', '.join(REQUIRED)}")
             if ("force_x" in columns) != ("force_y" in columns):
                 raise InvalidInput(f"{path}: expected both of force_x and force_y, or neither")
-            observations = [_observation(row, f"{path}, line {reader.line_num}") for row in reader]
+            observations = [_observation(row, f"{path}, line {reader.line_num}", outline) for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InvalidInput(f"{path}: cannot be read: {error}") from error
     if not observations:
@@ -35,7 +40,7 @@ def read_observations(path: pathlib.Path) -> list[Observation]:
     return observations
 
 
-def _observation(row: dict[str, str], where: str) -> Observation:
+def _observation(row: dict[str, str], where: str, outline: Outline) -> Observation:
     def number(name: str) -> float:
         try:
             value = float(row[name])
@@ -49,7 +54,7 @@ def _observation(row: dict[str, str], where: str) -> Observation:
     if push_id != int(push_id) or not 0 <= push_id < 2**31:
         raise InvalidInput(f"{where}: push_id must be a whole number in [0, 2^31), got {push_id:g}")
     try:
-        return Observation(
+        observation = Observation(
             contact_point=(number("contact_x"), number("contact_y")),
             contact_normal=(number("normal_x"), number("normal_y")),
             twist=Twist(number("vx"), number("vy"), number("omega")),
@@ -57,5 +62,7 @@ def _observation(row: dict[str, str], where: str) -> Observation:
             half_width=number("half_width") if row.get("half_width") else 0.0,
             force=(number("force_x"), number("force_y")) if row.get("force_x") or row.get("force_y") else None,
         )
+        observation.check_contact(outline)
     except (ValueError, PushfricError) as error:
         raise error if isinstance(error, InvalidInput) else InvalidInput(f"{where}: {error}") from error
+    return observation

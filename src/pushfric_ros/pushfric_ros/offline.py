@@ -6,18 +6,20 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import Estimate, Estimator
+from pushfric_core.estimator import FORCE_TERMS, Estimate, Estimator
 from pushfric_core.observation import Observation
+from pushfric_core.recognition import Ranking, Recognizer
+from pushfric_core.sensed_force import SensedForce
 from pushfric_core.trajectory import Trajectory, TrajectoryConfig
 from pushfric_ros import bag
-from pushfric_ros.conversions import observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
+from pushfric_ros.conversions import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_ros.object_file import OBJECT_FILE, ObjectModel
 from pushfric_ros.observation_file import read_observations
 
 Warn = Callable[[str], None]
 
-POSES, OBSERVATIONS = ("object_pose", "pusher_state"), ("observation",)
-"""Topics that data points are made from, and the one of data points themselves."""
+POSES, OBSERVATIONS, WRENCH = ("object_pose", "pusher_state"), ("observation",), "wrench"
+"""Topics that data points are made from, the one of data points themselves, and the one their forces are made from."""
 
 
 class Source(NamedTuple):
@@ -34,35 +36,51 @@ def object_beside(path: pathlib.Path) -> pathlib.Path | None:
     return file if path.suffix != ".csv" and file.is_file() else None
 
 
-def source_of(path: pathlib.Path) -> Source:
+def source_of(path: pathlib.Path, with_forces: bool = False) -> Source:
     """What the data points of a bag come from: poses where there are any, so that they are made as in a live run.
 
+    Args:
+        path: the bag.
+        with_forces: poses need the force sensor's topic beside them.
     Raises:
         InvalidInput: it holds neither poses with pusher states nor observations, or cannot be read.
     """
+    poses = (*POSES, WRENCH) if with_forces else POSES
     names = [topic.name for topic in bag.describe(path).topics if topic.message_count]
-    for kind, wanted in (("poses", POSES), ("observations", OBSERVATIONS)):
+    for kind, wanted in (("poses", poses), ("observations", OBSERVATIONS)):
         for namespace in (name.rpartition("/")[0] for name in names if name.endswith(f"/{wanted[0]}")):
             topics = tuple(f"{namespace}/{name}" for name in wanted)
             if set(topics) <= set(names):
                 return Source(kind, namespace, topics)
-    raise InvalidInput(f"{path}: no data points; expected the topics {' and '.join(POSES)}, or {OBSERVATIONS[0]}")
+    raise InvalidInput(f"{path}: no data points; expected the topics {' and '.join(poses)}, or {OBSERVATIONS[0]}")
 
 
-def observations(path: pathlib.Path, model: ObjectModel, config: TrajectoryConfig, warn: Warn) -> list[Observation]:
+def observations(
+    path: pathlib.Path, model: ObjectModel, config: TrajectoryConfig, warn: Warn, with_forces: bool = False
+) -> list[Observation]:
     """The data points of a CSV file or a bag, in order; `warn` gets a line for each message that is refused.
 
+    Args:
+        path: the file or the bag.
+        model: the object.
+        config: how poses become data points.
+        warn: gets the lines.
+        with_forces: at least one data point needs a measured force.
     Raises:
-        InvalidInput: the file cannot be read, or holds no data points.
+        InvalidInput: the file cannot be read, or holds no data points, or not such as are needed.
     """
     if not path.exists():
         raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
     if path.suffix == ".csv":
-        return read_observations(path)
-    source = source_of(path)
-    found = list(_from_poses(path, source, model, config, warn) if source.kind == "poses" else _recorded(path, source, warn))
-    if not found:
-        raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
+        found = read_observations(path, model.outline)
+    else:
+        source = source_of(path, with_forces)
+        from_poses = source.kind == "poses"
+        found = list(_from_poses(path, source, model, config, warn) if from_poses else _recorded(path, source, model, warn))
+        if not found:
+            raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
+    if with_forces and all(observation.force is None for observation in found):
+        raise InvalidInput(f"{path}: no data point has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
     return found
 
 
@@ -70,23 +88,34 @@ def _from_poses(
     path: pathlib.Path, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn
 ) -> Iterator[Observation]:
     trajectory = Trajectory(model.outline, config)
-    pose_topic, _ = source.topics
+    pose_topic, pusher_topic, *force_topic = source.topics
+    forces = SensedForce() if force_topic else None
     for message in bag.read(path, source.topics):
         try:
+            content = bag.deserialize(message)
             if message.topic == pose_topic:
-                yield from trajectory.add_pose(pose_sample_from_msg(bag.deserialize(message)))
+                made = trajectory.add_pose(pose_sample_from_msg(content))
+            elif message.topic == pusher_topic:
+                made = trajectory.add_pusher(pusher_sample_from_msg(content))
             else:
-                yield from trajectory.add_pusher(pusher_sample_from_msg(bag.deserialize(message)))
+                assert forces is not None
+                yield from forces.add_force(force_sample_from_msg(content))
+                continue
+            for observation in made:
+                yield from [observation] if forces is None else forces.add_observation(observation)
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
 
 
-def _recorded(path: pathlib.Path, source: Source, warn: Warn) -> Iterator[Observation]:
+def _recorded(path: pathlib.Path, source: Source, model: ObjectModel, warn: Warn) -> Iterator[Observation]:
     for message in bag.read(path, source.topics):
         try:
-            yield observation_from_msg(bag.deserialize(message))
+            observation = observation_from_msg(bag.deserialize(message))
+            observation.check_contact(model.outline)
         except (ValueError, PushfricError) as error:
             warn(f"{message.topic} refused: {error}")
+        else:
+            yield observation
 
 
 def estimates(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Iterator[Estimate]:
@@ -108,3 +137,20 @@ def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> E
     if not last:
         raise InvalidInput("no data point could be used, expected at least one")
     return last[0]
+
+
+def recognize(recognizer: Recognizer, data: Iterable[Observation], warn: Warn) -> Ranking:
+    """The ranking after the last data point; `warn` gets a line for each that is refused.
+
+    Raises:
+        InvalidInput: all of them were refused.
+    """
+    ranking = None
+    for observation in data:
+        try:
+            ranking = recognizer.add(observation)
+        except PushfricError as error:
+            warn(f"data point of push {observation.push_id} refused: {error}")
+    if ranking is None:
+        raise InvalidInput("no data point could be used, expected at least one")
+    return ranking

@@ -14,9 +14,13 @@ from pushfric_core.errors import InvalidInput
 
 Config = TypeVar("Config")
 
+AUTO = "auto"
+
 
 def declare(node: Node, config_class: type[Config]) -> Config:
     """Declare every field of a config dataclass as a read-only parameter of `node`; return the config with its values.
+
+    A field that may be None takes the text auto for it.
 
     Raises:
         InvalidInput: an override has the wrong type, is out of range or not finite, or the dataclass refuses the values.
@@ -25,6 +29,8 @@ def declare(node: Node, config_class: type[Config]) -> Config:
     hints = typing.get_type_hints(config_class)
     for field in dataclasses.fields(config_class):  # type: ignore[arg-type]
         default = list(field.default) if isinstance(field.default, tuple) else field.default
+        optional = type(None) in typing.get_args(hints[field.name])
+        default = AUTO if default is None else default
         where = f"{node.get_fully_qualified_name()}: parameter {field.name}"
         try:
             value = node.declare_parameter(field.name, default, _descriptor(field, hints[field.name])).value
@@ -35,8 +41,13 @@ def declare(node: Node, config_class: type[Config]) -> Config:
             raise InvalidInput(f"{where} must lie in [{low}, {high}], got {error}") from error
         if value is None:
             raise InvalidInput(f"{where} must be {_type_name(default)}, got nothing")
+        if optional:
+            if value != AUTO and not isinstance(value, float):
+                raise InvalidInput(f"{where} must be {AUTO} or a number with a point, got {value}")
+            value = None if value == AUTO else value
         numbers = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
-        if not all(math.isfinite(number) for number in numbers if isinstance(number, float)):
+        largest = [math.inf] if field.metadata.get("high") == math.inf else []
+        if not all(math.isfinite(number) or number in largest for number in numbers if isinstance(number, float)):
             raise InvalidInput(f"{where} must be finite, got {value}")
         values[field.name] = tuple(value) if typing.get_origin(hints[field.name]) is tuple else value
     try:
@@ -47,6 +58,9 @@ def declare(node: Node, config_class: type[Config]) -> Config:
 
 def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(description=field.metadata.get("description", ""), read_only=True)
+    if type(None) in typing.get_args(hint):
+        descriptor.dynamic_typing = True  # its range is the dataclass's to enforce: a text has none
+        return descriptor
     low, high = field.metadata.get("low"), field.metadata.get("high")
     if low is not None or high is not None:
         if hint is int:

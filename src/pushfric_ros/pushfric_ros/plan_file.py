@@ -5,21 +5,25 @@ import pathlib
 
 import pydantic
 
+from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
-from pushfric_core.push_plan import PlannedPush, even_pushes
+from pushfric_core.push_plan import PlannedPush, even_pushes, placement
 from pushfric_core.simulation import TABLE_1
 from pushfric_ros.object_file import ObjectModel, Strict, read_yaml
 
 EDGE_PUSHES = 5
 """Pushes along each edge where no plan is given."""
 
+ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
+"""Whether a push can be placed does not depend on the line."""
+
 
 class PushEntry(Strict):
     """One push against an edge."""
 
-    edge: int = pydantic.Field(ge=0)
+    edge: int
     offset: float = 0.0  # from the middle of the edge, along it [m]
-    angle_deg: float = pydantic.Field(0.0, gt=-90, lt=90)  # against the inward normal, counter-clockwise
+    angle_deg: float = 0.0  # against the inward normal, counter-clockwise
 
 
 class PlanFile(Strict):
@@ -39,14 +43,12 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
         if known is not None and known.outline == model.outline:
             return even_pushes(model.outline, known.pushes)
         return even_pushes(model.outline, [EDGE_PUSHES] * len(model.outline.vertices))
-    entries = read_yaml(pathlib.Path(path), PlanFile).pushes
-    for index, entry in enumerate(entries):
-        where = f"{path}: pushes.{index}"
-        if entry.edge >= len(model.outline.vertices):
-            raise InvalidInput(f"{where}: edge must be below {len(model.outline.vertices)}, got {entry.edge}")
-        half = model.outline.lengths[entry.edge] / 2
-        if abs(entry.offset) >= half:
-            raise InvalidInput(
-                f"{where}: offset must lie within {half:g} m of the middle of edge {entry.edge}, got {entry.offset:g}"
-            )
-    return [PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg)) for entry in entries]
+    pushes = []
+    for index, entry in enumerate(read_yaml(pathlib.Path(path), PlanFile).pushes):
+        push = PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg))
+        try:
+            placement(model.outline, push, ANY_LINE, 0.0)
+        except ValueError as error:
+            raise InvalidInput(f"{path}: pushes.{index}: {error}") from error
+        pushes.append(push)
+    return pushes

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pushfric_core.simulation import TABLE_1
-from pushfric_msgs.msg import FrictionEstimate
+from pushfric_msgs.msg import FrictionEstimate, Recognition
 
 STATUS_NAMES = {
     FrictionEstimate.STATUS_NO_DATA: "no data",
@@ -33,9 +33,20 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
         "pushes": msg.pushes,
         "status": STATUS_NAMES[msg.status],
     }
+    if friction.total_friction:
+        figures["total_friction"] = friction.total_friction[0]
     if msg.confidence:
         figures["confidence"] = msg.confidence[0]
     return figures
+
+
+def recognition_report(msg: Recognition) -> dict[str, Any]:
+    """A ranking under the names of the command line's JSON, best first; `best` is None where no hypothesis is feasible."""
+    names = ("name", "fit_error", "ratio", "feasible")
+    return {
+        "best": msg.best or None,
+        "hypotheses": [{name: getattr(hypothesis, name) for name in names} for hypothesis in msg.hypotheses],
+    }
 
 
 def truth(name: str) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from pushfric_ros.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.grbl_firmware import SimulatedGrbl
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
+from pushfric_ros.pusher import PusherConfig
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.simulated_camera import SimulatedCamera
 
@@ -43,16 +44,20 @@ class SimulatedCellConfig:
     object: str = setting("rubber_rect4", "name of an object of Table 1")
     calibration: str = setting("", "path of the camera's calibration YAML")
     port_link: str = setting("", "path at which the controller's serial port appears")
-    line_origin: tuple[float, ...] = setting((0.0, 0.0), "centre of the tip at stroke position 0, in the table frame [m]")
-    line_direction: tuple[float, ...] = setting((0.0, 1.0), "unit vector of the forward stroke, in the table frame")
-    tip_radius: float = setting(0.003, "[m]", 0.0, 0.1)
-    stroke: float = setting(0.06, "travel of the linear stage [m]", 0.001, 10.0)
-    max_speed: float = setting(0.1, "of the linear stage [m/s]", 0.0001, 10.0)
+    line_origin: tuple[float, ...] = setting(
+        PusherConfig.line_origin, "centre of the tip at stroke position 0, in the table frame [m]"
+    )
+    line_direction: tuple[float, ...] = setting(
+        PusherConfig.line_direction, "unit vector of the forward stroke, in the table frame"
+    )
+    tip_radius: float = setting(PusherConfig.tip_radius, "[m]", 0.0, 0.1)
+    stroke: float = setting(PusherConfig.stroke, "travel of the linear stage [m]", 0.001, 10.0)
+    max_speed: float = setting(PusherConfig.max_speed, "of the linear stage [m/s]", 0.0001, 10.0)
     frame_rate: float = setting(14.0, "of the camera [Hz]", 0.1, 200.0)
     speed: float = setting(
         5.0, "multiple of real time; a slower machine slows the simulated clock, and loses nothing", 0.01, 100.0
     )
-    noise: float = setting(2.0, "of a pixel, standard deviation, of 255", 0.0, 100.0)
+    noise: float = setting(2.0, "of a pixel, standard deviation, of 255; a camera without any would seem frozen", 0.5, 100.0)
     blur: float = setting(0.7, "of the lens, standard deviation [px]", 0.0, 10.0)
     away: float = setting(0.3, "the operator holds the object out of view for this long when placing it [s]", 0.0, 10.0)
     placement_error: float = setting(0.001, "of the operator, standard deviation [m]; the angle errs by it over 2 cm", 0.0, 0.1)

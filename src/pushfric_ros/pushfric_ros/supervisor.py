@@ -12,6 +12,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TextIO
 
@@ -25,6 +26,9 @@ PATIENCE = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
 
 RESPAWN_DELAY = 1.0
 """A node that ended is restarted after this long [s]."""
+
+DEATHS, DEATHS_WITHIN = 3, 30.0
+"""A node that dies so many times within so long [s] is not restarted any more."""
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -53,6 +57,7 @@ class Supervisor:
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._listeners: list[threading.Thread] = []
         self._due: dict[str, float] = {}  # when a node is started again
+        self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
         self._files = tempfile.TemporaryDirectory(prefix="pushfric-")
         self._interrupted = False
         self._handlers: dict[signal.Signals, Any] = {}
@@ -91,11 +96,20 @@ class Supervisor:
             elif code == 0 and spec.ends_run:
                 return Ended(0, f"{spec.name} has finished")
             elif spec.respawn and code not in (0, 2):  # 2: unusable input, which a restart does not mend
+                if self._keeps_dying(spec.name):
+                    reason = f"{spec.name} {describe(code)}, {DEATHS} times within {DEATHS_WITHIN:g} s"
+                    return Ended(code if code > 0 else 1, reason)
                 self._say("supervisor", f"{spec.name} {describe(code)}; starting it again")
                 self._due[spec.name] = time.monotonic() + RESPAWN_DELAY
             else:
                 return Ended(code if code > 0 else 1, f"{spec.name} {describe(code)}")
         return None
+
+    def _keeps_dying(self, name: str) -> bool:
+        """Count a death."""
+        deaths = self._deaths[name]
+        deaths.append(time.monotonic())
+        return len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN
 
     def stop(self) -> None:
         """End all processes: asked politely first, by force last."""

@@ -2,6 +2,7 @@
 
 import array
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +18,12 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, transform
 from pushfric_core.settings import setting
 from pushfric_ros.camera import Image, load_camera
-from pushfric_ros.contour_tracker import ContourTracker, NotSeen, Sighting
+from pushfric_ros.contour_tracker import ContourTracker
 from pushfric_ros.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.device import Device
 from pushfric_ros.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.edge_fit import NotSeen, Sighting
+from pushfric_ros.fiducial_tracker import FiducialTracker, load_fiducials
 from pushfric_ros.object_file import load_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
@@ -29,8 +32,21 @@ from pushfric_ros.qos import LATCHED, SENSOR_DATA
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """More than a second of frames: a busy moment loses none."""
 
-TO_GREY = {"mono8": None, "bgr8": cv2.COLOR_BGR2GRAY, "rgb8": cv2.COLOR_RGB2GRAY}
-"""The encodings understood."""
+TO_GREY = {
+    "mono8": (1, None),
+    "bgr8": (3, cv2.COLOR_BGR2GRAY),
+    "rgb8": (3, cv2.COLOR_RGB2GRAY),
+    "bgra8": (4, cv2.COLOR_BGRA2GRAY),
+    "rgba8": (4, cv2.COLOR_RGBA2GRAY),
+    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2GRAY),
+    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2GRAY),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2GRAY),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2GRAY),
+}
+"""The encodings understood: bytes per pixel, and OpenCV's conversion."""
+
+TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
+"""Sources that are topics."""
 
 DISORDER = 1_000_000_000
 """Frames that come late by up to this [ns] are dropped; a longer step back is another run of the clock."""
@@ -51,7 +67,12 @@ class TrackerConfig:
 
     object: str = setting("", "name of an object of Table 1, or path of an object YAML")
     calibration: str = setting("", "path of the camera's calibration YAML: CameraInfo's fields and table_homography")
-    source: str = setting("topic", "topic: image_raw; else a device index, URL, video file, or folder or glob of pictures")
+    source: str = setting(
+        "topic",
+        "topic: image_raw; compressed: image_raw/compressed; else a device index, URL, video file, folder or glob of pictures",
+    )
+    fiducials: str = setting("", "path of the YAML file of the markers on the object; empty: it is seen by its outline")
+    object_height: float = setting(0.0, "of the outline or markers over the table [m]; 0: as the object's file says", 0.0, 1.0)
     threshold: int = setting(0, "grey level between table and object; 0: found in each frame (Otsu)", 0, 255)
     time_offset: float = setting(0.0, "added to the stamps of the images [s]", -10.0, 10.0)
 
@@ -67,10 +88,12 @@ class TrackerNode(Node):
         self._config = config
         self._object = load_object(config.object)
         self._camera = load_camera(config.calibration)
-        outline = self._object.outline.vertices
-        self._tracker = ContourTracker(self._camera, outline, self._object.height, config.threshold or None)
+        self._height = config.object_height or self._object.height
+        self._track = self._make_tracker()
 
         self._stamp = 0  # of the newest frame [ns]
+        self._frame: Image | None = None  # the newest
+        self._alike = 1  # as many frames in a row
         self._last: Pose | None = None  # where the object was last seen
         self._placement: Pose | None = None  # where it is awaited and was not seen yet
         self._in_sight = False
@@ -87,9 +110,11 @@ class TrackerNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         self._device: Device | None = None
-        self._source = "image_raw" if config.source == "topic" else config.source
+        self._source = TOPICS.get(config.source, config.source)
         if config.source == "topic":
-            self.create_subscription(ImageMsg, "image_raw", self._on_image, IMAGE_QUEUE)
+            self.create_subscription(ImageMsg, self._source, self._on_image, IMAGE_QUEUE)
+        elif config.source == "compressed":
+            self.create_subscription(CompressedImage, self._source, self._on_compressed_image, IMAGE_QUEUE)
         else:
             arrived = self.create_guard_condition(self._on_device_frames)
             size = (self._camera.width, self._camera.height)
@@ -101,6 +126,14 @@ class TrackerNode(Node):
         if self._device is not None:
             self._device.close()
         super().destroy_node()
+
+    def _make_tracker(self) -> Callable[[Image, Pose | None], Sighting]:
+        """What finds the object in a frame, given about where it should be."""
+        outline = self._object.outline.vertices
+        if self._config.fiducials:
+            markers = FiducialTracker(self._camera, outline, self._height, load_fiducials(self._config.fiducials))
+            return lambda frame, _: markers.track(frame)  # markers need no expectation
+        return ContourTracker(self._camera, outline, self._height, self._config.threshold or None).track
 
     def _on_placement(self, msg: PoseStamped) -> None:
         try:
@@ -116,18 +149,29 @@ class TrackerNode(Node):
             return
         self._on_frame(frame, stamp_from_msg(msg.header.stamp))
 
+    def _on_compressed_image(self, msg: CompressedImage) -> None:
+        data = np.frombuffer(msg.data, np.uint8)
+        frame = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+        if frame is None:
+            self._refuse(f"not a picture: {len(data)} bytes of format {msg.format!r}")
+            return
+        self._on_frame(frame, stamp_from_msg(msg.header.stamp))
+
     def _on_device_frames(self) -> None:
         assert self._device is not None
         while self._device.frames:
-            stamp, frame, repeats = self._device.frames.popleft()
-            self._on_frame(frame, stamp, frozen=repeats >= FROZEN_FRAMES)
+            stamp, frame = self._device.frames.popleft()
+            self._on_frame(frame, stamp)
 
-    def _on_frame(self, frame: Image, stamp: int, frozen: bool = False) -> None:
+    def _on_frame(self, frame: Image, stamp: int) -> None:
         if frame.shape != (self._camera.height, self._camera.width):
             self._refuse(
                 f"the camera is calibrated for {self._camera.width} x {self._camera.height} px, "
                 f"the image has {frame.shape[1]} x {frame.shape[0]}"
             )
+            return
+        if not stamp:
+            self._refuse("the images carry no time stamp")
             return
         if -DISORDER < stamp - self._stamp <= 0:
             self._counts["late frames dropped"] += 1
@@ -136,10 +180,12 @@ class TrackerNode(Node):
             self._in_sight = False
         self._stamp = stamp
         self._counts["frames"] += 1
+        self._alike = self._alike + 1 if self._frame is not None and _same(frame, self._frame) else 1
+        self._frame = frame
         try:
-            if frozen:
+            if self._alike >= FROZEN_FRAMES:
                 raise NotSeen("frozen frame")
-            self._sighting = self._track(frame)
+            self._sighting = self._look(frame)
         except NotSeen as reason:
             self._sighting, self._reason, self._in_sight = None, str(reason), False
         else:
@@ -149,13 +195,13 @@ class TrackerNode(Node):
         if self._overlay_out.get_subscription_count() and time.monotonic() - self._overlay_time >= OVERLAY_PERIOD:
             self._publish_overlay(frame, stamp)
 
-    def _track(self, frame: Image) -> Sighting:
+    def _look(self, frame: Image) -> Sighting:
         """Tell orientations that look alike apart: in sight by continuity, on its return by where it was to be put."""
         awaited = self._placement or self._last
-        sighting = self._tracker.track(frame, self._last if self._in_sight else awaited)
+        sighting = self._track(frame, self._last if self._in_sight else awaited)
         returns = not self._in_sight
         if self._in_sight and self._last and _apart(sighting.pose, self._last):
-            sighting, returns = self._tracker.track(frame, awaited), True
+            sighting, returns = self._track(frame, awaited), True
         if returns and self._placement and not _apart(sighting.pose, self._placement):
             self._placement = None
         return sighting
@@ -175,7 +221,7 @@ class TrackerNode(Node):
         self._overlay_time = time.monotonic()
         picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
         if self._sighting is not None:
-            corners = self._camera.project(transform(self._sighting.pose, self._object.outline.vertices), self._object.height)
+            corners = self._camera.project(transform(self._sighting.pose, self._object.outline.vertices), self._height)
             cv2.polylines(picture, [np.rint(corners).astype(np.int32)], True, (0, 200, 0))
         text = f"{self._sighting.residual_px:.2f} px" if self._sighting else self._reason
         cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 200, 255))
@@ -233,8 +279,7 @@ def grey_from_msg(msg: ImageMsg) -> Image:
     """
     if msg.encoding not in TO_GREY:
         raise ValueError(f"encoding must be {', '.join(TO_GREY)}, got {msg.encoding!r}")
-    conversion = TO_GREY[msg.encoding]
-    channels = 1 if conversion is None else 3
+    channels, conversion = TO_GREY[msg.encoding]
     data = np.frombuffer(msg.data, np.uint8)
     if msg.step < msg.width * channels or msg.height * msg.step != len(data) or not len(data):
         raise ValueError(f"{msg.width} x {msg.height} {msg.encoding} with step {msg.step} does not fit {len(data)} bytes")
@@ -242,6 +287,11 @@ def grey_from_msg(msg: ImageMsg) -> Image:
     if conversion is None:
         return rows
     return np.asarray(cv2.cvtColor(rows.reshape(msg.height, msg.width, channels), conversion))
+
+
+def _same(frame: Image, other: Image) -> bool:
+    """Whether two images are equal; a few rows tell those of a living camera apart."""
+    return np.array_equal(frame[::16], other[::16]) and np.array_equal(frame, other)
 
 
 def _apart(a: Pose, b: Pose) -> bool:

@@ -1,0 +1,110 @@
+"""The command line of the benchmarks: runs the sections one after another and shows their figures."""
+
+import importlib.metadata
+import json as jsons
+import pathlib
+import platform
+import sys
+import time
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
+
+from bench import display, updates
+from bench.data_points import GRIDS
+from bench.verdict import verdicts, with_best_of_highs
+
+POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
+QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000
+
+DEFAULT_PLOT = pathlib.Path("runs/bench.png")
+
+LIBRARIES = ("numpy", "scipy", "osqp", "highspy", "cvxpy", "clarabel")
+
+app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
+
+
+@app.command()
+def bench(
+    points: Annotated[
+        list[int] | None,
+        typer.Option(help="Data points before (M); may be given again.", min=1, max=1_000_000, show_default="50 to 100000"),
+    ] = None,
+    supports: Annotated[
+        list[int] | None,
+        typer.Option(help=f"Support points (N), of {', '.join(map(str, GRIDS))}; may be given again.", show_default="all"),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A small part, in less than a minute.")] = False,
+    plot: Annotated[pathlib.Path, typer.Option(help="Write the plot of cost by M there.")] = DEFAULT_PLOT,
+    json: Annotated[
+        pathlib.Path | None, typer.Option("--json", help="Write all figures there as JSON.", show_default=False)
+    ] = None,
+) -> int:
+    """What one new data point costs, beside other solvers of the same program, in CPU time on one thread.
+
+    A solver is left out ("-") where one solve takes, or from its last M must be expected to take, more than 20 s of CPU time.
+    """
+    points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
+    supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
+    if unknown := set(supports) - set(GRIDS):
+        raise typer.BadParameter(f"must be of {', '.join(map(str, GRIDS))}, got {min(unknown)}", param_hint="--supports")
+    for file in (plot, json):
+        if file is not None and file.is_dir():
+            raise typer.BadParameter(f"{file}: is a folder; expected the name of a file to write")
+        if file is not None and not file.parent.is_dir() and file != DEFAULT_PLOT:
+            raise typer.BadParameter(f"{file}: its folder does not exist")
+    plot.parent.mkdir(exist_ok=True)
+    start = time.monotonic()
+    columns = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
+    # no thread of its own refreshes the bar: its CPU time would count as a contender's
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as bar:
+        task = bar.add_task("", total=len(supports) * (len(points) + 1), completed=-1)
+
+        def progress(what: str) -> None:
+            bar.update(task, description=what, advance=1, refresh=True)
+
+        measured = updates.measure(
+            points, supports, QUICK_UPDATES if quick else UPDATES, QUICK_BUDGET if quick else BUDGET, progress
+        )
+        held = updates.memory(supports, QUICK_HELD if quick else HELD, progress)
+        progress("done")
+    rows = with_best_of_highs(measured["updates"])
+    targets = list(verdicts(rows))
+    console = Console()
+    console.print(
+        display.updates_table(rows), display.memory_table(held), display.verdict_table(targets), f"plot: {plot}", sep="\n"
+    )
+    display.plot(rows, plot)
+    if json is not None:
+        report = {
+            "updates": rows,
+            "bytes_per_data_point": held,
+            "targets": [target._asdict() for target in targets],
+            "disagreements": measured["disagreements"],
+            "seconds": time.monotonic() - start,
+            "versions": {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in LIBRARIES},
+        }
+        json.write_text(jsons.dumps(report, indent=1) + "\n")
+    for line in measured["disagreements"]:
+        print(f"error: {line}", file=sys.stderr)
+    return int(bool(measured["disagreements"]))
+
+
+def main() -> None:
+    """Unusable input ends with one line and exit code 2, contenders that disagree with one line each and 1."""
+    try:
+        sys.exit(app(prog_name="pushfric bench", standalone_mode=False))
+    except UsageError as error:
+        print(f"error: {error.format_message().rstrip('.')}", file=sys.stderr)  # type: ignore[attr-defined]
+        sys.exit(2)
+    except (KeyboardInterrupt, typer.Abort):
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

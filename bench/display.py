@@ -1,0 +1,83 @@
+"""The figures for people: tables, and the plot of cost against M."""
+
+import pathlib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+from rich import box
+from rich.table import Table
+
+from bench.contenders import CONTENDERS
+from bench.verdict import Verdict
+
+Figures = dict[str, Any]
+
+
+def updates_table(updates: Sequence[Figures]) -> Table:
+    """One line per M and N; "-" where a contender was too slow to be waited for."""
+    row_of = {(row["N"], row["M"], row["contender"]): row for row in updates}
+    title = "CPU ms of one new data point: median, 99th percentile, median over pushfric's"
+    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("N", "M", *(name.replace("_", "\n") for name in CONTENDERS)):
+        table.add_column(heading, justify="right", overflow="fold")
+    last = None
+    for n, m in dict.fromkeys(key[:2] for key in row_of):
+        if n != last and last is not None:
+            table.add_section()
+        last = n
+        own = row_of[n, m, "pushfric"]["median_cpu_ms"]
+        cells = []
+        for name in CONTENDERS:
+            row = row_of.get((n, m, name))
+            if row is None:
+                cells.append("-")
+                continue
+            median, p99 = row["median_cpu_ms"], row["p99_cpu_ms"]
+            cells.append(f"{_short(median)}\n{_short(p99)}" + f"\n{_short(median / own)}x" * (name != "pushfric"))
+        table.add_row(str(n), str(m), *cells)
+    return table
+
+
+def verdict_table(verdicts: Iterable[Verdict]) -> Table:
+    table = Table(title="Targets")
+    for heading in ("target", "asked", "measured", ""):
+        table.add_column(heading, justify="left" if heading == "target" else "right")
+    for target, asked, measured, met in verdicts:
+        mark = "[green]met[/]" if met else "[red]missed[/]"
+        table.add_row(target, asked, *(("-", "not measured") if measured is None else (_short(measured), mark)))
+    return table
+
+
+def memory_table(rows: Sequence[Figures]) -> Table:
+    table = Table("N", "bytes", title="Memory of one data point")
+    for row in rows:
+        table.add_row(str(row["N"]), f"{row['bytes']:.0f}")
+    return table
+
+
+def plot(updates: Sequence[Figures], path: pathlib.Path) -> None:
+    """Median cost against M, a panel for each N; pushfric's 99th percentile as a band."""
+    supports = sorted({row["N"] for row in updates})
+    figure = Figure(figsize=(2 + 3 * len(supports), 4), layout="tight")
+    axes = figure.subplots(1, len(supports), sharey=True, squeeze=False)
+    for axis, n in zip(axes[0], supports, strict=True):
+        for name in CONTENDERS:
+            rows = sorted((row for row in updates if (row["N"], row["contender"]) == (n, name)), key=lambda row: row["M"])
+            if not rows:
+                continue
+            m, median = [row["M"] for row in rows], [row["median_cpu_ms"] for row in rows]
+            own = name == "pushfric"
+            (line,) = axis.loglog(m, median, marker="o", markersize=3, linewidth=2.5 if own else 1, label=name)
+            if own:
+                axis.fill_between(m, median, [row["p99_cpu_ms"] for row in rows], color=line.get_color(), alpha=0.2)
+        axis.set(title=f"{n} supports", xlabel="data points before")
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("CPU time of one new data point [ms]")
+    axes[0, 0].legend(fontsize="small")
+    figure.savefig(path, dpi=150)
+
+
+def _short(value: float) -> str:
+    """Three digits at least, and no exponent."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

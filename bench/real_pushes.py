@@ -1,0 +1,86 @@
+"""Accuracy on real pushes: the error of p_CF by log, by support and by rule, and how it falls with the number of pushes."""
+
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array
+from pushfric_ros import zhou2015
+
+OUTLINE = Outline(np.array(zhou2015.CORNERS))
+TRUTH = np.array((0.05, 0.05))
+"""p_CF of all objects of the data set, by statics [m]."""
+
+GRIDS = {"grid_55": OUTLINE.grid(10, 10, 0.0075), "grid_10x10": OUTLINE.grid(10, 10), "grid_8x8": OUTLINE.grid(8, 8)}
+TRUE = "true"
+
+RULES = {
+    "paper": EstimatorConfig(cor_radius=0.0),
+    "default": EstimatorConfig(),
+    "force_angle": EstimatorConfig(terms=("moment", "force_angle")),
+    "force": EstimatorConfig(terms=("moment", "force")),
+}
+"""The paper's rows, the defaults, and the defaults with either term of a sensed force."""
+
+PUSHES = (5, 10, 20, 40)
+SUBSETS = 20
+"""Random choices of so many pushes, of each log."""
+
+
+def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Errors of p_CF over all logs of the data set `zhou2015`.
+
+    Args:
+        source: its push_points.csv.
+        progress: called with what comes next, len(RULES) * (1 + len(GRIDS)) times.
+    Returns:
+        {"logs": [{"log", "support", "rule", "error_m"}], "curve": [{"support", "rule", "pushes", "median_m", "p90_m"}]}.
+    Raises:
+        InvalidInput: the file cannot be read.
+    """
+    logs = zhou2015.read_push_points(source)
+    by_log, curve = [], []
+    for support in (TRUE, *GRIDS):
+        for rule, config in RULES.items():
+            progress(f"real pushes: {support}, {rule}")
+            pooled: dict[int, list[float]] = {count: [] for count in PUSHES}
+            for index, (log, pushes) in enumerate(logs.items()):
+                points = _points(log, support)
+                if points is None:
+                    continue
+                by_log.append({"log": log, "support": support, "rule": rule, "error_m": _error(pushes, points, config)})
+                for count in (count for count in PUSHES if count < len(pushes)):
+                    rng = np.random.default_rng([index, count])
+                    chosen = [rng.permutation(len(pushes))[:count] for _ in range(SUBSETS)]
+                    pooled[count] += [_error([pushes[k] for k in subset], points, config) for subset in chosen]
+            curve += [
+                {
+                    "support": support,
+                    "rule": rule,
+                    "pushes": count,
+                    "median_m": float(np.median(errors)),
+                    "p90_m": float(np.percentile(errors, 90)),
+                }
+                for count, errors in pooled.items()
+            ]
+    return {"logs": by_log, "curve": curve}
+
+
+def _points(log: str, support: str) -> Array | None:
+    """The support points of an object; None where they are not known: the flat one's."""
+    if support != TRUE:
+        return GRIDS[support]
+    digits = [int(part) for part in log.split("__")[0].split("_") if part.isdigit()]
+    return np.reshape(digits, (2, 3)).T * 1e-3 if len(digits) == 6 else None
+
+
+def _error(pushes: list[Observation], points: Array, config: EstimatorConfig) -> float:
+    estimator = Estimator(points, config)
+    for push in pushes:
+        estimate = estimator.add(push)
+    return float(np.hypot(*(estimate.center_of_friction - TRUTH)))

@@ -1,0 +1,188 @@
+"""The CPU time of one new data point, by contender, and the memory it takes."""
+
+import gc
+import itertools
+import math
+import time
+import tracemalloc
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from bench.contenders import APPROXIMATE, CONTENDERS, Contender, NoOptimum, OutOfTime
+from bench.data_points import data_points
+from pushfric_core.simplex import Simplex
+
+LIMIT = 20.0
+"""A contender is left out where an update takes longer, in CPU time [s], or where it or its load must be expected to."""
+
+GROWTH = 0.2
+"""Updates are measured while the data points grow by at most this fraction; then another sequence of pushes begins."""
+
+SHORTEST = 10
+"""Updates of a sequence, even so."""
+
+FEWEST = 3
+"""Updates of a slow contender in a cell, even where they use up its budget."""
+
+AGREEMENT = 1e-6
+"""Exact contenders may differ by this fraction of the objective."""
+
+Figures = dict[str, Any]
+
+
+def measure(
+    points: Sequence[int], supports: Sequence[int], updates: int, budget: float, progress: Callable[[str], None]
+) -> Figures:
+    """Every contender's cost at each number of data points M and of support points N.
+
+    Args:
+        points: M, numbers of data points seen before.
+        supports: N.
+        updates: to measure in a cell.
+        budget: CPU time of a contender in a cell [s], after which it rests.
+        progress: called before each cell with what comes.
+    Returns:
+        "updates": rows {M, N, contender, median_cpu_ms, p99_cpu_ms, count, objective_error}; the last is the largest relative
+        difference from pushfric's objective. "disagreements": what an exact contender did not solve, or solved otherwise.
+    """
+    rows: list[Figures] = []
+    disagreements: list[str] = []
+    for n in supports:
+        slowest = dict.fromkeys(CONTENDERS, (0, 0.0))  # number of data points, and longest solve there [s]
+        for m in sorted(points):
+            # a cost grows at least in proportion to M; pushfric's load is many solves
+            running = [name for name, (seen, cost) in slowest.items() if name == "pushfric" or cost * m <= LIMIT * max(seen, 1)]
+            progress(f"{m} data points, {n} supports")
+            cell = _Cell(m, n, running, updates, budget)
+            cell.run()
+            rows += cell.figures()
+            disagreements += cell.disagreements
+            for name in running:
+                slowest[name] = (m, cell.longest[name])
+    return {"updates": rows, "disagreements": disagreements}
+
+
+class _Cell:
+    """The contenders at one M and N, all given each new data point in turn."""
+
+    def __init__(self, m: int, n: int, names: Sequence[str], updates: int, budget: float) -> None:
+        self._m, self._n, self._updates, self._budget = m, n, updates, budget
+        self._running = list(names)
+        self._seconds: dict[str, list[float]] = {name: [] for name in names}
+        self._error = dict.fromkeys(names, 0.0)
+        self.longest = dict.fromkeys(names, 0.0)
+        self.disagreements: list[str] = []
+
+    def run(self) -> None:
+        length = min(self._updates, max(SHORTEST, int(GROWTH * self._m)))
+        for seed, first in enumerate(range(0, self._updates, length)):
+            self._sequence(seed, min(length, self._updates - first))
+
+    def figures(self) -> list[Figures]:
+        return [
+            {
+                "M": self._m,
+                "N": self._n,
+                "contender": name,
+                "median_cpu_ms": 1e3 * float(np.median(seconds)),
+                "p99_cpu_ms": 1e3 * float(np.percentile(seconds, 99, method="higher")),
+                "count": len(seconds),
+                "objective_error": self._error[name],
+            }
+            for name, seconds in self._seconds.items()
+            if seconds
+        ]
+
+    def _sequence(self, seed: int, length: int) -> None:
+        """Load M data points of a sequence of pushes, then measure `length` updates."""
+        groups = list(itertools.islice(data_points(self._n, seed), self._m + length))
+        contenders: dict[str, Contender] = {}
+        for name in tuple(self._running):  # some may leave
+            contenders[name] = CONTENDERS[name](self._n, len(groups))
+            self._timed(name, partial(contenders[name].load, groups[: self._m]))
+        gc.collect()
+        gc.disable()
+        try:
+            for step, rows in enumerate(groups[self._m :]):
+                turns = [name for name in contenders if name in self._running]
+                for name in np.roll(turns, step):  # so that nobody always finds the caches as the same one left them
+                    seconds = self._timed(name, partial(contenders[name].update, rows))
+                    if name in self._running:
+                        self._seconds[name].append(seconds)
+                    if seconds > LIMIT and name in self._running and name != "pushfric":
+                        self._leave(name)
+                self._compare({name: contenders[name] for name in turns if name in self._running})
+                self._rest()
+        finally:
+            gc.enable()
+
+    def _timed(self, name: str, work: Callable[[], None]) -> float:
+        """CPU time of all threads [s]; a contender that cannot finish leaves the cell, with what it did there."""
+        start = time.process_time()
+        try:
+            work()
+        except OutOfTime:
+            self._leave(name)
+        except NoOptimum as reason:
+            self._disagree(name, str(reason))
+            self._leave(name)
+        seconds = time.process_time() - start
+        self.longest[name] = max(self.longest[name], seconds)
+        return seconds
+
+    def _leave(self, name: str) -> None:
+        self._running.remove(name)
+        self._seconds[name].clear()
+        self.longest[name] = math.inf
+
+    def _disagree(self, name: str, reason: str) -> None:
+        self.disagreements.append(f"{name} at M = {self._m}, N = {self._n}: {reason}")
+
+    def _compare(self, contenders: dict[str, Contender]) -> None:
+        """The objectives, once all have been timed."""
+        try:
+            expected = contenders["pushfric"].objective()
+        except NoOptimum as reason:
+            self._disagree("pushfric", str(reason))
+            return
+        for name, contender in contenders.items():
+            try:
+                error = abs(contender.objective() - expected) / expected
+            except NoOptimum as reason:
+                self._disagree(name, str(reason))
+                self._leave(name)
+                continue
+            self._error[name] = max(self._error[name], error)
+            if error > AGREEMENT and name not in APPROXIMATE:
+                self._disagree(name, f"its objective is {error:.1e} off pushfric's")
+
+    def _rest(self) -> None:
+        """Let those rest that used up their budget; pushfric goes on."""
+        for name in self._running[1:]:
+            seconds = self._seconds[name]
+            if len(seconds) >= FEWEST and sum(seconds) > self._budget:
+                self._running.remove(name)
+
+
+def memory(supports: Sequence[int], count: int, progress: Callable[[str], None]) -> list[Figures]:
+    """What pushfric's solver holds per data point, measured over `count` of them: rows {N, bytes}, spare room included."""
+    rows = []
+    for n in supports:
+        progress(f"memory, {n} supports")
+        simplex = Simplex(n)
+        simplex.solve()
+        tracemalloc.start()
+        try:
+            before, _ = tracemalloc.get_traced_memory()
+            for group in itertools.islice(data_points(n, 0), count):
+                simplex.add(group)
+            simplex.solve()
+            gc.collect()
+            after, _ = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        rows.append({"N": n, "bytes": (after - before) / count})
+    return rows

@@ -1,0 +1,148 @@
+"""Recognition: which of several hypotheses about an object explains the data points best (section 5.2)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.linear_program import Status
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Array, rotation
+
+EXACT = 1e-9
+"""A fit error up to this [m, unit force] is rounding: the data agree with the hypothesis exactly."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What an object may be, or how it may lie.
+
+    Args:
+        name: as the ranking shall call it.
+        support_points: (n, 2) hypothesised supports in the object frame [m] (section 5.2.2).
+        center_of_friction: p_CF (2,) [m] where the hypothesis says something of it (section 5.2.1).
+    """
+
+    name: str
+    support_points: Array
+    center_of_friction: Array | None = None
+
+    def turned(self, angle: float, pivot: npt.ArrayLike) -> "Hypothesis":
+        """The same of the object turned by `angle` [rad] about the point `pivot` (2,) [m]; its frame stays where it is."""
+
+        def turned(xy: Array) -> Array:
+            return np.asarray((xy - np.asarray(pivot)) @ rotation(angle).T + pivot)
+
+        center = self.center_of_friction
+        return Hypothesis(self.name, turned(self.support_points), None if center is None else turned(center))
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """How well one hypothesis explains the data.
+
+    Attributes:
+        name: of the hypothesis.
+        fit_error: optimum of its program [m, unit force]; infinite where no w satisfies its hard constraints.
+        ratio: of its fit error to the best one: 1 for the best and its equals; infinite beside a best one of zero.
+        contradiction: which hard constraints no w satisfies, for people; None where the hypothesis is feasible.
+    """
+
+    name: str
+    fit_error: float
+    ratio: float
+    contradiction: str | None = None
+
+    @property
+    def feasible(self) -> bool:
+        return self.contradiction is None
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """All hypotheses after the last data point; None of it changes later.
+
+    Attributes:
+        hypotheses: in order of fit error, those that fit equally and the infeasible ones, which come last, in the order given.
+        data_points: how many it rests on.
+        stamp: of the newest of them [ns]; 0 where unknown.
+    """
+
+    hypotheses: tuple[Ranked, ...]
+    data_points: int
+    stamp: int
+
+    @property
+    def best(self) -> str | None:
+        """Name of the hypothesis that fits best; None where none is feasible."""
+        return self.hypotheses[0].name if self.hypotheses[0].feasible else None
+
+
+class Recognizer:
+    """Ranks hypotheses by the fit errors of their programs, each of which starts from its own last optimum.
+
+    Args:
+        hypotheses: at least one.
+        config: the constraints, the same for all.
+    Raises:
+        ValueError: no hypotheses, two of one name, or one that Estimator refuses.
+    """
+
+    def __init__(self, hypotheses: Sequence[Hypothesis], config: EstimatorConfig | None = None) -> None:
+        names = [hypothesis.name for hypothesis in hypotheses]
+        if not names:
+            raise ValueError("hypotheses must hold at least one, got none")
+        if len(set(names)) < len(names):
+            raise ValueError(f"hypotheses must differ in name, got {', '.join(names)}")
+        self._estimators = {
+            hypothesis.name: Estimator(hypothesis.support_points, config, hypothesis.center_of_friction)
+            for hypothesis in hypotheses
+        }
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        """The data points that all programs rest on, in order of arrival."""
+        return next(iter(self._estimators.values())).observations
+
+    def add(self, observation: Observation) -> Ranking:
+        """Take a data point and rank anew.
+
+        Raises:
+            UninformativePush: it rotates exactly about a support point of one of the hypotheses while cor_radius is 0. None
+                takes it then: fit errors compare only over the same data points.
+        """
+        for estimator in self._estimators.values():
+            estimator.check(observation)
+        return _ranking({name: estimator.add(observation) for name, estimator in self._estimators.items()})
+
+    def exclude(self, push_id: int) -> Ranking:
+        """Take all data points of a push out again, and rank anew.
+
+        Raises:
+            ValueError: there is no data point of that push.
+        """
+        return _ranking({name: estimator.exclude(push_id) for name, estimator in self._estimators.items()})
+
+
+def _ranking(estimates: dict[str, Estimate]) -> Ranking:
+    errors = {
+        name: math.inf if estimate.status is Status.INFEASIBLE else estimate.solution.objective
+        for name, estimate in estimates.items()
+    }
+    best = min(errors.values())
+    # sorting keeps the order of those that fit equally
+    order = sorted(errors, key=lambda name: max(errors[name], EXACT))
+    ranked = tuple(Ranked(name, errors[name], _ratio(errors[name], best), estimates[name].contradiction) for name in order)
+    same = next(iter(estimates.values()))  # all rest on the same data points
+    return Ranking(ranked, same.data_points, same.stamp)
+
+
+def _ratio(error: float, best: float) -> float:
+    if error == math.inf:
+        return math.inf
+    if best > EXACT:
+        return error / best
+    return 1.0 if error <= EXACT else math.inf

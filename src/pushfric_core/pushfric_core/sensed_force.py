@@ -1,0 +1,79 @@
+"""The measured forces that belong to a data point: a force sensor's samples over the time its motion was measured."""
+
+from collections import deque
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pushfric_core.observation import Observation
+from pushfric_core.planar import rotation
+
+REMEMBERED = 100_000
+"""Samples kept while no data point comes: 100 s of a sensor at 1 kHz."""
+
+
+class ForceSample(NamedTuple):
+    """What the force sensor said."""
+
+    stamp: int  # [ns]
+    force: tuple[float, float]  # of the pusher ON the object, table frame [N]
+
+
+class SensedForce:
+    """Gives data points their forces. A data point waits for a sample from after its motion: so the stamps alone decide."""
+
+    def __init__(self) -> None:
+        self._samples: deque[ForceSample] = deque(maxlen=REMEMBERED)
+        self._waiting: deque[Observation] = deque()
+
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp of the oldest data point that waits [ns]; None: none does."""
+        return self._waiting[0].stamp if self._waiting else None
+
+    def add_force(self, sample: ForceSample) -> list[Observation]:
+        """Take a sample; returns the data points that became complete. A sample older than the last is ignored.
+
+        Raises:
+            ValueError: the force is not finite.
+        """
+        if not np.isfinite(sample.force).all():
+            raise ValueError(f"a force must be finite, got {tuple(map(float, sample.force))}")
+        if self._samples and sample.stamp <= self._samples[-1].stamp:
+            return []
+        self._samples.append(sample)
+        return self._complete()
+
+    def add_observation(self, observation: Observation) -> list[Observation]:
+        """Take a data point; returns the data points that became complete.
+
+        Raises:
+            ValueError: it has no pose, so that the force cannot be turned into its frame.
+        """
+        if observation.pose is None:
+            raise ValueError("a data point needs its pose to be given a force")
+        self._waiting.append(observation)
+        return self._complete()
+
+    def _complete(self) -> list[Observation]:
+        found = []
+        while self._waiting and self._samples:
+            observation = self._waiting[0]
+            half = round(observation.duration * 5e8)
+            if self._samples[-1].stamp <= observation.stamp + half:
+                break
+            while self._samples[0].stamp < observation.stamp - half:  # data points come in order of time
+                self._samples.popleft()
+            during = [sample.force for sample in self._samples if sample.stamp <= observation.stamp + half]
+            found.append(self._with_force(self._waiting.popleft(), during))
+        return found
+
+    @staticmethod
+    def _with_force(observation: Observation, during: list[tuple[float, float]]) -> Observation:
+        """The data point with the mean force in the object frame; as it was where nothing was measured."""
+        if not during:
+            return observation
+        assert observation.pose is not None
+        x, y = rotation(-observation.pose.theta) @ np.mean(during, axis=0)
+        return replace(observation, force=(float(x), float(y)))

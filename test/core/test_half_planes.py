@@ -1,0 +1,243 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import PROBLEMS
+
+from pushfric_core.errors import UninformativePush
+from pushfric_core.half_planes import HalfPlane, HalfPlanes, line_of_force, line_of_motion, line_of_pushing, rank_pushes
+from pushfric_core.linear_program import Status
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline, Touch
+from pushfric_core.planar import Twist, rotation, velocity_at
+from pushfric_core.push_plan import PlannedPush, even_pushes
+from pushfric_core.simulation import pushed_motion
+from pushfric_core.support import Support
+
+PLATE = Outline.rectangle(0.12, 0.06)
+
+
+def depth(half_plane, point):
+    return float(np.dot(half_plane.normal, point)) - half_plane.offset
+
+
+def is_half_plane(half_plane, normal, offset):
+    return half_plane.normal == pytest.approx(normal) and half_plane.offset == pytest.approx(offset)
+
+
+def seen_from_below(twist):
+    """A push at (0.02, -0.03) on the lower edge of the plate."""
+    return Observation((0.02, -0.03), (0.0, -1.0), twist)
+
+
+def test_a_turn_to_the_left_has_p_cf_left_of_the_line_of_motion():
+    (half_plane,) = line_of_motion(seen_from_below(Twist(0.0, 0.02, 1.0)))  # the contact moves by (0.03, 0.04)
+    assert is_half_plane(half_plane, (-0.8, 0.6), -0.034)
+    assert depth(half_plane, (0.0, 0.0)) == pytest.approx(0.034)
+
+
+def test_a_turn_to_the_right_has_it_right():
+    (half_plane,) = line_of_motion(seen_from_below(Twist(0.03, 0.06, -1.0)))  # the contact moves by (0, 0.04)
+    assert is_half_plane(half_plane, (1.0, 0.0), 0.02)
+
+
+@pytest.mark.parametrize("omega", [1.0, -1.0])
+def test_the_center_of_rotation_lies_on_the_same_side(omega):
+    twist = Twist(0.01, 0.03, omega)
+    (half_plane,) = line_of_motion(seen_from_below(twist))
+    assert depth(half_plane, np.array((-twist.vy, twist.vx)) / omega) > 0
+
+
+def test_a_translation_has_p_cf_on_the_line():
+    one, other = line_of_motion(seen_from_below(Twist(0.0, 0.02, 0.0)))
+    assert is_half_plane(one, (-1.0, 0.0), -0.02)
+    assert is_half_plane(other, (1.0, 0.0), 0.02)
+
+
+def test_the_line_of_a_normal_push_is_the_normal():
+    twist = Twist(0.01, 0.02, 0.5)  # sliding along the tip
+    (half_plane,) = line_of_pushing(seen_from_below(twist), (0.0, 3.0))
+    assert is_half_plane(half_plane, (-1.0, 0.0), -0.02)
+    assert line_of_force(seen_from_below(twist), 0.0) == (half_plane,)
+
+
+@pytest.mark.parametrize(("omega", "normal"), [(1.0, (-0.8, -0.6)), (-1.0, (0.8, -0.6))])
+def test_the_line_of_force_is_the_edge_of_the_cone_that_bounds_least(omega, normal):
+    """For a turn to the left, p_CF lies left of the edge on the right: of (4, 3) / 5 tilted from (0, 1) by mu_c = 4 / 3."""
+    (half_plane,) = line_of_force(seen_from_below(Twist(0.0, 0.02, omega)), 4 / 3)
+    assert half_plane.normal == pytest.approx((np.sign(omega) * -0.6, 0.8))
+    assert depth(half_plane, (0.02, -0.03)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_translation_leaves_the_cone():
+    half_planes = line_of_force(seen_from_below(Twist(0.0, 0.02, 0.0)), 0.5)
+    inside, outside = (0.02 + 0.01, -0.03 + 0.021), (0.02 + 0.01, -0.03 + 0.019)
+    assert min(depth(one, inside) for one in half_planes) > 0
+    assert min(depth(one, outside) for one in half_planes) < 0
+
+
+def pushed(support, outline, push, mu_c):
+    """The data point of a planned push, and the direction of the pusher."""
+    normal = outline.normals[push.edge]
+    point = outline.vertices[push.edge] + outline.edges[push.edge] * (0.5 + push.offset / outline.lengths[push.edge])
+    direction = rotation(push.angle) @ -normal
+    motion = pushed_motion(support, Touch(0.0, point, normal, push.edge), 0.02 * direction, mu_c)
+    return Observation(tuple(point), tuple(normal), motion.twist), direction
+
+
+@settings(derandomize=True, max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), mu_c=st.floats(0, 1.5), share=st.floats(-0.95, 0.95))
+def test_every_half_plane_holds_the_true_center(seed, mu_c, share):
+    """All three rules, for random supports, sticking or sliding: the forward model against Mason's theorems."""
+    rng = np.random.default_rng(seed)
+    points = PLATE.grid(4, 3)
+    support = Support(points, rng.dirichlet(np.full(len(points), 0.3)))
+    angle = float(rng.uniform(-1.4, 1.4))
+    within = share * float(np.arctan(mu_c))
+    for turn in (angle, within, 0.0):
+        edge = int(rng.integers(4))
+        push = PlannedPush(edge, float(rng.uniform(-0.49, 0.49) * PLATE.lengths[edge]), turn)
+        observation, direction = pushed(support, PLATE, push, mu_c)
+        half_planes = line_of_motion(observation) + line_of_force(observation, mu_c)
+        if turn in (within, 0.0):
+            half_planes += line_of_pushing(observation, direction)
+        for half_plane in half_planes:
+            assert depth(half_plane, support.center_of_friction) > -1e-5  # the model rounds Coulomb's corner
+
+
+def test_the_region_starts_as_the_hull_and_shrinks():
+    ell = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
+    half_planes = HalfPlanes(ell)
+    assert half_planes.region().area == pytest.approx(0.01 - 0.06**2 / 2)
+    region = half_planes.add([HalfPlane((-1.0, 0.0), -0.04)])
+    assert region.area == pytest.approx(0.04 * 0.1)
+    assert region.center == pytest.approx((0.02, 0.05))
+    region = half_planes.add([HalfPlane((0.0, 1.0), 0.05), HalfPlane((0.0, 1.0), 0.03)])
+    assert region.area == pytest.approx(0.04 * 0.05)
+    assert region.center == pytest.approx((0.02, 0.075))
+    assert (region.violation, region.status) == (0.0, Status.OPTIMAL)
+
+
+def test_two_translations_leave_a_point():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add(line_of_motion(seen_from_below(Twist(0.0, 0.02, 0.0))))
+    region = half_planes.add(line_of_motion(Observation((-0.06, 0.01), (-1.0, 0.0), Twist(0.02, 0.0, 0.0))))
+    assert region.center == pytest.approx((0.02, 0.01))
+    assert 0 < region.area < 1e-15
+    assert region.violation == 0.0
+
+
+def test_contradictions_are_settled_by_the_least_sum_of_violations():
+    """x >= 10 mm, x >= 11 mm and x <= 4 mm: two against one."""
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((1.0, 0.0), 0.010)])
+    half_planes.add([HalfPlane((-1.0, 0.0), -0.004)])
+    region = half_planes.add([HalfPlane((1.0, 0.0), 0.011)])
+    assert region.polygon.is_empty
+    assert region.area == 0.0
+    assert region.status is Status.OPTIMAL
+    # at x = 10: 6 mm + 1 mm; further right the first two cost as much as they save
+    assert region.violation == pytest.approx(0.007)
+    assert 0.010 - 1e-9 <= region.center[0] <= 0.011 + 1e-9
+    assert PLATE.contains(region.center[None]).all()
+    assert half_planes.add([HalfPlane((0.0, 1.0), 0.0)]).area == 0.0
+
+
+def test_half_planes_beyond_the_object_are_met_at_its_hull():
+    region = HalfPlanes(PLATE).add([HalfPlane((0.0, 1.0), 0.1)])
+    assert region.center[1] == pytest.approx(0.03)
+    assert region.violation == pytest.approx(0.07)
+
+
+@settings(derandomize=True, max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_no_point_of_a_fine_grid_violates_less(seed):
+    rng = np.random.default_rng(seed)
+    angles, offsets = rng.uniform(-np.pi, np.pi, 12), rng.uniform(-0.01, 0.03, 12)
+    sides = [HalfPlane((np.cos(a), np.sin(a)), o) for a, o in zip(angles, offsets, strict=True)]
+    half_planes = HalfPlanes(PLATE)
+    for side in sides:
+        region = half_planes.add([side])
+    grid = PLATE.grid(61, 31, inset=0.0)
+    tried = sum(np.maximum(side.offset - grid @ side.normal, 0.0) for side in sides)
+    own = sum(max(-depth(side, region.center), 0.0) for side in sides)
+    assert own == pytest.approx(region.violation, abs=1e-8)
+    assert own <= tried.min() + 1e-8
+    inside = grid[tried == 0]
+    assert shapely.dwithin(region.polygon, shapely.points(inside), 1e-9).all()
+    assert len(inside) == 0 or region.area > 0
+
+
+@pytest.mark.parametrize("make", PROBLEMS)
+def test_random_pushes_close_in_on_the_center(make):
+    problem = make()
+    half_planes = HalfPlanes(problem.outline)
+    for observation in problem.observations:
+        region = half_planes.add(line_of_motion(observation))
+    assert region.area < 0.06 * problem.outline.polygon.area
+    assert shapely.dwithin(region.polygon, shapely.Point(problem.truth.center_of_friction), 1e-6)
+    assert np.linalg.norm(region.center - problem.truth.center_of_friction) < 0.015
+
+
+def test_the_best_push_halves_the_region():
+    region = HalfPlanes(PLATE).add([HalfPlane((-1.0, 0.0), 0.02)])  # x <= -20 mm
+    candidates = [PlannedPush(0, x) for x in (-0.045, -0.04, -0.01)] + [PlannedPush(3, -0.015)]
+    ranked = rank_pushes(region, PLATE, candidates)
+    assert [one.push for one in ranked] == [candidates[1], candidates[0], candidates[3], candidates[2]]
+    # cuts of 40 x 60 mm at 1/2, 3/8, 1/4, 0; with a share s to one side, s^2 + (1 - s)^2 of it is left
+    assert [one.expected_area for one in ranked] == pytest.approx([0.0012, 0.001275, 0.0015, 0.0024])
+
+
+def test_an_oblique_push_cuts_obliquely():
+    region = HalfPlanes(Outline.rectangle(0.1, 0.1)).region()
+    (ranked,) = rank_pushes(region, Outline.rectangle(0.1, 0.1), [PlannedPush(0, -0.025, -np.arctan(0.5))])
+    assert ranked.expected_area == pytest.approx(0.01 / 2)  # through the middle
+
+
+def test_chosen_pushes_shrink_the_region_faster_than_even_ones():
+    support = PROBLEMS[2]().truth
+    areas = []
+    candidates = even_pushes(PLATE, (39, 19, 39, 19))
+    even = iter(even_pushes(PLATE, (3, 1, 3, 1)))
+    for choose in (lambda region: rank_pushes(region, PLATE, candidates)[0].push, lambda region: next(even)):
+        half_planes = HalfPlanes(PLATE)
+        region = half_planes.region()
+        for _ in range(8):
+            observation, direction = pushed(support, PLATE, choose(region), 0.3)
+            region = half_planes.add(line_of_pushing(observation, direction))
+        areas.append(region.area)
+        assert shapely.dwithin(region.polygon, shapely.Point(support.center_of_friction), 1e-6)
+    # halved each time but where the lines of candidates lie too far apart
+    assert areas[0] < PLATE.polygon.area / 2**7
+    assert areas[0] < 0.1 * areas[1]
+
+
+def test_a_turn_about_the_contact_has_no_line_of_motion():
+    twist = Twist(-0.03, -0.02, 1.0)
+    assert not velocity_at(twist, (0.02, -0.03)).any()
+    with pytest.raises(UninformativePush, match="turned about its contact"):
+        line_of_motion(seen_from_below(twist))
+
+
+@pytest.mark.parametrize("direction", [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0, 0.0), (np.nan, 1.0)])
+def test_a_pusher_that_leaves_pushes_nothing(direction):
+    with pytest.raises(ValueError, match=r"direction must be \(2,\) and point into the object"):
+        line_of_pushing(seen_from_below(Twist(0.0, 0.02, 1.0)), direction)
+
+
+@pytest.mark.parametrize("mu_bound", [-0.1, np.inf, np.nan])
+def test_a_friction_bound_must_be_a_number(mu_bound):
+    with pytest.raises(ValueError, match="mu_bound must be at least 0 and finite"):
+        line_of_force(seen_from_below(Twist(0.0, 0.02, 1.0)), mu_bound)
+
+
+def test_an_empty_region_cannot_shrink():
+    region = HalfPlanes(PLATE).add([HalfPlane((0.0, 1.0), 0.1)])
+    with pytest.raises(ValueError, match="the region must have an area"):
+        rank_pushes(region, PLATE, [PlannedPush(0, 0.0)])
+
+
+def test_a_candidate_needs_an_edge():
+    with pytest.raises(ValueError, match=r"edge must lie in \[0, 3\], got 4"):
+        rank_pushes(HalfPlanes(PLATE).region(), PLATE, [PlannedPush(4, 0.0)])

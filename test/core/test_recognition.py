@@ -1,0 +1,218 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import PROBLEMS, observations_of
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.errors import UninformativePush
+from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Pose, Twist
+from pushfric_core.push_plan import even_pushes, placement
+from pushfric_core.recognition import Hypothesis, Ranked, Recognizer
+from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.support import Support
+from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
+
+L_SHAPE = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
+TRIANGLE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
+BAR = Outline.rectangle(0.12, 0.06)
+
+SHAPES = {
+    "L on unequal feet": (L_SHAPE, Support([(0.01, 0.01), (0.09, 0.02), (0.02, 0.09), (0.03, 0.03)], [0.4, 0.2, 0.25, 0.15])),
+    "triangle on three feet": (TRIANGLE, Support([(0.03, 0.03), (0.09, 0.03), (0.03, 0.09)], np.full(3, 1 / 3))),
+    "bar on unequal feet": (BAR, Support([(-0.05, -0.02), (0.05, -0.02), (0.05, 0.02), (-0.05, 0.02)], [0.1, 0.2, 0.3, 0.4])),
+}
+LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
+FRAME = round(1e9 / 14)
+FEET_NOISE = np.array((1e-4, 1e-4, np.deg2rad(0.12)))  # of a pose: x, y, theta
+
+
+def last_ranking(recognizer, observations):
+    for observation in observations:
+        ranking = recognizer.add(observation)
+    return ranking
+
+
+def centers(points, true):
+    """The true centre of friction among others 7 mm off, which come first."""
+    offsets = {"left": (-0.007, 0.0), "above": (0.0, 0.007), "true": (0.0, 0.0), "right": (0.007, 0.0)}
+    return [Hypothesis(name, points, true + offset) for name, offset in offsets.items()]
+
+
+def orientations(name, turns):
+    """The object's feet in each of the turns [degrees], the true one last."""
+    feet = Hypothesis("feet", TABLE_1[name].support.points)
+    return [replace(feet.turned(np.deg2rad(turn), (0.0, 0.0)), name=str(turn)) for turn in sorted(turns, reverse=True)]
+
+
+def seen(observation, rng):
+    """The data point as a camera gives it: smoothed over five frames at 14 Hz, then differenced over two."""
+    noise = rng.normal(size=3) * FEET_NOISE * 0.4 * 14 / 2
+    return replace(observation, twist=Twist(*(np.array(observation.twist) + noise)))
+
+
+def paths(name):
+    """Where an object of Table 1 really is in each frame of the paper's pushes, with the position of the tip."""
+    known = TABLE_1[name]
+    found = []
+    for push in even_pushes(known.outline, known.pushes):
+        pushed = PushedObject(known.outline, known.support, known.mu_c, placement(known.outline, push, LINE, 0.0))
+        path = []
+        for position in np.arange(0.0, 0.05, 0.02 / 14):
+            pushed.push(LINE, position)
+            path.append((float(position), pushed.pose))
+        found.append(path)
+    return found
+
+
+def filmed(name, true_paths, rng):
+    """The data points of the pushes, from noisy poses."""
+    trajectory = Trajectory(TABLE_1[name].outline)
+    found, stamp = [], 0
+    for push_id, path in enumerate(true_paths):
+        for position, pose in path:
+            stamp += FRAME
+            found += trajectory.add_pusher(PusherSample(stamp, position, 0.02, LINE, push_id))
+            found += trajectory.add_pose(PoseSample(stamp, Pose(*(pose + rng.normal(size=3) * FEET_NOISE))))
+    return found
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_true_center_of_friction_fits_best(shape):
+    outline, truth = SHAPES[shape]
+    hypotheses = centers(outline.grid(7, 7), truth.center_of_friction)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        data = [seen(observation, rng) for observation in observations_of(outline, truth, 0.3, 40, rng)]
+        ranking = last_ranking(Recognizer(hypotheses), data)
+        assert ranking.best == "true", seed
+        assert ranking.hypotheses[0].ratio == 1
+        assert all(ranked.feasible for ranked in ranking.hypotheses)
+
+
+def test_the_true_orientation_of_wood_rect3_fits_best():
+    true_paths = paths("wood_rect3")
+    for half_width in (0.0, 0.008):
+        for seed in range(2):
+            data = filmed("wood_rect3", true_paths, np.random.default_rng(seed))
+            for cor_radius in (None, 0.0):
+                config = EstimatorConfig(half_width=half_width, cor_radius=cor_radius)
+                ranking = last_ranking(Recognizer(orientations("wood_rect3", (0, 180)), config), data)
+                assert ranking.best == "0", (half_width, seed, cor_radius)
+                assert ranking.hypotheses[1].ratio > 1.3
+
+
+def test_the_true_orientation_of_delrin_square3_fits_best():
+    known = TABLE_1["delrin_square3"]
+    hypotheses = orientations("delrin_square3", (0, 90, 180, 270))
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        data = [seen(observation, rng) for observation in observations_of(known.outline, known.support, 0.2, 60, rng)]
+        assert last_ranking(Recognizer(hypotheses), data).best == "0", seed
+
+
+def test_fit_errors_are_those_of_an_estimator_for_each_hypothesis(rng):
+    problem = PROBLEMS[0]()
+    data = [seen(observation, rng) for observation in problem.observations]
+    config = EstimatorConfig(half_width=0.001, cor_radius=0.002)
+    grid, true = problem.outline.grid(5, 5), problem.truth.center_of_friction
+    hypotheses = [*centers(grid, true), Hypothesis("feet", problem.truth.points)]
+    ranking = last_ranking(Recognizer(hypotheses, config), data)
+    expected = {}
+    for hypothesis in hypotheses:
+        estimator = Estimator(hypothesis.support_points, config, hypothesis.center_of_friction)
+        for observation in data:
+            expected[hypothesis.name] = estimator.add(observation).solution.objective
+    assert {ranked.name: ranked.fit_error for ranked in ranking.hypotheses} == expected
+    errors = [ranked.fit_error for ranked in ranking.hypotheses]
+    assert errors == sorted(expected.values())
+    assert [ranked.ratio for ranked in ranking.hypotheses] == pytest.approx(np.array(errors) / errors[0])
+    assert ranking.data_points == len(data)
+
+
+def test_a_turned_hypothesis_turns_supports_and_center():
+    upright = Hypothesis("upright", np.array(((0.02, 0.0), (0.01, 0.03))), np.array((0.03, 0.01)))
+    turned = upright.turned(np.pi / 2, (0.01, 0.0))
+    assert turned.name == "upright"
+    assert turned.support_points == pytest.approx(np.array(((0.01, 0.01), (-0.02, 0.0))))
+    assert turned.center_of_friction == pytest.approx((0.0, 0.02))
+    assert replace(upright, center_of_friction=None).turned(1.0, (0.0, 0.0)).center_of_friction is None
+
+
+def test_an_infeasible_hypothesis_ranks_last_and_says_why():
+    problem = PROBLEMS[0]()
+    outside = Hypothesis("outside", problem.truth.points, np.array((0.2, 0.0)))
+    ranking = Recognizer([outside, Hypothesis("feet", problem.truth.points)]).add(problem.observations[0])
+    assert ranking.best == "feet"
+    reason = "no w over the support points has the centre of friction that is asked for"
+    assert ranking.hypotheses[1] == Ranked("outside", np.inf, np.inf, reason)
+    assert not ranking.hypotheses[1].feasible
+    alone = Recognizer([outside]).add(problem.observations[0])
+    assert alone.best is None
+    assert not alone.hypotheses[0].feasible
+
+
+def test_hypotheses_that_explain_everything_are_equally_good():
+    problem = PROBLEMS[0]()
+    feet = Hypothesis("feet", problem.truth.points)
+    center = Hypothesis("center", problem.truth.points, problem.truth.center_of_friction)
+    hypotheses = [Hypothesis("grid", problem.outline.grid(5, 5)), feet, center]
+    ranking = Recognizer(hypotheses).add(problem.observations[0])
+    assert [ranked.name for ranked in ranking.hypotheses] == ["grid", "feet", "center"]  # in the order given
+    assert [ranked.ratio for ranked in ranking.hypotheses] == [1, 1, 1]
+
+
+def test_beside_a_hypothesis_without_error_others_are_infinitely_worse():
+    pushed = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0), stamp=7)  # translates: p_CF is on the line x = 0
+    rod = np.array(((-0.03, 0.0), (0.03, 0.0)))
+    ranking = Recognizer([Hypothesis("off", rod, np.array((0.01, 0.0))), Hypothesis("on", rod)]).add(pushed)
+    assert [ranked.name for ranked in ranking.hypotheses] == ["on", "off"]
+    assert [ranked.ratio for ranked in ranking.hypotheses] == [1, np.inf]
+    assert ranking.hypotheses[1].fit_error == pytest.approx(0.01)
+    assert ranking.hypotheses[1].feasible
+    assert ranking.stamp == 7
+
+
+def test_a_data_point_that_one_hypothesis_must_refuse_reaches_none():
+    problem = PROBLEMS[1]()
+    x, y = problem.truth.points[1]
+    about_a_foot = Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0))
+    hypotheses = [Hypothesis("elsewhere", problem.truth.points + 0.011), Hypothesis("feet", problem.truth.points)]
+    recognizer, spared = (Recognizer(hypotheses, EstimatorConfig(cor_radius=0.0)) for _ in range(2))
+    last_ranking(recognizer, problem.observations[:5])
+    with pytest.raises(UninformativePush, match="rotated exactly about its support point"):
+        recognizer.add(about_a_foot)
+    assert recognizer.observations == tuple(problem.observations[:5])
+    assert recognizer.add(problem.observations[5]) == last_ranking(spared, problem.observations[:6])
+
+
+def test_a_push_can_be_excluded_again():
+    problem = PROBLEMS[1]()
+    hypotheses = centers(problem.outline.grid(6, 6), problem.truth.center_of_friction)
+    without = last_ranking(Recognizer(hypotheses), problem.observations)
+    wrong = Observation((0.05, 0.0), (0.0, -1.0), Twist(0.01, 0.02, -0.3), push_id=99)
+    recognizer = Recognizer(hypotheses)
+    last_ranking(recognizer, [wrong, *problem.observations])
+    ranking = recognizer.exclude(99)
+    assert [ranked.name for ranked in ranking.hypotheses] == [ranked.name for ranked in without.hypotheses]
+    assert [r.fit_error for r in ranking.hypotheses] == pytest.approx([r.fit_error for r in without.hypotheses], abs=1e-9)
+    assert ranking.data_points == without.data_points
+    with pytest.raises(ValueError, match="push_id must be one of 0, 1, 2"):
+        recognizer.exclude(99)
+
+
+@pytest.mark.parametrize(
+    ("hypotheses", "text"),
+    [
+        ([], "must hold at least one, got none"),
+        ([Hypothesis("a", np.zeros((1, 2))), Hypothesis("a", np.ones((1, 2)))], "must differ in name, got a, a"),
+        ([Hypothesis("a", np.zeros(2))], r"support_points must have shape \(n, 2\)"),
+        ([Hypothesis("a", np.zeros((1, 2)), np.zeros(3))], "center_of_friction must be two finite numbers"),
+    ],
+)
+def test_bad_hypotheses_are_refused(hypotheses, text):
+    with pytest.raises(ValueError, match=text):
+        Recognizer(hypotheses)

@@ -1,0 +1,83 @@
+"""Pictures of flat printed patterns, as a known camera sees them: lens, perspective, coverage of the pixels, blur and noise."""
+
+import cv2
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from pushfric_core.planar import Pose
+from pushfric_ros.camera import Camera
+from pushfric_ros.fiducial_tracker import Fiducials
+
+_FINE = 4  # samples per pixel and axis
+
+
+def picture(
+    camera: Camera,
+    pattern: np.ndarray,
+    corner: tuple[float, float],
+    per_metre: float,
+    rng: np.random.Generator,
+    height: float = 0.0,
+    noise_sigma: float = 2.0,
+    blur_px: float = 0.7,
+    background: int = 20,
+) -> np.ndarray:
+    """The frame (height, width) with a pattern lying on the plane at `height` [m].
+
+    Args:
+        camera: lens and plane.
+        pattern: (rows, columns) uint8, upright: rows towards -y of the plane.
+        corner: (x, y) of the pattern's lower left corner [m].
+        per_metre: pixels of the pattern per metre.
+        background: grey level around the pattern.
+    """
+    inner = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    u = (np.arange(camera.width)[:, None] + inner).ravel()
+    v = (np.arange(camera.height)[:, None] + inner).ravel()
+    # the lens bends slowly: a coarse grid of rays and a spline will do
+    step = 8
+    coarse_u, coarse_v = (np.arange(-step, size + 2 * step, step, dtype=float) for size in (camera.width, camera.height))
+    grid = np.stack(np.meshgrid(coarse_u, coarse_v), axis=-1)
+    plane = camera.unproject(grid.reshape(-1, 2), height).reshape(grid.shape)
+    places = np.stack(
+        (
+            (plane[..., 0] - corner[0]) * per_metre - 0.5,
+            len(pattern) - (plane[..., 1] - corner[1]) * per_metre - 0.5,
+        ),
+        axis=-1,
+    )
+    at = np.dstack([RectBivariateSpline(coarse_v, coarse_u, places[..., i])(v, u) for i in range(2)]).astype(np.float32)
+    fine = cv2.remap(
+        pattern.astype(np.float32), at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=background
+    )
+    frame = cv2.resize(fine, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    if blur_px > 0:
+        frame = cv2.GaussianBlur(frame, (0, 0), blur_px)
+    return np.clip(np.rint(frame + rng.normal(0, noise_sigma, frame.shape)), 0, 255).astype(np.uint8)
+
+
+HALF_SIZE = np.array((0.0635, 0.032))
+"""Of the object that bears markers [m]."""
+MARKED_PER_METRE = 8000
+
+
+def marked_object(fiducials: Fiducials) -> np.ndarray:
+    """A light rectangle with markers, MARKED_PER_METRE pixels per metre."""
+    face = np.full(np.rint(2 * HALF_SIZE[::-1] * MARKED_PER_METRE).astype(int), 220, np.uint8)
+    for marker in fiducials.markers:
+        side = round(marker.size * MARKED_PER_METRE)
+        code = np.rot90(fiducials.dictionary.generateImageMarker(marker.id, side), round(marker.angle_deg / 90))
+        left, bottom = np.rint((HALF_SIZE + marker.center) * MARKED_PER_METRE - side / 2).astype(int)
+        top = len(face) - bottom - side
+        face[top : top + side, left : left + side] = np.where(code > 0, 220, 20)
+    return face
+
+
+def marked_picture(
+    fiducials: Fiducials, camera: Camera, pose: Pose, height: float, rng: np.random.Generator, noise_sigma: float = 2.0
+) -> np.ndarray:
+    """The frame with a marked object at `pose`, its top `height` [m] over the table."""
+    c, s = np.cos(pose.theta), np.sin(pose.theta)
+    over_object = camera.over(camera.H @ np.array(((c, -s, pose.x), (s, c, pose.y), (0, 0, 1))))
+    corner = (-HALF_SIZE[0], -HALF_SIZE[1])
+    return picture(over_object, marked_object(fiducials), corner, MARKED_PER_METRE, rng, height, noise_sigma)

@@ -1,0 +1,264 @@
+"""The experiment node with the actuator of a simulated controller and an operator's hand played by the test."""
+
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.action import ActionServer, GoalResponse
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose
+from pushfric_msgs.action import Push
+from pushfric_msgs.msg import PlanProgress, PusherState
+from pushfric_ros.actuator_node import ActuatorNode
+from pushfric_ros.conversions import TABLE, pose_from_msg, pose_to_msg
+from pushfric_ros.experiment_node import ExperimentNode
+from pushfric_ros.grbl_firmware import SimulatedGrbl
+from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
+
+PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
+AWAY = Pose(0.0, 0.3, 0.0)
+STILL = 0.15
+"""How long the object must lie still [s]; short, to be quick."""
+
+
+@pytest.fixture
+def controller(tmp_path):
+    with SimulatedGrbl(time.monotonic) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        yield controller
+
+
+class Table:
+    """What the experiment sees of a table: poses of an object that lies wherever the test's hand, or the prompt, puts it."""
+
+    def __init__(self, ros, tmp_path, actuator=None, **parameters) -> None:
+        self.ros, self.obedient, self.object = ros, True, AWAY
+        self.visible = True
+        self.wanted: list[Pose] = []
+        self.progress: list[PlanProgress] = []
+        self.states: list[PusherState] = []
+        self.now = None  # of the poses [ns]; None: the computer's
+        self._node = ros.node("table", namespace="/cell")
+        self._node.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
+        # every message counts here, not the last one only
+        self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, RELIABLE)
+        self._node.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
+        self._pose_out = self._node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._node.create_timer(0.02, self._show)
+        self.well = ["/cell/estimator"]
+        (tmp_path / "plan.yaml").write_text(PLAN)
+        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
+                 "awaits": ["estimator"]}  # fmt: skip
+        if actuator is None:
+            line = {"stroke": 0.06, "max_speed": 0.1}
+            self.actuator = ros.compose(
+                ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **line}))
+            )
+        self.node = ExperimentNode(namespace="/cell", parameter_overrides=overrides(given | parameters))
+        ros.compose(self.node)
+
+    def _on_placement(self, msg: PoseStamped) -> None:
+        self.wanted.append(pose_from_msg(msg.pose))
+        if self.obedient:
+            self.object = self.wanted[-1]
+
+    def _on_progress(self, msg: PlanProgress) -> None:
+        self.progress.append(msg)
+
+    def _show(self) -> None:
+        status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name) for name in self.well]
+        self._health_out.publish(DiagnosticArray(status=status))
+        if not self.visible:
+            return
+        msg = PoseWithCovarianceStamped()
+        msg.pose.pose = pose_to_msg(self.object)
+        msg.header.frame_id = TABLE
+        now = self._node.get_clock().now() if self.now is None else Time(nanoseconds=self.now())
+        msg.header.stamp = now.to_msg()
+        self._pose_out.publish(msg)
+
+    def wait_for_message(self, text: str, timeout: float = 20.0) -> PlanProgress:
+        """The first report with this text that has not been waited for yet."""
+        found: list[PlanProgress] = []
+
+        def heard() -> bool:
+            while self.progress and not found:
+                if text in (msg := self.progress.pop(0)).message:
+                    found.append(msg)
+            return bool(found)
+
+        self.ros.wait_for(heard, timeout, what=f"the report {text!r}")
+        return found[0]
+
+    def wait_for_end(self) -> PlanProgress:
+        last = self.wait_for_message("pushes done", 60.0)
+        assert last.phase == PlanProgress.PHASE_FINISHED
+        with pytest.raises(SystemExit) as ended:  # the node ends its process with its plan
+            self.ros.wait_for(lambda: False, what="the end")
+        assert ended.value.code == 0
+        return last
+
+    def call(self, service: str) -> bool:
+        client = self._node.create_client(Trigger, service)
+        self.ros.wait_for(client.service_is_ready, what=service)
+        answer = client.call_async(Trigger.Request())
+        self.ros.wait_for(answer.done, what=f"the answer of {service}")
+        return answer.result().success
+
+
+def overrides(parameters) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in parameters.items()]
+
+
+def pushed(states) -> list[int]:
+    """The pushes that were seen to go forward, in order."""
+    ids = [state.push_id for state in states if state.push_id != PusherState.NO_PUSH]
+    return [push_id for i, push_id in enumerate(ids) if i == 0 or ids[i - 1] != push_id]
+
+
+def test_a_plan_is_carried_out(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    first = table.wait_for_message("push 1 of 3: place the object at")
+    assert (first.phase, first.push_id, first.count) == (PlanProgress.PHASE_PLACING, 0, 3)
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (3, 0)
+    assert last.message == "3 of 3 pushes done"
+    assert pushed(table.states) == [0, 1, 2]
+    assert controller.position() == pytest.approx(0.0)
+    # edge 0 of a rectangle about its origin faces -y: the object lies beyond the tip, its gap and the tip's radius
+    assert table.wanted[0].theta == pytest.approx(0.0)
+    assert table.wanted[0].x == pytest.approx(0.0)
+
+
+def test_the_plan_waits_for_those_who_listen(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
+    table.wait_for_message("waiting for: recorder")
+    assert not table.wanted
+    table.well.append("/cell/recorder")
+    table.wait_for_message("place the object")
+
+
+def test_the_operator_is_told_what_the_object_lacks(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    table.obedient = False
+    table.object = Pose(0.5, 0.5, 0.0)
+    table.wait_for_message("cm off")
+    wanted = table.wanted[0]
+    table.visible = False
+    table.wait_for_message("it is not seen")
+    table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
+    table.wait_for_message("it is turned 40 degrees too far")
+    table.object = wanted
+    table.wait_for_message("let it lie still")
+    assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
+    ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
+
+
+def test_a_plan_goes_on_where_it_was_interrupted(ros, controller, tmp_path):
+    """The earlier run left the pusher in mid-stroke: it is brought back before anything is asked of the operator."""
+    controller._carriage, controller._offset = 25.0, 0.0
+    table = Table(ros, tmp_path, start=3)
+    table.wait_for_message("bringing the pusher back")
+    assert not table.wanted
+    assert table.wait_for_end().completed == 1
+    assert pushed(table.states) == [2]
+    assert controller.position() == pytest.approx(0.0)
+
+
+def test_a_start_beyond_the_plan_is_refused(ros, tmp_path):
+    with pytest.raises(InvalidInput, match="parameter start must be at most 3, the pushes of the plan; got 4"):
+        Table(ros, tmp_path, actuator="none", start=4)
+
+
+def test_an_alarm_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    controller.hit_limit()
+    waiting = table.wait_for_message("it is in alarm: see that it is free to move, then call the service actuator/reset")
+    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
+    rest = controller.position()
+    assert rest > 0.005
+    assert table.call("actuator/reset")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (2, 1)
+    assert pushed(table.states) == [0, 1, 2]
+    assert controller.position() == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_pusher_unplugged_in_mid_push_costs_one_push(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    controller.unplug()
+    table.wait_for_message("no controller answers: is it switched on, and plugged in?")
+    controller.start()
+    (tmp_path / "port").unlink()
+    (tmp_path / "port").symlink_to(controller.port)
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (2, 1)
+
+
+def test_an_object_lost_in_mid_push_stops_the_pusher(ros, controller, tmp_path, capfd):
+    table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
+    ros.wait_for(lambda: controller.position() > 0.002, 30.0, what="the push")
+    table.visible = False
+    table.wait_for_message("bringing the pusher back")
+    assert max(state.position for state in table.states) < 0.029  # short of the push's end
+    assert "push 1 aborted: the object was not seen for 0.5 s" in capfd.readouterr().err
+    table.wait_for_message("push 2 of 3: place the object")
+    table.visible = True
+    ros.wait_for(lambda: 1 in pushed(table.states), what="the next push")
+
+
+def test_a_clock_that_jumps_back_forgets_the_poses_before_it(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, use_sim_time=True, still=0.3)
+    clock = ros.node("clock")
+    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
+    offset = [10**12]
+    begin = time.monotonic_ns()
+    table.now = lambda: time.monotonic_ns() - begin + offset[0]
+    clock.create_timer(0.02, lambda: clock_out.publish(Clock(clock=Time(nanoseconds=table.now()).to_msg())))
+    table.obedient = False
+    table.wait_for_message("cm off")
+    ros.wait_for(lambda: len(table.node._poses) > 5, what="poses")
+    offset[0] -= 5 * 10**11
+    ros.wait_for(lambda: table.node._poses[0][0] < 6 * 10**11, what="poses of the new time only")
+    table.object = table.wanted[0]
+    ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
+
+
+class DeafPusher:
+    """An actuator that reports to be idle whatever it is asked."""
+
+    def __init__(self, ros, accept: bool) -> None:
+        self._node = ros.node("actuator", namespace="/cell")
+        self._state_out = self._node.create_publisher(PusherState, "pusher_state", RELIABLE)
+        answer = GoalResponse.ACCEPT if accept else GoalResponse.REJECT
+        self._server = ActionServer(
+            self._node, Push, "push", self._execute, goal_callback=lambda _: answer,
+            handle_accepted_callback=lambda goal: None,
+        )  # fmt: skip
+        self._node.create_timer(0.02, self._report)
+
+    def _execute(self, goal) -> Push.Result:
+        raise AssertionError("never executed")
+
+    def _report(self) -> None:
+        msg = PusherState(mode=PusherState.MODE_IDLE, push_id=PusherState.NO_PUSH, tip_radius=0.003)
+        msg.direction.y = 1.0
+        self._state_out.publish(msg)
+
+
+@pytest.mark.parametrize(("accept", "why"), [(False, "the pusher refused it"), (True, "the pusher forgot it")])
+def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_goes_on(ros, tmp_path, capfd, accept, why):
+    DeafPusher(ros, accept)
+    table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3)
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (0, 3)
+    assert capfd.readouterr().err.count(f"aborted: {why}") == 3

@@ -1,0 +1,76 @@
+"""The supervisor with small programs in place of nodes."""
+
+import sys
+import time
+
+import pytest
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros import supervisor
+from pushfric_ros.graph import NodeSpec
+from pushfric_ros.supervisor import Ended, Supervisor
+
+NAME = "/test_supervisor"
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Supervise programs until the run ends; how it ended, and what was said."""
+    monkeypatch.setattr(supervisor, "command", lambda spec, *_: [sys.executable, "-c", spec.parameters["program"]])
+    monkeypatch.setattr(supervisor, "RESPAWN_DELAY", 0.0)
+
+    def run(**programs: NodeSpec) -> tuple[Ended, list[str]]:
+        said: list[str] = []
+        with Supervisor(list(programs.values()), NAME, lambda name, line: said.append(f"{name}: {line}")) as nodes:
+            deadline = time.monotonic() + 60
+            while (ended := nodes.poll()) is None:
+                assert time.monotonic() < deadline, said
+                time.sleep(0.01)
+        return ended, said
+
+    return run
+
+
+def node(name: str, program: str, **kwargs) -> NodeSpec:
+    return NodeSpec(name, {"program": program}, **kwargs)
+
+
+WAITS = "import time; time.sleep(300)"
+
+
+def test_a_node_that_keeps_dying_ends_the_run(run):
+    ended, said = run(
+        tracker=node("tracker", "print('no camera'); raise SystemExit(3)", respawn=True), other=node("other", WAITS)
+    )
+    assert ended == (3, "tracker ended with exit code 3, 3 times within 30 s")
+    assert said.count("supervisor: tracker ended with exit code 3; starting it again") == 2
+    assert said.count("tracker: no camera") == 3
+
+
+def test_deaths_far_apart_are_forgiven(run, monkeypatch, tmp_path):
+    """The same node dies three times and then does its work; no time is short enough for three deaths."""
+    monkeypatch.setattr(supervisor, "DEATHS_WITHIN", 0.0)
+    lives = tmp_path / "lives"
+    dies = f"open({str(lives)!r}, 'a').write('x'); raise SystemExit(len(open({str(lives)!r}).read()) < 4)"
+    ended, said = run(tracker=node("tracker", dies, respawn=True, ends_run=True))
+    assert ended == (0, "tracker has finished")
+    assert len(said) == 3
+
+
+def test_unusable_input_is_not_tried_again(run):
+    ended, said = run(tracker=node("tracker", "raise SystemExit(2)", respawn=True))
+    assert ended == (2, "tracker ended with exit code 2")
+    assert said == []
+
+
+def test_a_killed_node_is_named_with_its_signal(run):
+    ended, _ = run(other=node("other", "import os; os.kill(os.getpid(), 9)"))
+    assert ended == (1, "other was killed by SIGKILL")
+
+
+def test_two_runs_of_one_name_are_refused():
+    with (
+        Supervisor([], NAME, print),
+        pytest.raises(InvalidInput, match=f"a cell named {NAME} runs already"),
+    ):
+        Supervisor([], NAME, print)
