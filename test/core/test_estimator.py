@@ -3,7 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from problems import PROBLEMS
+from scipy.optimize import nnls
 
+from pushfric_core.constraints import moment_rows
 from pushfric_core.errors import UninformativePush
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.linear_program import Status
@@ -79,7 +81,8 @@ def test_a_motion_about_a_support_is_refused_and_leaves_no_trace():
             take(turn)
     Estimator(problem.truth.points).check(turn)  # where supports may be free, that one is
     after = estimator.estimate()
-    assert (after.data_points, after.solution) == (before.data_points, before.solution)
+    assert (after.data_points, after.solution.objective) == (before.data_points, before.solution.objective)
+    assert list(after.w) == list(before.w)
     assert estimator.observations == tuple(problem.observations[:5])
 
 
@@ -218,8 +221,59 @@ def test_a_measured_direction_within_its_cone_costs_nothing(rng):
         ({"terms": ()}, "got none"),
         ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, 100.0\], got -1.0"),
         ({"half_width": float("nan")}, "half_width must lie"),
+        ({"loss": "l3"}, "loss must be one of l1, l2, got 'l3'"),
+        ({"solver": "highs"}, "solver must be one of simplex, osqp, got 'highs'"),
+        ({"terms": ("force",), "loss": "l2"}, "the term force needs the loss l1 and the solver simplex, got l2 and simplex"),
     ],
 )
 def test_bad_configurations_are_refused(change, text):
     with pytest.raises(ValueError, match=text):
         EstimatorConfig(**change)
+
+
+def test_of_equally_good_weights_the_most_even_are_taken():
+    problem = PROBLEMS[2]()
+    push = problem.observations[0]
+    points = problem.truth.points
+    even = Estimator(points).add(push)
+    vertex = Estimator(points, EstimatorConfig(tie_break=False)).add(push)
+    assert even.status is vertex.status is Status.OPTIMAL
+    assert even.solution.objective == pytest.approx(vertex.solution.objective, abs=1e-12)
+    spread = [np.linalg.norm(estimate.w - 1 / len(points)) for estimate in (even, vertex)]
+    assert spread[0] < 0.5 * spread[1]
+    paper = {"cor_radius": 0.0}  # with all data and no support free there is only one optimum
+    unique = [estimate_of(points, problem.observations, tie_break=tie_break, **paper).w for tie_break in (True, False)]
+    assert unique[0] == pytest.approx(unique[1], abs=1e-6)
+
+
+def estimate_of(points, observations, **settings):
+    return last_estimate(Estimator(points, EstimatorConfig(**settings)), observations)
+
+
+def test_the_approximate_solver_is_honest_about_its_gap():
+    problem = PROBLEMS[2]()
+    noisy = [
+        replace(
+            o, contact_point=tuple(np.array(o.contact_point) + 0.002 * np.array((-o.contact_normal[1], o.contact_normal[0])))
+        )
+        for o in problem.observations[:30]
+    ]
+    exact, approximate = (estimate_of(problem.truth.points, noisy, solver=solver) for solver in ("simplex", "osqp"))
+    assert exact.status is Status.OPTIMAL
+    true_gap = approximate.solution.objective - exact.solution.objective
+    assert -1e-12 <= true_gap <= approximate.solution.gap + 1e-12
+    assert approximate.center_of_friction == pytest.approx(exact.center_of_friction, abs=0.01)
+
+
+def test_the_loss_l2_is_the_least_squares_fit():
+    problem = PROBLEMS[2]()
+    settings = {"cor_radius": 0.0, "nonnegative_force": False}
+    rng = np.random.default_rng(4)
+    noisy = [replace(o, twist=Twist(*(np.array(o.twist) * (1 + rng.normal(0, 0.05, 3))))) for o in problem.observations]
+    estimate = estimate_of(problem.truth.points, noisy, loss="l2", **settings)
+    assert estimate.status is Status.OPTIMAL
+    a = np.concatenate([moment_rows(o, problem.truth.points).a for o in noisy])
+    # nonnegative least squares with the sum as one heavy row: another algorithm, on the same rows
+    w, _ = nnls(np.vstack((a, 1e3 * np.ones(a.shape[1]))), np.append(np.zeros(len(a)), 1e3))
+    assert estimate.w == pytest.approx(w / w.sum(), abs=1e-4)
+    assert estimate.solution.objective == pytest.approx(np.sum((a @ estimate.w) ** 2))

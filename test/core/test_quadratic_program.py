@@ -122,7 +122,7 @@ def nearest_by_nnls(point, equal, low):
 def test_without_rows_any_weights_are_optimal(program):
     optimum = program(3).solve()
     assert optimum.w.sum() == pytest.approx(1)
-    assert optimum[1:] == (0, 0, 0, Status.OPTIMAL)
+    assert optimum[1:] == (0, 0, 0, 0, Status.OPTIMAL)
 
 
 @PROGRAMS

@@ -13,7 +13,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
 from pushfric_core.planar import Pose
 from pushfric_core.simulation import TABLE_1, PushedObject
-from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Observation, PusherState, SupportFriction
+from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Observation, PusherState, Recognition, SupportFriction
 from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.estimator_node import EstimatorNode
@@ -191,6 +191,27 @@ def test_a_push_is_excluded(ros):
     for observation in (DATA[k] for k in (0, 2, 3)):
         model = expected.add(observation)
     assert estimates[-1].objective == pytest.approx(model.solution.objective, abs=1e-12)
+
+
+def test_hypotheses_are_ranked_after_every_data_point(ros):
+    name = "delrin_rect_right"
+    known = TABLE_1[name]
+    data = observations_of(known.outline, known.support, known.mu_c, 12, np.random.default_rng(6))
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=name, source="observations"))
+    rankings = collect(ros, node, Recognition, "recognition", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("recognition"), what="the estimator")
+    for observation in data:
+        out.publish(observation_to_msg(observation, name))
+    ros.wait_for(lambda: len(rankings) == len(data), what="a ranking for every data point")
+    last = rankings[-1]
+    assert last.best == name
+    assert [h.name for h in last.hypotheses] == [name, "delrin_rect_center", "delrin_rect_left"]
+    assert last.hypotheses[0].ratio == 1.0
+    assert 1.0 < last.hypotheses[1].ratio < last.hypotheses[2].ratio
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=3)).success
+    ros.wait_for(lambda: len(rankings) == len(data) + 1, what="the ranking without the push")
 
 
 def wrench_msg(stamp, force):

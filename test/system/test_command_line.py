@@ -37,6 +37,19 @@ def pushfric(*arguments):
         ),
         (["estimate", "data.csv", "--object", "rubber_rect4", "--grid", "0", "3"], "--grid: a grid needs at least 1 column"),
         (["estimate", "data.csv", "--object", "rubber_rect4", "--support-points", "none.csv"], "none.csv: cannot be read"),
+        (
+            ["estimate", "good.csv", "--object", "rubber_rect4", "--cor-radius", "x"],
+            "cor_radius must be auto or a number of metres, got 'x'",
+        ),
+        (
+            ["estimate", "good.csv", "--object", "rubber_rect4", "--terms", "force"],
+            "good.csv: no data point has a measured force",
+        ),
+        (["estimate", "good.csv", "--object", "rubber_rect4", "--exclude-push", "5"], "good.csv has no data point of push 5"),
+        (["estimate", "far.csv", "--object", "rubber_rect4"], "far.csv, line 2: contact_point must be within 5 mm"),
+        (["recognize", "good.csv", "--object", "rubber_rect4"], "rubber_rect4 names no hypotheses"),
+        (["calibrate", "board", "board.pdf", "--columns", "1"], "a board must have 4 x 4 to 500 squares, got 1 x 6"),
+        (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),
         (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
         (["import", "zhou2015", "none.csv", "--out", "bag"], "none.csv: no such file"),
         (["run", "none.yaml"], "none.yaml: cannot be read"),
@@ -54,6 +67,8 @@ def pushfric(*arguments):
 def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, error):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data.csv").write_text(HEADER + "0.05,0,0,-1,nan,0.02,0,0\n")
+    (tmp_path / "good.csv").write_text(HEADER + "0.05,-0.032,0,-1,0,0.02,0,0\n")
+    (tmp_path / "far.csv").write_text(HEADER + "0.05,-0.2,0,-1,0,0.02,0,0\n")
     (tmp_path / "columns.csv").write_text(HEADER.replace(",omega", "") + "0.05,0,0,-1,0,0.02,0\n")
     (tmp_path / "no_outline.yaml").write_text("name: x\n")
     run = pushfric(*arguments)

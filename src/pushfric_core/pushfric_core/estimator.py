@@ -24,6 +24,7 @@ from pushfric_core.contact_friction import ContactForces, contact_forces
 from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
+from pushfric_core.quadratic_program import LeastSquares, OsqpLinearProgram, nearest_uniform
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.simplex import Optimum, Simplex
 from pushfric_core.support import FreeRadii, center_of_friction, check_points, support_forces
@@ -35,6 +36,9 @@ COR_SHARE = 0.5
 
 FORCE_TERMS = ("force", "force_angle")
 """Those that need a measured force; data points without one bring no row of theirs."""
+
+
+LOSSES, SOLVERS = ("l1", "l2"), ("simplex", "osqp")
 
 
 @dataclass(frozen=True)
@@ -59,12 +63,22 @@ class EstimatorConfig:
     force_half_angle: float = setting(
         0.0, "half the cone about a measured force that holds the true one, for the term force_angle [rad]", 0.0, 1.5
     )
+    loss: str = setting("l1", "l1: the sum of errors, robust; l2: the sum of their squares, for Gaussian ones (section 6.1)")
+    solver: str = setting("simplex", "simplex: exact; osqp: approximate, for comparison; l2 has its own")
+    tie_break: bool = setting(
+        True, "of equally good w, take the one nearest to equal weights; with simplex, l1, and not the term force"
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
         unknown = [term for term in self.terms if term not in TERMS]
         if unknown or not self.terms:
             raise ValueError(f"terms must name at least one of {', '.join(TERMS)}, got {', '.join(unknown) or 'none'}")
+        for name, known in (("loss", LOSSES), ("solver", SOLVERS)):
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
+        if "force" in self.terms and (self.loss, self.solver) != (LOSSES[0], SOLVERS[0]):
+            raise ValueError(f"the term force needs the loss l1 and the solver simplex, got {self.loss} and {self.solver}")
 
 
 @dataclass(frozen=True)
@@ -73,7 +87,7 @@ class Estimate:
 
     Attributes:
         support_points: (n, 2) [m], object frame.
-        solution: w with its objective [m, unit force] and certificate.
+        solution: w with its objective and certificate: the fit error [m, unit force]; with the loss l2 [m^2, unit force^2].
         data_points: how many it rests on.
         pushes: how many they came from.
         stamp: of the newest of them [ns]; 0 where unknown.
@@ -101,7 +115,7 @@ class Estimate:
     @property
     def total_friction(self) -> float | None:
         """Support friction of the translating object [N]: times w, absolute magnitudes. None without measured forces."""
-        return None  # XXX scale
+        return 1 / self.solution.scale if self.solution.scale > 0 else None
 
     @property
     def contradiction(self) -> str | None:
@@ -159,7 +173,7 @@ class Estimator:
         else:
             self._free = FreeRadii(self.config.cor_radius, self.config.cor_radius)
         self._columns = len(self.support_points) + ("force" in self.config.terms)
-        self._program = Simplex(self._columns)  # XXX with_scale
+        self._program = self._empty_program()
         self._observations: dict[int, Observation] = {}  # by the number of their rows in the program
         self._pushes: Counter[int] = Counter()
         self._contacts = _Contacts(len(self.support_points))
@@ -221,12 +235,27 @@ class Estimator:
 
     def estimate(self) -> Estimate:
         """The estimate from the present data points; without any, all of w is equally good."""
-        solution = self._program.solve()
+        solution = self._solve()
         groups = self._program.conflicts()
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         stamp = self._observations[next(reversed(self._observations))].stamp if self._observations else 0
         data_points, pushes = len(self._observations), len(self._pushes)
         return Estimate(self.support_points, solution, data_points, pushes, stamp, self._contacts.forces, conflicts)
+
+    def _empty_program(self) -> Simplex | LeastSquares | OsqpLinearProgram:
+        n = len(self.support_points)
+        if self.config.loss == "l2":
+            return LeastSquares(n)
+        return OsqpLinearProgram(n) if self.config.solver == "osqp" else Simplex(n, with_scale="force" in self.config.terms)
+
+    def _solve(self) -> Optimum:
+        solution, program = self._program.solve(), self._program
+        # with a scale, the vertex stands
+        tie_break = self.config.tie_break and self._columns == len(self.support_points)
+        if not tie_break or not isinstance(program, Simplex) or solution.status is not Status.OPTIMAL or program.unique():
+            return solution
+        w, scale, _, objective, lower_bound, gap, status = nearest_uniform(program.rows(), program.certificate())
+        return Optimum(w, scale, objective, lower_bound, gap, status)
 
     def _rows_of(self, observation: Observation) -> ConstraintRows:
         points, config = self.support_points, self.config

@@ -1,10 +1,11 @@
 """The linear program for w, its solution, and the certificate that says how good a solution is, whoever found it.
 
-    minimise  F(w) = sum_k phi_k(a_k . w)   over   w >= 0, sum w = 1
+    minimise  F(w, s) = sum_k phi_k(a_k . w + b_k s)   over   w >= 0, sum w = 1, s >= 0
     phi_k(r) = above_k * max(r, 0) + below_k * max(-r, 0)
 
-An infinite `above` or `below` makes that side of a row hard. The dual is: maximise min_j (A' y)_j over -below <= y <= above,
-so any y in its box gives a lower bound and any w in the simplex an upper one (Lynch 1993, section 3.3, eqs 7 and 11).
+An infinite `above` or `below` makes that side of a row hard. The scale s and the last column b of the rows are there only where
+forces were measured. The dual is: maximise min_j (A' y)_j over -below <= y <= above, b . y >= 0: so any such y gives a lower
+bound, and any w in the simplex with any s >= 0 an upper one (Lynch 1993, section 3.3, eqs 7 and 11).
 """
 
 from enum import Enum
@@ -34,57 +35,93 @@ class Status(Enum):
 
 
 class Solution(NamedTuple):
-    """A point of the simplex with its certificate."""
+    """A point of the simplex, and a scale, with their certificate."""
 
     w: Array  # (n,) weights, >= 0, sum 1
+    scale: float  # s >= 0; 0 where the rows have no column for it
     multipliers: Array  # (m,) dual y, one per row
-    objective: float  # F(w), of the finite costs
-    lower_bound: float  # no w has a smaller F
+    objective: float  # F(w, s), of the finite costs
+    lower_bound: float  # no w and s have a smaller F
     gap: float  # objective - lower_bound, >= 0
     status: Status
 
 
-def certify(rows: ConstraintRows, w: Array, multipliers: Array) -> Solution:
-    """Judge weights and multipliers from any solver, after projecting both onto their feasible sets.
+def certify(rows: ConstraintRows, w: Array, multipliers: Array, scale: float | None = None) -> Solution:
+    """Judge weights, multipliers and scale from any solver, after projecting all of them onto their feasible sets.
 
     Args:
         rows: the program.
         w: (n,) candidate weights; negative parts are cut and the sum restored.
         multipliers: (m,) candidate dual; clipped to its box.
+        scale: candidate s if the rows have a last column for it; cut at zero, and changed as the sum of w is.
     Raises:
         ValueError: w has no positive part, or a shape does not fit.
     """
-    if w.shape != (rows.a.shape[1],) or multipliers.shape != (rows.a.shape[0],):
-        raise ValueError(
-            f"w and multipliers must have shapes {rows.a.shape[1:]} and {rows.a.shape[:1]}, got {w.shape}, {multipliers.shape}"
-        )
+    m, n = rows.a.shape
+    if scale is not None:
+        n -= 1
+    if w.shape != (n,) or multipliers.shape != (m,):
+        raise ValueError(f"w and multipliers must have shapes ({n},) and ({m},), got {w.shape}, {multipliers.shape}")
     w = np.maximum(w, 0.0)
     total = float(w.sum())
     if not total > 0:
         raise ValueError("w must have a positive part")
-    w = w / total
-    residuals = rows.a @ w
-    scale = np.abs(rows.a).max(axis=1, initial=0.0)
-    violated = ((residuals > HARD_VIOLATION * scale) & np.isinf(rows.above)) | (
-        (residuals < -HARD_VIOLATION * scale) & np.isinf(rows.below)
-    )
+    w, scale = w / total, max(scale or 0.0, 0.0) / total
+    a, b = rows.a[:, :n], rows.a[:, n:].sum(axis=1)
+    largest = np.abs(a).max(axis=1, initial=0.0)
+    residuals = a @ w + b * scale
+    tolerance = HARD_VIOLATION * np.maximum(largest, np.abs(b) * scale)
+    violated = ((residuals > tolerance) & np.isinf(rows.above)) | ((residuals < -tolerance) & np.isinf(rows.below))
     objective = fit_error(rows, residuals)
-    multipliers = np.clip(multipliers, -rows.below, rows.above)
+    multipliers, bound = _lower_bound(rows, n, np.clip(multipliers, -rows.below, rows.above), objective)
     # y = 0 is in its box: F is never negative
-    lower_bound = max(0.0, min(float((multipliers @ rows.a).min()), objective)) if len(rows.a) else 0.0
+    lower_bound = max(0.0, min(bound, objective))
     gap = objective - lower_bound
-    worst = float(np.sum(scale * np.maximum(_finite(rows.above), _finite(rows.below))))
+    worst = float(np.sum(largest * np.maximum(_finite(rows.above), _finite(rows.below))))
     if violated.any():
         status = Status.INFEASIBLE
     elif gap <= RELATIVE_GAP * max(objective, NOISELESS * worst):
         status = Status.OPTIMAL
     else:
         status = Status.UNCERTIFIED
-    return Solution(w, multipliers, objective, lower_bound, gap, status)
+    return Solution(w, scale, multipliers, objective, lower_bound, gap, status)
+
+
+def _lower_bound(rows: ConstraintRows, n: int, multipliers: Array, objective: float) -> tuple[Array, float]:
+    """The bound that multipliers in their box give, and the multipliers, those that would spoil it taken out."""
+    a, b = rows.a[:, :n], rows.a[:, n:].sum(axis=1)
+    shortfall = max(0.0, -float(multipliers @ b))
+    if shortfall > 0:
+        most = largest_scale(a, b, np.where(b > 0, rows.above, rows.below), objective)
+        if most < np.inf:
+            return multipliers, float((multipliers @ a).min(initial=np.inf)) - most * shortfall
+        # no row minds a larger scale, so that y b <= 0 in all of them
+        multipliers = np.where(b == 0, multipliers, 0.0)
+    return multipliers, float((multipliers @ a).min()) if len(a) else 0.0
+
+
+def largest_scale(a: Array, b: Array, cost: Array, objective: float) -> float:
+    """A bound on s in all (w, s) that are as good as the objective; infinite where no row minds a larger s.
+
+    phi_k >= cost_k (|b_k| s - relief_k), with cost_k on the side to which s moves row k and relief_k the most that w can move
+    it back; these add up to F at most. A hard row allows |b_k| s <= relief_k.
+
+    Args:
+        a: (m, n) columns of w.
+        b: (m,) column of s.
+        cost: (m,)
+        objective: F.
+    """
+    relief = (-np.sign(b)[:, None] * a).max(axis=1)
+    hard, soft = np.isinf(cost) & (b != 0), np.isfinite(cost) & (b != 0) & (cost > 0)
+    bounds = relief[hard] / np.abs(b[hard])
+    if soft.any():
+        bounds = np.append(bounds, (objective + cost[soft] @ relief[soft]) / (cost[soft] @ np.abs(b[soft])))
+    return max(0.0, float(bounds.min(initial=np.inf)))
 
 
 def fit_error(rows: ConstraintRows, residuals: Array) -> float:
-    """Sum of the costs of the residuals a . w (m,); the hard sides, satisfied or not, cost nothing."""
+    """Sum of the costs of the residuals a . w + b s (m,); the hard sides, satisfied or not, cost nothing."""
     return float(_finite(rows.above) @ np.maximum(residuals, 0.0) + _finite(rows.below) @ np.maximum(-residuals, 0.0))
 
 

@@ -117,10 +117,10 @@ class OsqpLinearProgram:
             w, status, contradicting = _least_violation(hard)
             self._conflicts = _distinct(self._table.groups[origin[contradicting]])
             objective = fit_error(rows, rows.a @ w)
-            return Optimum(w, objective, 0.0, objective, status)
+            return Optimum(w, 0.0, objective, 0.0, objective, status)
         self._conflicts = []
-        w, _, objective, lower_bound, gap, status = certify(rows, nearest.w, y)
-        return Optimum(w, objective, lower_bound, gap, status)
+        w, _, _, objective, lower_bound, gap, status = certify(rows, nearest.w, y)
+        return Optimum(w, 0.0, objective, lower_bound, gap, status)
 
     def conflicts(self) -> list[int]:
         """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""
@@ -258,13 +258,13 @@ class LeastSquares:
         gap = objective - lower_bound
         worst = float(hessian.diagonal().max())
         optimal = gap <= RELATIVE_GAP * max(objective, NOISELESS * worst)
-        return Optimum(w, objective, lower_bound, gap, Status.OPTIMAL if optimal else Status.UNCERTIFIED)
+        return Optimum(w, 0.0, objective, lower_bound, gap, Status.OPTIMAL if optimal else Status.UNCERTIFIED)
 
     def _infeasible(self, hard: "_Hard") -> Optimum:
         self._w, status, contradicting = _least_violation(hard)
         self._conflicts = _distinct(np.concatenate((self._equal.groups, self._low.groups))[contradicting])
         objective = max(0.0, float(self._w @ self._hessian(self._w) @ self._w))
-        return Optimum(self._w, objective, 0.0, objective, status)
+        return Optimum(self._w, 0.0, objective, 0.0, objective, status)
 
 
 def nearest_uniform(rows: ConstraintRows, solution: Solution) -> Solution:

@@ -1,25 +1,30 @@
 """The linear program for w, solved exactly and incrementally: one vertex, walked to the next optimum as data points arrive.
 
-`vertex` walks; here is what makes the walk's cost independent of how many data points came before, and what certifies its end.
+`walk` walks; here is what makes the walk's cost independent of how many data points came before, and what certifies its end.
 
-A row far from zero keeps its side, so it is linear: |a . (w - c)| <= |a|* |w - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
-the second moment of the rows (w moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
-settled in a ball around c need not be looked at while w stays in it. Of two nested balls, the small one is sorted anew often,
+A row far from zero keeps its side, so it is linear: |a . (x - c)| <= |a|* |x - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
+the second moment of the rows (x moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
+settled in a ball around c need not be looked at while x stays in it. Of two nested balls, the small one is sorted anew often,
 and from the rows of the large one only: so the cost of a data point does not depend on the number before it.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from pushfric_core import walk
 from pushfric_core.constraints import ConstraintRows
-from pushfric_core.linear_program import RELATIVE_GAP, Solution, Status, certify
+from pushfric_core.linear_program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP, Solution, Status, certify
 from pushfric_core.planar import Array
-from pushfric_core.vertex import CLOSE, FIT, VIOLATED, VIOLATION, ZERO, Indices, Mask, Rows, Vertex, side_of
+from pushfric_core.vertex import CLOSE, Vertex
+from pushfric_core.walk import FIT, NEGATIVE, NOT_FINITE, REFRESH, UPDATES, ZERO, Indices
 
 OWN_GAP = RELATIVE_GAP / 2
 """Half of what `linear_program.certify` allows: it adds up in another order, and must come to the same conclusion."""
+
+VIOLATED = HARD_VIOLATION / 4
+"""A hard row is violated beyond this: well within what the certificate allows, which measures by the largest coefficient."""
 
 FLAT = (1e-12, 1e-15)
 """Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried where that fails."""
@@ -43,55 +48,85 @@ SAMPLE = 512
 """Rows, or 2 n if that is more, that C is taken from."""
 
 
+STEEP = 1e-9
+"""An edge along which F rises by less than this fraction of its gradient is taken for level."""
+
+
 class Optimum(NamedTuple):
     """The w with the smallest F and how far that is proven: a `linear_program.Solution` without its multipliers."""
 
     w: Array  # (n,) weights, >= 0, sum 1
-    objective: float  # F(w), of the finite costs
-    lower_bound: float  # no w has a smaller F
+    scale: float  # >= 0; 0 where the program has none, or nothing to tell it from
+    objective: float  # F, of the finite costs
+    lower_bound: float  # no w and scale have a smaller F
     gap: float  # objective - lower_bound, >= 0
     status: Status
 
 
 class Simplex:
-    """Minimises F over the weights of n support points while rows come and go.
+    """Minimises F over the weights of n support points, and the scale if there is one, while rows come and go.
 
     Args:
         n: number of support points.
+        with_scale: the rows have a last column more, of the scale: a variable >= 0 beside the weights.
     Raises:
         ValueError: n < 1.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, with_scale: bool = False) -> None:
         if n < 1:
             raise ValueError(f"n must be at least 1, got {n}")
-        self._n = n
-        self._rows: Rows = np.zeros(2 * CLOSE, _row_type(n))  # in order of arrival, the first _count in use
+        self._n, self._columns = n, n + with_scale
+        self._rows = _rows(2 * CLOSE, self._columns)  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
-        self._vertex = Vertex(n)
+        self._present: set[int] = set()  # groups
+        self._scaled = 0  # rows that say something about the scale
+        self._worst = 0.0  # the most that any w without a scale costs
+        self._vertex = Vertex(n, self._columns)
+        self._optimum: Optimum | None = None  # of the present rows
         self._infeasible = False
-        self._metric = np.eye(n)  # |v| is the length of metric @ v
+        self._strained = False  # the balls had to be enlarged: around the optimum, small ones will do again
+        self._metric: Array = np.eye(self._columns)  # |v| is the length of metric @ v
+        self._whitening: Array = self._metric  # its inverse
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
-        self._far = self._close = _Ball(self._vertex.w, np.inf, np.zeros(n))
+        self._far = self._close = _Ball(self._vertex.state.x.copy(), np.inf, np.zeros(self._columns))
         self._near: Indices = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
         self._fresh = 0
 
-    def add(self, rows: ConstraintRows) -> None:
-        """Append the rows of one data point; they become group 0, 1, 2... in order of arrival.
+    def add(self, added: ConstraintRows) -> None:
+        """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
 
         Raises:
-            ValueError: shapes that do not fit, no rows, coefficients that are not finite, costs that are negative or NaN.
+            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
         """
-        new = self._scaled(rows)
-        first, self._count = self._count, self._count + len(new)
-        if self._count > len(self._rows):
-            grown = np.empty(2 * self._count, self._rows.dtype)
-            grown[:first] = self._rows[:first]
-            self._rows = grown
-        self._rows[first : self._count] = new
+        a, above, below = added
+        m = len(above)
+        if a.shape != (m, self._columns) or above.shape != (m,) or below.shape != (m,):
+            raise ValueError(
+                f"rows must have shapes (m, {self._columns}), (m,), (m,); got {a.shape}, {above.shape}, {below.shape}"
+            )
+        first, last = self._count, self._count + m
+        if last > len(self._rows.a):
+            self._rows = self._rows.with_room(2 * last)
+        rows, numbers = self._rows, np.arange(first, last)
+        rows.a[first:last] = a
+        rows.cost[first:last, 0] = above
+        rows.cost[first:last, 1] = below
+        worst = walk.standardise(numbers, rows.a, rows.cost, rows.scale, rows.side, self._n)
+        if worst == NOT_FINITE:
+            raise ValueError("the coefficients of the rows must be finite")
+        if worst == NEGATIVE:
+            raise ValueError("the costs of the rows must not be negative or NaN")
+        rows.group[first:last] = self._groups
+        self._present.add(self._groups)
         self._groups += 1
-        if self._vertex.has_room(len(new)):
-            self._vertex.append(new, np.arange(first, self._count))
+        self._count = last
+        self._optimum = None
+        self._worst += worst
+        if self._columns > self._n:
+            self._scaled += int(np.count_nonzero(a[:, self._n]))
+        if self._vertex.has_room(m) and not self._strained:
+            self._vertex.append(numbers, rows.a, rows.cost, rows.side)
         else:
             self._sort()
 
@@ -101,49 +136,69 @@ class Simplex:
         Raises:
             ValueError: there is no such group, or it was removed before.
         """
-        first, last = np.searchsorted(self._rows["group"][: self._count], (group, group + 1))
-        rows, numbers = self._rows[first:last], np.arange(first, last)
-        if not rows["scale"].any():
+        if group not in self._present:
             raise ValueError(f"there is no group {group} to remove")
-        gradients = _slope(rows)[:, None] * rows["a"]
+        self._present.remove(group)
+        first, last = np.searchsorted(self._rows.group[: self._count], (group, group + 1))
+        if first == last:
+            return
+        rows, numbers = self._rows.part(slice(first, last)), np.arange(first, last)
+        gradients = _slope(rows)[:, None] * rows.a
         settled = ~self._vertex.free(numbers)
         far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
-        self._vertex.settled[FIT] -= gradients[settled].sum(axis=0)
+        self._vertex.forget(gradients[settled].sum(axis=0))
         self._far.gradient -= gradients[far].sum(axis=0)
-        self._removed += len(rows)
+        self._optimum = None
+        self._removed += len(numbers)
+        self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ _finite(rows.cost).max(axis=1))
+        self._scaled -= int(np.count_nonzero(rows.a[:, self._n :]))
         # without cost, a row is in nobody's way: it may stay active until an exchange takes it out
-        rows["cost"] = rows["scale"] = 0.0
+        rows.cost[:] = 0.0
+        rows.scale[:] = 0.0
 
     def solve(self) -> Optimum:
-        """The optimum over the present rows, from the last one. Where the optimum is not unique, w is one of its vertices."""
-        for flat in FLAT:
-            optimum = self._optimise(flat)
-            if optimum.status is not Status.UNCERTIFIED:
-                return optimum
-            self._vertex.invert()
-        self._vertex.restart()
-        self._sort()
-        return self._optimise(FLAT[0])
+        """The optimum over the present rows, from the last one. Where the optimum is not unique, w is one of its vertices.
+
+        Where hard rows contradict each other, w has the least sum of violations, and of such w the smallest F.
+        """
+        if self._optimum is None:
+            self._optimum = self._solved()
+        return self._optimum
 
     def multipliers(self) -> Array:
         """The dual y of the last optimum, one per present row in order of arrival; O(M)."""
         self._remember_sides()
-        rows = self._rows[: self._count]
+        rows = self._rows.part(slice(self._count))
         y = _slope(rows)
         numbers, active = self._vertex.active_rows()
         y[numbers] = active
-        if self._infeasible or (y @ rows["a"]).min() < 0:
+        if self._infeasible or (y @ rows.a[:, : self._n]).min() < 0:
             y[:] = 0.0  # F >= 0 is the better bound
-        present = rows["scale"] > 0
-        return np.asarray(y[present] / rows["scale"][present])
+        present = rows.scale > 0
+        return np.asarray(y[present] / rows.scale[present])
+
+    def unique(self) -> bool:
+        """Whether the last optimum is certainly the only one: from its vertex F rises along every edge, and not just barely."""
+        state = self._vertex.state
+        slopes = np.empty(2 * self._columns)
+        walk.price(state, FIT, slopes)
+        return bool(slopes.min() > STEEP * np.abs(state.gradient[FIT]).max())
+
+    def rows(self) -> ConstraintRows:
+        """The present rows, in order of arrival; O(M)."""
+        rows = self._rows.part(slice(self._count))
+        rows = rows.part(rows.scale > 0)
+        scale = rows.scale[:, None]
+        return ConstraintRows(rows.a * scale, *(rows.cost / scale).T)
 
     def certificate(self) -> Solution:
         """The last optimum, judged from scratch by `linear_program.certify`; O(M)."""
-        rows = self._rows[: self._count]
-        rows = rows[rows["scale"] > 0]
-        scale = rows["scale"][:, None]
-        unscaled = ConstraintRows(rows["a"] * scale, *(rows["cost"] / scale).T)
-        return certify(unscaled, self._vertex.w, self.multipliers())
+        return certify(
+            self.rows(),
+            self._vertex.state.x[: self._n],
+            self.multipliers(),
+            self._scale() if self._columns > self._n else None,
+        )
 
     def conflicts(self) -> list[int]:
         """The groups whose hard rows contradict each other; none unless the last optimum is infeasible.
@@ -152,81 +207,71 @@ class Simplex:
         """
         if not self._infeasible:
             return []
-        return [int(group) for group in np.unique(self._rows["group"][self._vertex.contradiction()])]
+        return [int(group) for group in np.unique(self._rows.group[self._vertex.contradiction(VIOLATED)])]
 
-    def _scaled(self, rows: ConstraintRows) -> Rows:
-        """The rows as they are stored: scaled by a power of two, which is exact."""
-        a, above, below = rows
-        m = len(above)
-        if not m or a.shape != (m, self._n) or below.shape != (m,):
-            raise ValueError(
-                f"rows must have shapes (m, {self._n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}"
-            )
-        peak, cost = np.abs(a).max(axis=1), np.array((above, below))
-        if not math.isfinite(peak.sum()):
-            raise ValueError("the coefficients of the rows must be finite")
-        if not cost.min() >= 0:
-            raise ValueError("the costs of the rows must not be negative or NaN")
-        scale = np.ldexp(1.0, np.frexp(peak)[1])
-        cost *= scale
-        if not peak.all():
-            cost[:, peak == 0] = 0.0  # a row of zeros costs nothing, and no w violates it
-        new: Rows = np.empty(m, self._rows.dtype)
-        new["a"] = a / scale[:, None]
-        new["cost"] = cost.T
-        new["scale"] = scale
-        new["side"] = np.where(cost[0] <= cost[1], 1.0, -1.0)
-        new["group"] = self._groups
-        return new
+    def _solved(self) -> Optimum:
+        for flat in FLAT:
+            optimum = self._optimise(flat)
+            if optimum.status is not Status.UNCERTIFIED:
+                return optimum
+            self._vertex.refresh()
+        self._vertex.restart()
+        self._sort()
+        return self._optimise(FLAT[0])
+
+    def _scale(self) -> float:
+        return float(self._vertex.state.x[self._n]) if self._scaled else 0.0
 
     def _optimise(self, flat: float) -> Optimum:
-        """Lexicographic descent, until w is optimal for the unsettled rows and no other was settled wrongly."""
-        vertex = self._vertex
-        for effort in range(ROUNDS):
-            shift = SHIFT * 0.1**effort
-            if vertex.violation() > ZERO:
-                vertex.descend(VIOLATION, flat, shift)
-                vertex.locate()
-            self._infeasible = vertex.violation() > VIOLATED
-            if not self._infeasible:
-                vertex.descend(FIT, flat, shift)
-            consistent = vertex.locate()
-            if not self._close.holds(vertex.w, self._metric):
+        """Lexicographic descent, until x is optimal for the unsettled rows and no other was settled wrongly."""
+        effort = inversions = 0
+        proven = False
+        while effort < ROUNDS and inversions < 10 + self._columns:
+            state = self._vertex.state
+            result = walk.improve(state, self._n, flat, SHIFT * 0.1**effort, VIOLATED)
+            self._infeasible, consistent, feasible, objective, lower_bound, smallest = result
+            if state.tally[UPDATES] >= REFRESH:
+                self._vertex.refresh()
+                inversions += 1
+                continue
+            lower_bound = max(0.0, min(lower_bound, objective))
+            gap = objective - lower_bound
+            proven = feasible and gap <= OWN_GAP * max(objective, NOISELESS * self._worst) and smallest >= 0
+            if not self._close.holds(state.x, self._metric):
                 self._sort(effort)
-            elif consistent:
+                proven = False
+            elif proven or consistent:
                 break
-        return self._judge()
-
-    def _judge(self) -> Optimum:
-        """How good w is: from sums over the settled rows, or from all rows where that does not prove it optimal."""
-        objective, lower_bound = self._vertex.bounds()
-        lower_bound = max(0.0, min(lower_bound, objective))
-        gap = objective - lower_bound
-        if not self._infeasible and gap <= OWN_GAP * objective and self._vertex.w.min() >= 0:
-            return Optimum(self._vertex.w, objective, lower_bound, gap, Status.OPTIMAL)
+            effort += 1
+        self._strained = effort > 1
+        if proven:
+            w = state.x[: self._n].copy()
+            w.setflags(write=False)
+            return Optimum(w, self._scale(), objective, lower_bound, gap, Status.OPTIMAL)
+        self._vertex.check()
         truth = self.certificate()
+        truth.w.setflags(write=False)
         status = Status.INFEASIBLE if self._infeasible else truth.status
-        return Optimum(truth.w, truth.objective, truth.lower_bound, truth.gap, status)
+        return Optimum(truth.w, truth.scale, truth.objective, truth.lower_bound, truth.gap, status)
 
     def _sort(self, effort: int = 0) -> None:
-        """Centre the close ball on w: settle the rows far from zero there, and give the vertex the others.
+        """Centre the close ball on x: settle the rows far from zero there, and give the vertex the others.
 
         Each effort doubles the balls, so that a descent that leads out of them again and again ends with all rows unsettled.
         """
         self._remember_sides()
-        w = self._vertex.w
-        grown = self._count - self._fresh > max(FAR, len(self._near))
-        if self._measure() or effort or grown or not self._far.holds(w, 2 * self._metric):
-            unsettled, self._far = _settle(self._rows[: self._count], w, FAR << effort)
-            self._near, self._fresh = np.flatnonzero(unsettled), self._count
+        x = self._vertex.state.x.copy()
+        grown = len(self._near) + self._count - self._fresh > 2 * FAR
+        if self._measure() or effort or grown or not self._far.holds(x, 2 * self._metric):
+            self._near, self._far = _settle(self._rows, np.arange(self._count), x, FAR << effort)
+            self._fresh = self._count
         near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
-        rows = self._rows[near]
-        unsettled, self._close = _settle(rows, w, (CLOSE + self._n) << effort)
-        self._rows["side"][near] = rows["side"]
-        # w is within half the far radius now: whatever the close ball allows stays in the far one
+        self._strained = False
+        near, self._close = _settle(self._rows, near, x, (CLOSE + self._n) << effort)
+        # x is within half the far radius now: whatever the close ball allows stays in the far one
         self._close.radius = min(self._close.radius, self._far.radius / 2)
-        self._vertex.settled[FIT] = self._far.gradient + self._close.gradient
-        self._vertex.replace(rows[unsettled], near[unsettled])
+        rows = self._rows
+        self._vertex.replace(near, rows.a, rows.cost, rows.side, self._far.gradient + self._close.gradient)
 
     def _measure(self) -> bool:
         """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
@@ -234,27 +279,58 @@ class Simplex:
             self._compact()
         renew = self._count >= 2 * self._metric_count
         if renew:
-            sample = self._rows["a"][: self._count : 1 + self._count // max(SAMPLE, 2 * self._n)]
-            second_moment = sample.T @ sample / len(sample) + RIDGE * np.eye(self._n)
-            self._metric = np.linalg.cholesky(second_moment).T
+            sample = self._rows.a[: self._count : 1 + self._count // max(SAMPLE, 2 * self._columns)]
+            second_moment = sample.T @ sample / len(sample)
+            # the scale has a unit of its own: every component gets a part of its own size
+            size = second_moment.diagonal().copy()
+            size[size == 0] = 1.0
+            self._metric = np.ascontiguousarray(np.linalg.cholesky(second_moment + RIDGE * np.diag(size)).T, float)
+            self._whitening = np.asarray(np.linalg.inv(self._metric))
             self._metric_count, self._measured = self._count, 0
-        rows = self._rows[self._measured : self._count]
-        whitened = rows["a"] @ np.linalg.inv(self._metric)
-        rows["norm"] = np.sqrt(np.einsum("ij,ij->i", whitened, whitened)) + ZERO
+        rows = self._rows.part(slice(self._measured, self._count))
+        whitened = rows.a @ self._whitening
+        rows.norm[:] = np.sqrt(np.einsum("ij,ij->i", whitened, whitened)) + ZERO
         self._measured = self._count
         return renew
 
     def _compact(self) -> None:
         """Forget the removed rows, except active ones."""
-        rows = self._rows[: self._count]
-        kept = (rows["scale"] > 0) | (rows["side"] == 0)
+        rows = self._rows.part(slice(self._count))
+        kept = (rows.scale > 0) | (rows.side == 0)
         self._vertex.renumber(np.cumsum(kept) - 1)
         self._count, self._removed, self._metric_count = int(kept.sum()), 0, 0
-        self._rows[: self._count] = rows[kept]
+        for field, old in zip(self._rows.part(slice(self._count)), rows, strict=True):
+            field[:] = old[kept]
 
     def _remember_sides(self) -> None:
         numbers, sides = self._vertex.sides()
-        self._rows["side"][numbers] = sides
+        self._rows.side[numbers] = sides
+
+
+class _Rows(NamedTuple):
+    """Rows in order of arrival, scaled by powers of two to a largest coefficient of the weights in [1/2, 1)."""
+
+    a: Array  # (m, n)
+    cost: Array  # (m, 2) above and below
+    scale: Array  # (m,) what they were divided by; 0 once removed
+    norm: Array  # (m,) |a|*
+    side: Array  # (m,) as last seen: +1, -1, or 0 while active
+    group: Indices  # (m,)
+
+    def part(self, which: slice | npt.NDArray[np.generic]) -> "_Rows":
+        a, cost, scale, norm, side, group = self
+        return _Rows(a[which], cost[which], scale[which], norm[which], side[which], group[which])
+
+    def with_room(self, room: int) -> "_Rows":
+        grown = _rows(room, self.a.shape[1])
+        for new, old in zip(grown, self, strict=True):
+            new[: len(old)] = old
+        return grown
+
+
+def _rows(room: int, columns: int) -> _Rows:
+    one = np.zeros(room)
+    return _Rows(np.zeros((room, columns)), np.zeros((room, 2)), one, one.copy(), one.copy(), np.zeros(room, np.int64))
 
 
 class _Ball:
@@ -263,36 +339,28 @@ class _Ball:
     def __init__(self, center: Array, radius: float, gradient: Array) -> None:
         self.center, self.radius, self.gradient = center, radius, gradient
 
-    def holds(self, w: Array, metric: Array) -> bool:
-        if self.radius == np.inf:
-            return True
-        offset = metric @ (w - self.center)
-        return bool(offset @ offset <= self.radius**2)
+    def holds(self, x: Array, metric: Array) -> bool:
+        return self.radius == np.inf or bool(walk.length(metric, x, self.center) <= self.radius)
 
 
-def _settle(rows: Rows, w: Array, size: int) -> tuple[Mask, _Ball]:
+def _settle(rows: _Rows, numbers: Indices, x: Array, size: int) -> tuple[Indices, _Ball]:
     """Which rows must stay unsettled, about `size` of them, and the ball that settles the others; updates their sides."""
-    value = rows["a"] @ w
-    rows["side"] = side = side_of(value, rows["side"])
-    ratio = np.abs(value) / rows["norm"]
-    above, below = rows["cost"].T
-    # active rows and hard rows on their hard side stay, removed ones go
-    ratio[(side == 0) | np.isinf(np.where(side > 0, above, below))] = 0.0
-    radius = max(FLOOR, float(np.partition(ratio, size)[size])) if len(rows) > size else np.inf
-    unsettled = (ratio <= radius) & ((rows["scale"] > 0) | (side == 0))
-    return unsettled, _Ball(w, radius, np.where(unsettled, 0.0, _slope(rows)) @ rows["a"])
+    distance = np.empty(len(numbers))
+    walk.rank(numbers, x, rows.a, rows.cost, rows.norm, rows.side, distance)
+    radius = max(FLOOR, float(np.partition(distance, size)[size])) if len(numbers) > size else np.inf
+    unsettled = distance <= radius
+    gradient = np.zeros(len(x))
+    walk.add_gradients(numbers[~unsettled], rows.a, rows.cost, rows.side, gradient)
+    near = numbers[unsettled]
+    # removed rows go, except active ones
+    return near[(rows.scale[near] > 0) | (rows.side[near] == 0)], _Ball(x, radius, gradient)
 
 
-def _slope(rows: Rows) -> Array:
+def _slope(rows: _Rows) -> Array:
     """Derivative of each row's cost on its side; 0 where it is active or its cost infinite."""
-    above, below = _finite(rows["cost"]).T
-    return np.where(rows["side"] > 0, above, np.where(rows["side"] < 0, -below, 0.0))
+    above, below = _finite(rows.cost).T
+    return np.where(rows.side > 0, above, np.where(rows.side < 0, -below, 0.0))
 
 
 def _finite(cost: Array) -> Array:
     return np.where(np.isinf(cost), 0.0, cost)
-
-
-def _row_type(n: int) -> np.dtype[np.void]:
-    """A stored row. All fields have 8 bytes, so that the coefficients of many rows are a matrix with a stride."""
-    return np.dtype([("a", float, n), ("cost", float, 2), ("scale", float), ("norm", float), ("side", float), ("group", int)])

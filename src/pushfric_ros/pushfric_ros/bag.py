@@ -4,6 +4,7 @@ import contextlib
 import heapq
 import os
 import pathlib
+import shutil
 import struct
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from rclpy.serialization import deserialize_message
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.message_types import definition, message_class, type_hash
+from pushfric_ros.object_file import OBJECT_FILE
 
 PathLike = str | os.PathLike[str]
 
@@ -340,7 +342,7 @@ def recover(path: PathLike, out: PathLike) -> int:
 
     Args:
         path: folder of .mcap files or a bare .mcap.
-        out: folder of the new bag.
+        out: folder of the new bag; object.yaml goes along.
     Raises:
         InvalidInput: there is no MCAP file, or the new bag cannot be written.
     """
@@ -348,6 +350,10 @@ def recover(path: PathLike, out: PathLike) -> int:
     for file in files:
         _check_begin(file)
     with BagWriter(out) as writer:
+        beside = files[0].with_name(OBJECT_FILE)
+        if beside.is_file():
+            with writer._writing():
+                shutil.copyfile(beside, pathlib.Path(out) / OBJECT_FILE)
         for file in files:
             schemas: dict[int, Schema] = {}
             channels: dict[int, int] = {}
@@ -357,7 +363,7 @@ def recover(path: PathLike, out: PathLike) -> int:
                 elif isinstance(record, Channel) and record.id not in channels:
                     topic, schema = _topic(schemas.get(record.schema_id), record, 0, file), schemas[record.schema_id]
                     channels[record.id] = writer._register(topic, schema.encoding, schema.data)
-                elif isinstance(record, Message):
+                elif isinstance(record, Message) and record.channel_id in channels:
                     writer._append(channels[record.channel_id], record.log_time, record.data)
         return writer.message_count
 

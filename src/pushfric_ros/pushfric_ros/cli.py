@@ -82,6 +82,13 @@ ForceHalfAngleOption = Annotated[
     float,
     typer.Option("--force-half-angle", help="Half the cone about a measured force, for the term force_angle (rad)."),
 ]
+SolverOption = Annotated[str, typer.Option("--solver", help="simplex: exact; osqp: approximate, for comparison.")]
+LossOption = Annotated[
+    str, typer.Option("--loss", help="l1: the sum of errors, robust; l2: of their squares, for Gaussian ones (section 6.1).")
+]
+TieBreakOption = Annotated[
+    bool, typer.Option("--tie-break/--no-tie-break", help="Of equally good w, take the one nearest to equal weights.")
+]
 ExcludeOption = Annotated[
     list[int] | None, typer.Option("--exclude-push", help="Leave out this push; may be given again.", show_default=False)
 ]
@@ -187,14 +194,28 @@ def estimate(
     pull_penalty: PullPenaltyOption = EstimatorConfig.pull_penalty,
     force_weight: ForceWeightOption = EstimatorConfig.force_weight,
     force_half_angle: ForceHalfAngleOption = EstimatorConfig.force_half_angle,
-    cor_radius: CorRadiusOption = "auto",
+    cor_radius: CorRadiusOption = AUTO,
+    solver: SolverOption = EstimatorConfig.solver,
+    loss: LossOption = EstimatorConfig.loss,
+    tie_break: TieBreakOption = EstimatorConfig.tie_break,
     exclude_push: ExcludeOption = None,
     json: JsonFlag = False,
 ) -> None:
     """Estimate from a bag or a CSV, as fast as it goes."""
     model, _ = _object_of(source, object_name)
     model = _with_support(model, grid, support_points)
-    config = _config(terms, half_width, mu_bound, nonnegative_force, pull_penalty, force_weight, force_half_angle, cor_radius)
+    config = _config(
+        terms=terms,
+        half_width=half_width,
+        mu_bound=mu_bound,
+        nonnegative_force=nonnegative_force,
+        pull_penalty=pull_penalty,
+        force_weight=force_weight,
+        force_half_angle=force_half_angle,
+        cor_radius=cor_radius,
+        solver=solver,
+        loss=loss,
+    )
     result = offline.estimate(Estimator(model.support_points, config), _data(source, model, config, exclude_push), _warn)
     if result.contradiction is not None:
         _warn(result.contradiction)
@@ -214,7 +235,9 @@ def recognize(
     pull_penalty: PullPenaltyOption = EstimatorConfig.pull_penalty,
     force_weight: ForceWeightOption = EstimatorConfig.force_weight,
     force_half_angle: ForceHalfAngleOption = EstimatorConfig.force_half_angle,
-    cor_radius: CorRadiusOption = "auto",
+    cor_radius: CorRadiusOption = AUTO,
+    solver: SolverOption = EstimatorConfig.solver,
+    loss: LossOption = EstimatorConfig.loss,
     exclude_push: ExcludeOption = None,
     json: JsonFlag = False,
 ) -> None:
@@ -223,7 +246,18 @@ def recognize(
     if not model.hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
     model = _with_support(model, grid, support_points)
-    config = _config(terms, half_width, mu_bound, nonnegative_force, pull_penalty, force_weight, force_half_angle, cor_radius)
+    config = _config(
+        terms=terms,
+        half_width=half_width,
+        mu_bound=mu_bound,
+        nonnegative_force=nonnegative_force,
+        pull_penalty=pull_penalty,
+        force_weight=force_weight,
+        force_half_angle=force_half_angle,
+        cor_radius=cor_radius,
+        solver=solver,
+        loss=loss,
+    )
     data = _data(source, model, config, exclude_push)
     ranking = offline.recognize(Recognizer(model.hypotheses, config), data, _warn)
     for ranked in ranking.hypotheses:
@@ -286,31 +320,15 @@ def _with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathli
     return make_object(model.file.model_copy(update={"support": support}), where)
 
 
-def _config(
-    terms: str,
-    half_width: float,
-    mu_bound: float,
-    nonnegative_force: bool,
-    pull_penalty: float,
-    force_weight: float,
-    force_half_angle: float,
-    cor_radius: str,
-) -> EstimatorConfig:
+def _config(terms: str, cor_radius: str, **settings: Any) -> EstimatorConfig:
     try:
-        return EstimatorConfig(
-            terms=tuple(terms.split(",")),
-            half_width=half_width,
-            cor_radius=None if cor_radius == AUTO else float(cor_radius),
-            nonnegative_force=nonnegative_force,
-            pull_penalty=pull_penalty,
-            mu_bound=mu_bound,
-            force_weight=force_weight,
-            force_half_angle=force_half_angle,
-        )
+        radius = None if cor_radius == AUTO else float(cor_radius)
+    except ValueError:
+        raise InvalidInput(f"cor_radius must be {AUTO} or a number of metres, got {cor_radius!r}") from None
+    try:
+        return EstimatorConfig(terms=tuple(terms.split(",")), cor_radius=radius, **settings)
     except ValueError as error:
-        raise InvalidInput(
-            str(error).replace("could not convert string to float:", "cor_radius must be auto or a number, got")
-        ) from error
+        raise InvalidInput(str(error)) from error
 
 
 def _data(

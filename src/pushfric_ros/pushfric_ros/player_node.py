@@ -6,11 +6,12 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidTopicNameException
+from rclpy.exceptions import InvalidParameterTypeException, InvalidTopicNameException
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time import Time
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock as ClockMsg
@@ -19,6 +20,7 @@ from std_srvs.srv import SetBool
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import setting
 from pushfric_ros.bag import BagMessage, Topic, describe, read, recorded_class
+from pushfric_ros.image_memory import make_room_for_images
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
 from pushfric_ros.qos import RELIABLE
@@ -30,6 +32,9 @@ BURST = 100  # messages in one callback: a player that is late still answers its
 WATCH_PERIOD_NS = 20_000_000  # of wall time, between two looks at endpoints and acknowledgements
 ACKNOWLEDGE_WITHIN_NS = 5_000_000_000  # of wall time
 DEFAULT_DEPTH = 10
+OVERRIDABLE = QoSOverridingOptions(
+    (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+)
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,10 @@ class PlayerConfig:
 
 
 class PlayerNode(Node):
-    """Plays a bag on a steady wall clock; ~/pause (std_srvs/SetBool) holds and resumes it."""
+    """Plays a bag on a steady wall clock; ~/pause (std_srvs/SetBool) holds and resumes it.
+
+    The QoS is that of the recorded publishers, unless parameters qos_overrides.TOPIC.publisher.POLICY say otherwise.
+    """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("player", **kwargs)
@@ -69,8 +77,7 @@ class PlayerNode(Node):
         classes = [recorded_class(topic) for topic in played]
         qos = {topic.name: _offered(topic) for topic in played}
         self._outputs: dict[str, Publisher] = {
-            topic.name: self.create_publisher(kind, topic.name, qos[topic.name])
-            for topic, kind in zip(played, classes, strict=True)
+            topic.name: self._publisher(topic.name, kind, qos[topic.name]) for topic, kind in zip(played, classes, strict=True)
         }
         self._played = tuple(self._outputs)
         self._latched = [name for name in qos if qos[name].durability == DurabilityPolicy.TRANSIENT_LOCAL]
@@ -90,6 +97,14 @@ class PlayerNode(Node):
     def done(self) -> bool:
         """All is played, and acknowledged by the subscribers that acknowledge."""
         return self._done
+
+    def _publisher(self, name: str, kind: type, qos: QoSProfile) -> Publisher:
+        """A topic's publisher; rclpy writes the overrides into `qos`."""
+        try:
+            return self.create_publisher(kind, name, qos, qos_overriding_options=OVERRIDABLE)
+        except (InvalidParameterTypeException, RuntimeError, ValueError) as error:
+            where = f"{self.get_fully_qualified_name()}: parameters qos_overrides.{name}.publisher"
+            raise InvalidInput(f"{where} must be a QoS: {error}") from error
 
     def _chosen(self, topics: tuple[Topic, ...]) -> list[Topic]:
         recorded = [topic.name for topic in topics]
@@ -215,4 +230,5 @@ def _offered(topic: Topic) -> QoSProfile:
 
 
 def main() -> None:
+    make_room_for_images()
     run_node(PlayerNode)

@@ -1,7 +1,7 @@
 """The recorder node: the bytes of every message of the chosen topics into a bag."""
 
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from pushfric_ros.process import run_node
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 
 QUEUE_DEPTH = 1000
+FLUSH_PERIOD = 0.5  # [s] of wall time: a crash costs the last second at most, even where a flush is late
 QOS = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
 
 
@@ -71,6 +72,29 @@ def _known_topic(text: str) -> KnownTopic:
     return KnownTopic(words[0], words[1], QOS[words[2]])
 
 
+class _Losses:
+    """The messages of one topic that never came here."""
+
+    def __init__(self) -> None:
+        self._told = 0  # by the middleware: lost on the way, but not those that a full queue pushed out
+        self._missing = 0  # from the publisher's numbering: both, but known of a single publisher only
+        self._last: int | None = None
+
+    @property
+    def messages(self) -> int:
+        return max(self._told, self._missing)
+
+    def told(self, event: QoSMessageLostInfo) -> None:
+        self._told += event.total_count_change
+
+    def count(self, number: int | None, publishers: Callable[[], int]) -> None:
+        """Take the publisher's number of a message that came; None where the middleware has none."""
+        # numbers that begin again are those of a restarted publisher
+        if number is not None and self._last is not None and number > self._last + 1 and publishers() == 1:
+            self._missing += number - self._last - 1
+        self._last = number
+
+
 class RecorderNode(Node):
     """Records raw messages, stamped with the node's clock as they come; the bag is finished when the node is destroyed.
 
@@ -86,9 +110,13 @@ class RecorderNode(Node):
         model = load_object(config.object) if config.object else None
         self._bag = BagWriter(config.bag)
         if model is not None:
-            save_object(model, pathlib.Path(config.bag) / OBJECT_FILE)
+            file = pathlib.Path(config.bag) / OBJECT_FILE
+            try:
+                save_object(model, file)
+            except OSError as error:
+                raise InvalidInput(f"{file}: cannot be written: {error.strerror}") from error
         self._bytes = 0
-        self._lost = 0
+        self._losses: dict[str, _Losses] = {}  # by topic
         self._waiting: list[tuple[str, bytes]] = []  # for the first /clock
         self._refused: set[str] = set()
         for topic in known:
@@ -96,7 +124,7 @@ class RecorderNode(Node):
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         if config.discover:
             self.create_timer(0.1, self._discover, clock=wall)
-        self.create_timer(1.0, self._flush, clock=wall)
+        self.create_timer(FLUSH_PERIOD, self._flush, clock=wall)
         self._diagnostics = Diagnostics(self, self._health)
 
     def destroy_node(self) -> None:
@@ -123,9 +151,15 @@ class RecorderNode(Node):
     ) -> None:
         self._bag.add_topic(name, type_name, offered, hash_text)
         deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
-        events = SubscriptionEventCallbacks(message_lost=self._on_message_lost)
-        self.create_subscription(
-            message_class(type_name), name, lambda raw: self._on_message(name, raw), deep, raw=True, event_callbacks=events
+        losses = self._losses[name] = _Losses()
+
+        def on_message(raw: bytes, info: dict[str, Any]) -> None:
+            losses.count(info["publication_sequence_number"], lambda: subscription.get_publisher_count())
+            self._on_message(name, raw)
+
+        events = SubscriptionEventCallbacks(message_lost=losses.told)
+        subscription = self.create_subscription(
+            message_class(type_name), name, on_message, deep, raw=True, event_callbacks=events
         )
 
     def _on_message(self, name: str, raw: bytes) -> None:
@@ -163,17 +197,17 @@ class RecorderNode(Node):
                 self._refused.add(name)
                 self.get_logger().error(f"{name} is not recorded: {error}")
 
-    def _on_message_lost(self, event: QoSMessageLostInfo) -> None:
-        """The middleware tells of messages lost on the way, not of those a full queue pushes out."""
-        self._lost += event.total_count_change
-
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
-        values = {"messages": count, "bytes": self._bytes, "lost": self._lost, "topics": len(self._bag.topics)}
+        lost = {name: losses.messages for name, losses in self._losses.items() if losses.messages}
+        values = {"messages": count, "bytes": self._bytes, "lost": sum(lost.values()), "topics": len(self._bag.topics)}
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
-        if self._lost:
-            return Health(Level.WARN, f"{self._lost} messages were lost before they could be recorded", values)
+        if lost:
+            where = ", ".join(f"{number} of {name}" for name, number in lost.items())
+            return Health(Level.WARN, f"messages were lost before they could be recorded: {where}", values)
+        if self._waiting:
+            return Health(Level.WARN, f"{len(self._waiting)} messages wait for a first /clock", values)
         return Health(Level.OK, f"{count} messages recorded", values)
 
 

@@ -1,0 +1,198 @@
+"""The live graph: how long after an image the estimate that it completes is published, and whether every frame is used.
+
+The whole simulated cell runs in real time under the supervisor, as in the demo. All times are those at which a message was
+published, as the middleware notes them, so that the listener's own delays do not count.
+
+An estimate carries the stamp of the frame in the middle of its window. The newest image it needed is the one half a window
+and one frame later; the latency runs from when that image's stamp was taken, before it was rendered, until the estimate was
+published. A frame is used only once a pusher state from after it is known: how long that took to come is told too.
+"""
+
+import resource
+import tempfile
+import time
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo
+
+from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_msgs.msg import FrictionEstimate, PusherState
+from pushfric_ros import graph
+from pushfric_ros.conversions import stamp_from_msg
+from pushfric_ros.demo import demo_cell
+from pushfric_ros.supervisor import Supervisor
+
+OBJECT = "rubber_rect4"
+CAMERA_RATE, HIGH_RATE = 14.0, 60.0
+"""The cell's own frame rate, and that at which every frame must be used [Hz]."""
+
+HIGH_RATE_SECONDS = 30.0
+"""How long frames come at the high rate [s]."""
+
+AFTERWARDS = 2.5
+"""How long, after the end of the plan, the tracker's count of frames is waited for [s]; it comes at 1 Hz."""
+
+DEEP, BEST_EFFORT = (QoSProfile(depth=5000, reliability=policy) for policy in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT))
+LATCHED = QoSProfile(depth=5000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+Figures = dict[str, Any]
+
+
+def measure(progress: Callable[[str], None]) -> Figures:
+    """Run the cell twice: its whole plan at 14 frames/s, then half a minute at 60 frames/s.
+
+    Returns:
+        "latency": {estimates, p50_ms, p99_ms, max_ms, of which until the pusher state that completes it: pusher_p50_ms,
+        and after all that was needed had been published: rest_p50_ms, rest_p99_ms}. "start_to_first_pose_s". "frames": one row
+        for each rate {asked_hz, published_hz, published, dropped, cores}; cores are CPU time of all nodes over wall time.
+    """
+    progress("live graph, 14 frames/s")
+    at_camera_rate = _run(CAMERA_RATE, None)
+    progress("live graph, 60 frames/s")
+    at_high_rate = _run(HIGH_RATE, HIGH_RATE_SECONDS)
+    return {
+        "latency": at_camera_rate.latency(),
+        "start_to_first_pose_s": at_camera_rate.first_pose_s(),
+        "frames": [listener.frames() for listener in (at_camera_rate, at_high_rate)],
+    }
+
+
+class _Listener:
+    """Notes when messages of the cell were published [ns], by their stamps [ns]."""
+
+    def __init__(self, frame_rate: float) -> None:
+        self._frame_rate = frame_rate
+        self.started = time.time_ns()
+        self.seconds = self.cpu_seconds = 0.0  # of the whole run
+        self._ticks: dict[int, int] = {}
+        self._poses: dict[int, int] = {}
+        self._pusher_states: dict[int, int] = {}
+        self._estimates: dict[int, int] = {}
+        self._frames: list[tuple[int, int]] = []  # when, and how many were published until then
+        self._tracked: list[tuple[int, int]] = []  # when, and how many frames the tracker had taken
+
+    def subscribe(self, node: Node) -> None:
+        def note(times: dict[int, int]) -> Callable[[Any, dict[str, Any]], None]:
+            return lambda msg, info: times.setdefault(stamp_from_msg(msg.header.stamp), info["source_timestamp"])
+
+        node.create_subscription(Clock, "/clock", self._on_tick, DEEP)
+        node.create_subscription(PoseWithCovarianceStamped, "object_pose", note(self._poses), BEST_EFFORT)
+        node.create_subscription(PusherState, "pusher_state", note(self._pusher_states), DEEP)
+        node.create_subscription(FrictionEstimate, "friction_estimate", note(self._estimates), LATCHED)
+        node.create_subscription(CameraInfo, "camera_info", self._on_frame, BEST_EFFORT, raw=True)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEEP)
+
+    @property
+    def frame_count(self) -> int:
+        return self._frames[-1][1] if self._frames else 0
+
+    def latency(self) -> Figures:
+        stamps = sorted(self._poses)
+        pusher_stamps = sorted(self._pusher_states)
+        ahead = TrajectoryConfig.window // 2 + 1
+        waits = []
+        for stamp, published in self._estimates.items():
+            newest = stamps[bisect_left(stamps, stamp) + ahead]
+            begin = self._ticks[newest]
+            pusher = self._pusher_states[pusher_stamps[bisect_left(pusher_stamps, newest)]]
+            waits.append((published - begin, pusher - begin, published - max(pusher, self._poses[newest])))
+        whole, until_pusher, rest = np.array(waits).T / 1e6
+        return {
+            "estimates": len(waits),
+            "p50_ms": float(np.percentile(whole, 50)),
+            "p99_ms": float(np.percentile(whole, 99, method="higher")),
+            "max_ms": float(whole.max()),
+            "pusher_p50_ms": float(np.percentile(until_pusher, 50)),
+            "rest_p50_ms": float(np.percentile(rest, 50)),
+            "rest_p99_ms": float(np.percentile(rest, 99, method="higher")),
+        }
+
+    def first_pose_s(self) -> float:
+        return (min(self._poses.values()) - self.started) / 1e9
+
+    def frames(self) -> Figures:
+        (begin, before), (end, count) = self._frames[0], self._frames[-1]
+        moments = [moment for moment, _ in self._frames]
+        # at any moment a frame may be on its way: the smallest of a few differences has none
+        missing = [
+            self._frames[bisect_right(moments, moment) - 1][1] - taken for moment, taken in self._tracked if moment > begin
+        ]
+        return {
+            "asked_hz": self._frame_rate,
+            "published_hz": (count - before) / ((end - begin) / 1e9),
+            "published": count - before,
+            "dropped": min(missing[-3:]) - min(missing[:3]),
+            "cores": self.cpu_seconds / self.seconds,
+        }
+
+    def _on_tick(self, msg: Clock, info: dict[str, Any]) -> None:
+        self._ticks[stamp_from_msg(msg.clock)] = info["source_timestamp"]
+
+    def _on_frame(self, _: bytes, info: dict[str, Any]) -> None:
+        # an image and its camera_info go together; the publisher numbers them
+        self._frames.append((info["source_timestamp"], info["publication_sequence_number"]))
+
+    def _on_diagnostics(self, msg: DiagnosticArray, info: dict[str, Any]) -> None:
+        for status in msg.status:
+            if status.name.endswith("/tracker"):
+                taken = next(int(pair.value) for pair in status.values if pair.key == "frames")
+                self._tracked.append((info["source_timestamp"], taken))
+
+
+def _run(frame_rate: float, seconds: float | None) -> _Listener:
+    """Run the cell in real time until its plan is finished, or until so many seconds of frames came."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, _executor() as (executor, node):
+        cell = demo_cell(OBJECT, Path(folder))
+        specs = [
+            replace(spec, parameters={**spec.parameters, "frame_rate": frame_rate}) if spec.name == "simulated_cell" else spec
+            for spec in graph.simulated_cell(cell, f"{folder}/bag", seed=0, speed=1.0)
+        ]
+        listener = _Listener(frame_rate)
+        listener.subscribe(node)
+        said: list[str] = []
+        begin, cpu_before = time.monotonic(), _cpu_of_ended_children()
+        with Supervisor(specs, graph.NAMESPACE, lambda name, line: said.append(f"{name}: {line}")) as supervisor:
+            listener.started = time.time_ns()
+            until = None
+            while until is None or time.monotonic() < until:
+                executor.spin_once(timeout_sec=0.05)
+                ended = supervisor.poll()
+                if ended is not None and ended.code:
+                    raise RuntimeError("\n".join([*said[-5:], ended.reason]))
+                if until is None and (ended or (seconds and listener.frame_count >= seconds * frame_rate)):
+                    until = time.monotonic() + AFTERWARDS
+        listener.seconds, listener.cpu_seconds = time.monotonic() - begin, _cpu_of_ended_children() - cpu_before
+        return listener
+
+
+@contextmanager
+def _executor() -> Iterator[tuple[SingleThreadedExecutor, Node]]:
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[])
+    node = Node("bench", namespace=graph.NAMESPACE, context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        yield executor, node
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def _cpu_of_ended_children() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime

@@ -1,0 +1,554 @@
+"""The walk from a vertex to the best one, compiled: the simplex method for a piecewise linear cost.
+
+At a vertex n conditions a . x = 0 are active, x being w and, where there is one, the scale. Column i of B^-1, the inverse of
+their normals, is the edge that leaves condition i alone; the first column is x itself.
+
+1. Price.  With g the gradient of all inactive rows, lambda = g B^-1: leaving condition i upwards costs above_i + lambda_i per
+   unit, downwards below_i - lambda_i. Where no edge descends, y = -lambda on the active rows completes the dual optimum.
+2. Search. Along an edge F is convex and piecewise linear. Its breakpoints are the rows that reach zero; the slope grows by
+   (above + below) |a . d| at each. The row that turns it upwards becomes active.
+3. Exchange the two conditions: a rank-one update of B^-1.
+
+Hard rows, x_j >= 0 among them, are met lexicographically: first the sum of their violations is minimised, by the same three
+steps with other costs; then F, with their costs infinite. Where hard rows contradict each other, F is minimised among the x of
+least violation. A new data point changes g alone: a few exchanges restore optimality.
+
+Numba compiles each function when it is first called, and keeps the result for later runs. It looks at the date of this file
+alone to tell whether that is still true: so whatever the functions are made of stands here, or is handed to them.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar, cast
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.planar import Array
+
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+F = TypeVar("F", bound=Callable[..., object])
+
+# Rows are scaled to a largest coefficient in [1/2, 1), so that tolerances on them are absolute.
+
+ZERO = 1e-14
+"""Values within this of zero are rounding: the side of such a row is remembered, not read off."""
+
+PARALLEL = 1e-9
+"""A row that changes by less than this along an edge is parallel to it: exchanging it would make B all but singular."""
+
+TIE = 1e-15
+"""Breakpoints closer than this are one; of its rows, the steepest makes the best-conditioned exchange."""
+
+LEVEL = 1e-9
+"""Edges whose slope is within this fraction of the gradient leave the violation as it is."""
+
+STALLED = 12
+"""After this many exchanges without progress, a degenerate vertex is split by shifting its conditions apart."""
+
+GOLDEN = (math.sqrt(5) - 1) / 2
+"""Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
+
+REFRESH = 100
+"""B^-1 is to be computed afresh after this many updates, before their rounding errors show."""
+
+VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
+COUNT, UPDATES = 0, 1  # places in State.tally
+NOT_FINITE, NEGATIVE = -1.0, -2.0  # what `standardise` finds wrong
+
+
+class State(NamedTuple):
+    """A vertex in arrays, with room for more rows than there are.
+
+    Conditions are numbered by position: sum w = 1; then x_j >= 0, j = 1..n; then the rows that are not settled.
+    """
+
+    tally: Indices  # (2,) number of conditions; updates of the inverse since it was computed afresh
+    number: Indices  # (room,) of the row, -1 for the other conditions
+    a: Array  # (n, room) normals, one per column: along an edge all of them are met, component by component
+    value: Array  # (room,) a . x, or shifted from it while a degenerate vertex is left
+    side: Array  # (room,) +1, -1, or 0 while active: explicit, for at zero the value does not tell
+    cost: Array  # (2, 2, room) VIOLATION and FIT; above and below zero
+    settled: Array  # (n,) gradient of F of the settled rows: none of them is violated
+    gradient: Array  # (2, n) of all inactive conditions, per cost; kept up to date, and summed up afresh with the inverse
+    active: Indices  # (n,) positions; the first is always sum w = 1
+    inverse: Array  # (n, n) B^-1
+    x: Array  # (n,) where this is
+    dual: Array  # (n,) multipliers of the active rows, as `bounds` left them
+
+
+def compiled(function: F) -> F:
+    try:
+        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:  # neither here nor in the user's cache can anything be kept: every process compiles for itself
+        return cast(F, numba.njit(error_model="numpy")(function))
+
+
+# ---- the conditions
+
+
+@compiled
+def slope(cost: Array, k: int, side: float) -> float:
+    """Derivative of a condition's cost (2, room) on that side; 0 while active, or where the cost is infinite."""
+    derivative = cost[0, k] if side > 0 else -cost[1, k] if side < 0 else 0.0
+    return 0.0 if math.isinf(derivative) else derivative
+
+
+@compiled
+def put(state: State, k: int, side: float) -> None:
+    """Put a condition on a side, or make it active, and change the gradients accordingly."""
+    for phase in range(2):
+        cost = state.cost[phase]
+        change = slope(cost, k, side) - slope(cost, k, state.side[k])
+        if change != 0:
+            for j in range(len(state.active)):
+                state.gradient[phase, j] += change * state.a[j, k]
+    state.side[k] = side
+
+
+@compiled
+def append(state: State, numbers: Indices, a: Array, cost: Array, side: Array) -> None:
+    """Add some of the rows a (m, n), at costs (m, 2), as inactive ones; where its value is zero, a row keeps its side."""
+    for i in numbers:
+        k = state.tally[COUNT]
+        state.tally[COUNT] += 1
+        value = 0.0
+        for j in range(len(state.active)):
+            state.a[j, k] = a[i, j]
+            value += a[i, j] * state.x[j]
+        for sign in range(2):
+            state.cost[FIT, sign, k] = cost[i, sign]
+            state.cost[VIOLATION, sign, k] = 1.0 if math.isinf(cost[i, sign]) else 0.0
+        state.number[k] = i
+        state.value[k] = value
+        state.side[k] = 0.0
+        put(state, k, side_of(value, side[i]))
+
+
+@compiled
+def free(state: State, k: int) -> None:
+    """Take the cost of a condition away."""
+    side = state.side[k]
+    put(state, k, 0.0)
+    state.cost[:, :, k] = 0.0
+    state.side[k] = side
+
+
+@compiled
+def side_of(value: float, side: float) -> float:
+    """The side of a row, read off its value where that is clear; an active row stays so."""
+    if side == 0 or abs(value) <= ZERO:
+        return side
+    return 1.0 if value > 0 else -1.0
+
+
+@compiled
+def sum_gradients(state: State) -> None:
+    """Both gradients afresh."""
+    count = state.tally[COUNT]
+    sloping, slopes = np.empty(count, np.int64), np.empty(count)
+    for phase in range(2):
+        size = 0
+        for k in range(count):
+            slopes[size] = slope(state.cost[phase], k, state.side[k])
+            if slopes[size] != 0:
+                sloping[size] = k
+                size += 1
+        for j in range(len(state.active)):
+            total = state.settled[j] if phase == FIT else 0.0
+            for p in range(size):
+                total += slopes[p] * state.a[j, sloping[p]]
+            state.gradient[phase, j] = total
+
+
+# ---- where it is
+
+
+@compiled
+def evaluate(state: State, direction: Array, out: Array) -> None:
+    """a . direction of every condition."""
+    count = state.tally[COUNT]
+    for k in range(count):
+        out[k] = 0.0
+    for j in range(len(direction)):
+        factor = direction[j]
+        if factor != 0:
+            for k in range(count):
+                out[k] += factor * state.a[j, k]
+
+
+@compiled
+def locate(state: State, tolerance: float) -> bool:
+    """x and all values afresh from the active conditions; False if a condition turns out to be on its other side.
+
+    Hard rows may be violated by the tolerance before they count as that.
+    """
+    n, count = len(state.active), state.tally[COUNT]
+    x = state.x
+    for j in range(n):
+        x[j] = state.inverse[j, 0]
+    error = np.zeros(n)
+    for i in range(n):
+        for j in range(n):
+            error[i] += state.a[j, state.active[i]] * x[j]
+    error[0] -= 1.0
+    for j in range(n):
+        for i in range(n):
+            x[j] -= state.inverse[j, i] * error[i]
+        if abs(x[j]) < ZERO:
+            x[j] = 0.0
+    evaluate(state, x, state.value)
+    consistent = True
+    for k in range(count):
+        wrong = -state.side[k] * state.value[k]
+        if wrong > ZERO:
+            hard = math.isinf(state.cost[FIT, 0 if state.value[k] > 0 else 1, k])
+            if not hard or wrong > tolerance:
+                put(state, k, -state.side[k])
+                consistent = False
+    return consistent
+
+
+@compiled
+def violation(state: State) -> float:
+    """The largest of a hard condition."""
+    largest = 0.0
+    for k in range(1, state.tally[COUNT]):
+        if slope(state.cost[VIOLATION], k, state.side[k]) != 0:
+            largest = max(largest, abs(state.value[k]))
+    return largest
+
+
+# ---- the walk
+
+
+@compiled
+def improve(
+    state: State, weights: int, flat: float, shift: float, tolerance: float
+) -> tuple[bool, bool, bool, float, float, float]:
+    """Descend to the least violation, then to the least F; stops for a fresh inverse as well.
+
+    Args:
+        weights: so many of the columns, the first, are weights.
+        flat: slopes within this fraction of the gradient do not descend.
+        shift: conditions of a degenerate vertex are moved apart by about this.
+        tolerance: hard rows violated by no more are met.
+    Returns:
+        Whether the hard rows contradict each other; whether rounding left the result consistent; whether it meets the hard
+        rows; and its bounds.
+    """
+    contradicted, updates = False, state.tally[UPDATES]
+    for k in range(1, state.tally[COUNT]):
+        if state.side[k] * state.value[k] < -ZERO:  # one that was tolerated
+            put(state, k, -state.side[k])
+    for phase in range(2):
+        if phase == FIT:
+            contradicted = violation(state) > tolerance
+            if not contradicted:
+                meet(state)
+        elif violation(state) <= ZERO:
+            continue
+        descend(state, phase, contradicted, flat, shift)
+        consistent = locate(state, tolerance if phase == FIT and not contradicted else 0.0)
+    if state.tally[UPDATES] > updates:
+        sum_gradients(state)  # rounding left by costs that came and went
+    return contradicted, consistent, violation(state) <= tolerance, *bounds(state, weights)
+
+
+@compiled
+def meet(state: State) -> None:
+    """Take the tolerable violations of hard conditions for none."""
+    for k in range(1, state.tally[COUNT]):
+        if slope(state.cost[VIOLATION], k, state.side[k]) != 0:
+            state.value[k] = 0.0
+            put(state, k, -state.side[k])
+
+
+@compiled
+def descend(state: State, phase: int, level: bool, flat: float, shift: float) -> None:
+    """Exchange conditions until no edge descends; where it says so, along edges that leave the violation as it is."""
+    slopes = np.empty((2, 2 * len(state.active)))
+    room = np.empty((3, len(state.value)))
+    ahead = np.empty(len(state.value), np.int64)
+    stalled = 0
+    while state.tally[UPDATES] < REFRESH:
+        edge = choose(state, phase, level, flat, slopes)
+        if edge < 0:
+            return
+        step = follow(state, edge, phase, slopes[phase, edge], room, ahead)
+        if step < 0:
+            return
+        stalled = stalled + 1 if step < TIE else 0
+        if stalled == STALLED:
+            split(state, shift)
+            stalled = 0
+
+
+@compiled
+def choose(state: State, phase: int, level: bool, flat: float, slopes: Array) -> int:
+    """The edge to follow, or -1 where none descends; and the slopes (2, 2n) of all."""
+    price(state, phase, slopes[phase])
+    flattest = -flat * norm(state.gradient[phase])
+    highest = LEVEL * norm(state.gradient[VIOLATION])
+    if phase == VIOLATION or level:
+        price(state, 1 - phase, slopes[1 - phase])
+    best, edge = math.inf, -1
+    for i in range(slopes.shape[1]):
+        if slopes[phase, i] < flattest and not (level and slopes[VIOLATION, i] > highest):
+            # the steepest; but of those that lessen the violation, the one that raises F least for it: the dual simplex rule
+            merit = slopes[FIT, i] if phase == FIT else slopes[FIT, i] / -slopes[VIOLATION, i]
+            if merit < best or edge < 0:
+                best, edge = merit, i
+    return edge
+
+
+@compiled
+def norm(vector: Array) -> float:
+    total = 0.0
+    for j in range(len(vector)):
+        total += vector[j] * vector[j]
+    return math.sqrt(total)
+
+
+@compiled
+def price(state: State, phase: int, slopes: Array) -> None:
+    """The slope of every edge (2n,), upwards and downwards."""
+    n = len(state.active)
+    for i in range(n):
+        slopes[i] = 0.0
+    for j in range(n):
+        g = state.gradient[phase, j]
+        if g != 0:
+            for i in range(n):
+                slopes[i] += g * state.inverse[j, i]
+    for i in range(n):
+        slopes[n + i] = state.cost[phase, 1, state.active[i]] - slopes[i]
+        slopes[i] += state.cost[phase, 0, state.active[i]]
+
+
+@compiled
+def follow(state: State, edge: int, phase: int, initial: float, room: Array, ahead: Indices) -> float:
+    """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step.
+
+    It is negative where nothing turns the edge: by rounding only, as the costs are bounded below.
+    """
+    n, count = len(state.active), state.tally[COUNT]
+    i = edge % n
+    upwards = 1.0 if edge < n else -1.0
+    change, distance, speed = room[0], room[1], room[2]
+    direction = np.empty(n)
+    for j in range(n):
+        direction[j] = upwards * state.inverse[j, i]
+    evaluate(state, direction, change)
+    size = 0
+    for k in range(count):
+        approach = -state.side[k] * change[k]
+        if approach > PARALLEL:
+            ahead[size] = k
+            speed[size] = approach
+            distance[size] = max(state.side[k] * state.value[k], 0.0) / approach
+            size += 1
+    # the breakpoints in order of distance, as far as needed
+    crossed, steepness = 0, initial
+    while True:
+        if crossed == size:
+            return -1.0
+        nearest = crossed
+        for p in range(crossed + 1, size):
+            if distance[p] < distance[nearest]:
+                nearest = p
+        k = ahead[nearest]
+        steepness += (state.cost[phase, 0, k] + state.cost[phase, 1, k]) * speed[nearest]
+        if steepness >= 0:
+            break
+        ahead[nearest], distance[nearest], speed[nearest] = ahead[crossed], distance[crossed], speed[crossed]
+        ahead[crossed] = k
+        crossed += 1
+    limit = distance[nearest] + TIE
+    for p in range(crossed, size):
+        if distance[p] <= limit and speed[p] > speed[nearest]:
+            nearest = p
+    step: float = distance[nearest]
+    for k in range(count):
+        state.value[k] += step * change[k]
+    for p in range(crossed):
+        put(state, ahead[p], -state.side[ahead[p]])
+    put(state, state.active[i], upwards)
+    entering = ahead[nearest]
+    put(state, entering, 0.0)
+    state.value[entering] = 0.0
+    exchange(state, i, entering)
+    return step
+
+
+@compiled
+def exchange(state: State, i: int, entering: int) -> None:
+    """Put a condition in the place of the i-th active one."""
+    n = len(state.active)
+    inverse = state.inverse
+    state.active[i] = entering
+    state.tally[UPDATES] += 1
+    row = np.zeros(n)
+    for j in range(n):
+        factor = state.a[j, entering]
+        for p in range(n):
+            row[p] += factor * inverse[j, p]
+    pivot = row[i]
+    row[i] = 0.0
+    for j in range(n):
+        column = inverse[j, i] / pivot
+        for p in range(n):
+            inverse[j, p] -= column * row[p]
+        inverse[j, i] = column
+
+
+@compiled
+def split(state: State, shift: float) -> None:
+    """Move the conditions that are nearly zero off zero, each by another amount, so that edges have a length."""
+    for k in range(state.tally[COUNT]):
+        if state.side[k] * state.value[k] < shift:
+            state.value[k] += state.side[k] * shift * (1.0 + k * GOLDEN % 1.0)
+
+
+# ---- the certificate
+
+
+@compiled
+def bounds(state: State, weights: int) -> tuple[float, float, float]:
+    """F(x), a bound below it from the multipliers, and the least x_j."""
+    n, count = len(state.active), state.tally[COUNT]
+    objective = 0.0
+    for j in range(n):
+        objective += state.settled[j] * state.x[j]
+    for k in range(count):
+        objective += state.value[k] * slope(state.cost[FIT], k, np.sign(state.value[k]))
+    total, y, correction = np.empty(n), np.zeros(n), np.empty(n)
+    for j in range(n):
+        total[j] = state.gradient[FIT, j]
+    for _ in range(2):  # the second time for the rounding of the first
+        for i in range(n):
+            correction[i] = 0.0
+        for j in range(n):
+            for i in range(n):
+                correction[i] -= total[j] * state.inverse[j, i]
+        for i in range(n):
+            y[i] += correction[i]
+        add_active(state, correction, total)
+    for i in range(n):
+        k = state.active[i]
+        clipped = min(max(y[i], -state.cost[FIT, 1, k]), state.cost[FIT, 0, k])
+        state.dual[i] = 0.0 if k <= n else clipped
+    for j in range(n):
+        total[j] = state.gradient[FIT, j]
+    add_active(state, state.dual, total)
+    lower_bound = math.inf
+    for j in range(weights):
+        lower_bound = min(lower_bound, total[j])
+    if weights < n and total[weights] < 0:
+        lower_bound += total[weights] * largest_scale(state, objective)
+    smallest = math.inf
+    for j in range(n):
+        smallest = min(smallest, state.x[j])
+    return objective, lower_bound, smallest
+
+
+@compiled
+def add_active(state: State, multipliers: Array, total: Array) -> None:
+    """total += multipliers B"""
+    for i in range(len(multipliers)):
+        if multipliers[i] != 0:
+            for j in range(len(total)):
+                total[j] += multipliers[i] * state.a[j, state.active[i]]
+
+
+@compiled
+def largest_scale(state: State, objective: float) -> float:
+    """A bound on the scale of any x that is as good: see `linear_program.largest_scale`. From the unsettled rows alone."""
+    n = len(state.active)
+    bound, steepness, constant = math.inf, 0.0, objective
+    for k in range(n + 1, state.tally[COUNT]):
+        b = state.a[n - 1, k]
+        if b != 0:
+            cost = state.cost[FIT, 0 if b > 0 else 1, k]
+            relief = -math.inf
+            for j in range(n - 1):
+                relief = max(relief, -np.sign(b) * state.a[j, k])
+            if math.isinf(cost):
+                bound = min(bound, relief / abs(b))
+            else:
+                steepness += cost * abs(b)
+                constant += cost * relief
+    return max(0.0, min(bound, constant / steepness)) if steepness > 0 else bound
+
+
+# ---- the rows
+
+
+@compiled
+def standardise(numbers: Indices, a: Array, cost: Array, scale: Array, side: Array, weights: int) -> float:
+    """Scale some of the rows a (m, n) and their costs (m, 2) in place, by powers of two, which is exact.
+
+    Returns:
+        The most that weights alone make them cost; NOT_FINITE or NEGATIVE where the rows cannot be used.
+    """
+    worst = 0.0
+    for i in numbers:
+        peak = 0.0
+        for j in range(a.shape[1]):
+            if not math.isfinite(a[i, j]):
+                return NOT_FINITE
+            if j < weights or peak == 0:
+                peak = max(peak, abs(a[i, j]))
+        scale[i] = 2.0 ** math.frexp(peak)[1]
+        for j in range(a.shape[1]):
+            a[i, j] /= scale[i]
+        highest = 0.0
+        for sign in range(2):
+            if not cost[i, sign] >= 0:
+                return NEGATIVE
+            # a row of zeros costs nothing, and no x violates it
+            cost[i, sign] = cost[i, sign] * scale[i] if peak > 0 else 0.0
+            if cost[i, sign] < math.inf:
+                highest = max(highest, cost[i, sign])
+        side[i] = 1.0 if cost[i, 0] <= cost[i, 1] else -1.0
+        worst += highest * peak / scale[i]
+    return worst
+
+
+@compiled
+def length(metric: Array, x: Array, center: Array) -> float:
+    """|x - center|"""
+    total = 0.0
+    for i in range(len(x)):
+        component = 0.0
+        for j in range(len(x)):
+            component += metric[i, j] * (x[j] - center[j])
+        total += component * component
+    return math.sqrt(total)
+
+
+@compiled
+def rank(numbers: Indices, x: Array, a: Array, cost: Array, norm: Array, side: Array, distance: Array) -> None:
+    """How far from x the nearest point is where each of some rows may be on another side; updates their sides."""
+    for p in range(len(numbers)):
+        i = numbers[p]
+        value = 0.0
+        for j in range(len(x)):
+            value += a[i, j] * x[j]
+        side[i] = side_of(value, side[i])
+        # active rows and hard rows on their hard side are never settled
+        stays = side[i] == 0 or math.isinf(cost[i, 0 if side[i] > 0 else 1])
+        distance[p] = 0.0 if stays else abs(value) / norm[i]
+
+
+@compiled
+def add_gradients(numbers: Indices, a: Array, cost: Array, side: Array, total: Array) -> None:
+    """Add the gradients of these rows' costs on their sides, finite ones."""
+    for p in range(len(numbers)):
+        i = numbers[p]
+        derivative = cost[i, 0] if side[i] > 0 else -cost[i, 1]
+        if not math.isinf(derivative):
+            for j in range(len(total)):
+                total[j] += derivative * a[i, j]

@@ -1,0 +1,116 @@
+"""An estimate as markers for RViz and Foxglove, drawn on the object; no rclpy."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+from geometry_msgs.msg import Point, Vector3
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pushfric_core.contact import friction_cone
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array
+from pushfric_msgs.msg import FrictionEstimate
+
+WHITE = ColorRGBA(r=0.9, g=0.9, b=0.9, a=1.0)
+GREY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=1.0)
+BLUE = ColorRGBA(r=0.15, g=0.4, b=0.75, a=0.8)
+RED = ColorRGBA(r=0.8, g=0.25, b=0.05, a=1.0)
+GREEN = ColorRGBA(r=0.2, g=0.6, b=0.3, a=1.0)
+
+DISC_SHARE = 0.1
+"""The discs of all support points together cover this much of the outline's area."""
+
+STEEPEST = 1e3
+"""A friction cone as wide as the half plane: a mu_c that is not known to be smaller."""
+
+LINE, DOT, SYMBOL, TEXT = 0.008, 0.01, 0.06, 0.08  # sizes, of the outline's diameter
+CIRCLE = 36  # corners of a circle
+
+
+def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Observation) -> MarkerArray:
+    """The object with all that is known of its friction, in its own frame; it replaces all markers published before.
+
+    Their namespaces: outline; support_points, and of those that bear weight support_friction, discs of an area proportional
+    to w; center_of_friction, and confidence where it was computed; contact, contact_normal and friction_cone (of the pusher's
+    forces that mu_c, 90 %, allows) at the newest data point; mu_c, a text.
+
+    Args:
+        estimate: rests on at least one data point.
+        outline: of the object.
+        newest: its last data point.
+    """
+    size = float(np.hypot(*outline.size))
+    points = np.array([(point.x, point.y) for point in estimate.support_friction.support_points])
+    center = (estimate.center_of_friction.x, estimate.center_of_friction.y)
+    friction = estimate.contact_friction
+    contact, normal = np.asarray(newest.contact_point), np.asarray(newest.contact_normal)
+    reach = 2 * SYMBOL * size
+    edges = friction_cone(normal, min(friction.p90, STEEPEST))
+    above = outline.lower + outline.size * (0.5, 1.0) + (0.0, TEXT * size)
+    words = f"{estimate.object}: mu_c {friction.p90:.2f} (90 %), {friction.max:.2f} (100 %)"
+    markers = [
+        _line("outline", (*outline.vertices, outline.vertices[0]), LINE * size, WHITE),
+        Marker(ns="support_points", type=Marker.SPHERE_LIST, points=_points(points), scale=_cube(DOT * size), color=GREY),
+        *_discs(points, estimate.support_friction.weights, DISC_SHARE * outline.polygon.area, DOT * size),
+        _at("center_of_friction", Marker.SPHERE, center, _cube(3 * DOT * size), RED),
+        *(_line("confidence", _circle(center, radius), LINE * size, RED) for radius in estimate.confidence),
+        _at("contact", Marker.SPHERE, contact, _cube(2 * DOT * size), GREEN),
+        Marker(
+            ns="contact_normal",
+            type=Marker.ARROW,
+            points=_points((contact, contact + SYMBOL * size * normal)),
+            scale=Vector3(x=LINE * size, y=3 * LINE * size),
+            color=GREEN,
+        ),
+        _line("friction_cone", (contact + reach * edges[0], contact, contact + reach * edges[1]), LINE * size, GREEN),
+        _at("mu_c", Marker.TEXT_VIEW_FACING, above, Vector3(z=TEXT * size), WHITE, text=words),
+    ]
+    for marker in markers:
+        marker.header = estimate.header
+        marker.frame_locked = True  # a viewer moves them with the object, which does not lie still after the data point
+    return MarkerArray(markers=[Marker(header=estimate.header, action=Marker.DELETEALL), *markers])
+
+
+def _discs(points: Array, weights: Iterable[float], area: float, smallest: float) -> list[Marker]:
+    """A flat cylinder for each support point (n, 2) whose share of the area [m^2] is not smaller than its dot."""
+    diameters = np.sqrt(np.asarray(weights) * area * 4 / math.pi)
+    return [
+        _at(
+            "support_friction",
+            Marker.CYLINDER,
+            points[j],
+            Vector3(x=diameters[j], y=diameters[j], z=smallest / 2),
+            BLUE,
+            int(j),
+        )
+        for j in np.flatnonzero(diameters > smallest)
+    ]
+
+
+def _at(
+    namespace: str, kind: int, place: npt.ArrayLike, scale: Vector3, color: ColorRGBA, number: int = 0, text: str = ""
+) -> Marker:
+    marker = Marker(ns=namespace, id=number, type=kind, scale=scale, color=color, text=text)
+    (marker.pose.position,) = _points(np.reshape(place, (1, 2)))
+    return marker
+
+
+def _line(namespace: str, course: npt.ArrayLike, width: float, color: ColorRGBA) -> Marker:
+    return Marker(ns=namespace, type=Marker.LINE_STRIP, points=_points(course), scale=Vector3(x=width), color=color)
+
+
+def _circle(center: npt.ArrayLike, radius: float) -> Array:
+    angles = np.linspace(0, 2 * math.pi, CIRCLE + 1)
+    return np.asarray(center) + radius * np.column_stack((np.cos(angles), np.sin(angles)))
+
+
+def _points(xy: npt.ArrayLike) -> list[Point]:
+    return [Point(x=float(x), y=float(y)) for x, y in np.asarray(xy)]
+
+
+def _cube(side: float) -> Vector3:
+    return Vector3(x=side, y=side, z=side)
