@@ -14,9 +14,10 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, updates
+from bench import display, real_pushes, tracker, updates
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
+from pushfric_core.errors import InvalidInput
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
 QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000
@@ -41,13 +42,18 @@ def bench(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A small part, in less than a minute.")] = False,
     plot: Annotated[pathlib.Path, typer.Option(help="Write the plot of cost by M there.")] = DEFAULT_PLOT,
+    pushes: Annotated[
+        pathlib.Path | None,
+        typer.Option("--real-pushes", help="push_points.csv of zhou2015: accuracy on real pushes.", show_default=False),
+    ] = None,
     json: Annotated[
         pathlib.Path | None, typer.Option("--json", help="Write all figures there as JSON.", show_default=False)
     ] = None,
 ) -> int:
-    """What one new data point costs, beside other solvers of the same program, in CPU time on one thread.
+    """What one new data point costs, beside other solvers of the same program, and what a frame costs; CPU time, one thread.
 
     A solver is left out ("-") where one solve takes, or from its last M must be expected to take, more than 20 s of CPU time.
+    All solvers take each data point in turn, so that what disturbs one disturbs all, each other's caches included.
     """
     points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
@@ -63,7 +69,8 @@ def bench(
     columns = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
     # no thread of its own refreshes the bar: its CPU time would count as a contender's
     with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as bar:
-        task = bar.add_task("", total=len(supports) * (len(points) + 1), completed=-1)
+        steps = len(supports) * (len(points) + 1) + tracker.ROUNDS + (real_pushes.STEPS if pushes is not None else 0)
+        task = bar.add_task("", total=steps, completed=-1)
 
         def progress(what: str) -> None:
             bar.update(task, description=what, advance=1, refresh=True)
@@ -72,18 +79,28 @@ def bench(
             points, supports, QUICK_UPDATES if quick else UPDATES, QUICK_BUDGET if quick else BUDGET, progress
         )
         held = updates.memory(supports, QUICK_HELD if quick else HELD, progress)
+        frames = tracker.measure(progress)
+        accuracy = real_pushes.measure(pushes, progress) if pushes is not None else None
         progress("done")
     rows = with_best_of_highs(measured["updates"])
     targets = list(verdicts(rows))
     console = Console()
     console.print(
-        display.updates_table(rows), display.memory_table(held), display.verdict_table(targets), f"plot: {plot}", sep="\n"
+        display.updates_table(rows),
+        display.memory_table(held),
+        display.verdict_table(targets),
+        display.tracker_table(frames),
+        *([display.accuracy_table(accuracy), display.learning_table(accuracy)] if accuracy is not None else []),
+        f"plot: {plot}",
+        sep="\n",
     )
     display.plot(rows, plot)
     if json is not None:
         report = {
             "updates": rows,
             "bytes_per_data_point": held,
+            "tracker": frames,
+            **({"real_pushes": accuracy} if accuracy is not None else {}),
             "targets": [target._asdict() for target in targets],
             "disagreements": measured["disagreements"],
             "seconds": time.monotonic() - start,
@@ -99,6 +116,9 @@ def main() -> None:
     """Unusable input ends with one line and exit code 2, contenders that disagree with one line each and 1."""
     try:
         sys.exit(app(prog_name="pushfric bench", standalone_mode=False))
+    except InvalidInput as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
     except UsageError as error:
         print(f"error: {error.format_message().rstrip('.')}", file=sys.stderr)  # type: ignore[attr-defined]
         sys.exit(2)

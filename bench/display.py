@@ -4,6 +4,7 @@ import pathlib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from rich import box
 from rich.table import Table
@@ -54,6 +55,47 @@ def memory_table(rows: Sequence[Figures]) -> Table:
     for row in rows:
         table.add_row(str(row["N"]), f"{row['bytes']:.0f}")
     return table
+
+
+def tracker_table(figures: Figures) -> Table:
+    table = Table("contour tracker, 640 x 480", "frames/s", "time over bare OpenCV's", title="One frame")
+    for name in ("tracked", "found", "bare"):
+        ratio = figures.get(f"{name}_ratio")
+        table.add_row(name, f"{figures[f'{name}_fps']:.0f}", "" if ratio is None else f"{ratio:.2f}x")
+    return table
+
+
+def accuracy_table(figures: Figures) -> Table:
+    """Error of p_CF by support and rule, over the logs of real pushes."""
+    rows: dict[tuple[str, str], dict[str, float]] = {}
+    for row in figures["logs"]:
+        rows.setdefault((row["support"], row["rule"]), {})[row["log"]] = row["error_m"]
+    logs = list(dict.fromkeys(row["log"] for row in figures["logs"]))
+    table = Table("support", "rule", *(log.split("__exp")[0] for log in logs), "median", "worst", title="Error of p_CF [mm]")
+    for (support, rule), errors in rows.items():
+        each = [_millimetres(errors[log]) if log in errors else "-" for log in logs]
+        table.add_row(
+            support, rule, *each, _millimetres(float(np.median(list(errors.values())))), _millimetres(max(errors.values()))
+        )
+    return table
+
+
+def learning_table(figures: Figures) -> Table:
+    """Error of p_CF against the number of pushes."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for row in figures["curve"]:
+        cell = f"{_millimetres(row['median_m'])} / {_millimetres(row['p90_m'])}"
+        rows.setdefault((row["support"], row["rule"]), []).append(cell)
+    counts = list(dict.fromkeys(row["pushes"] for row in figures["curve"]))
+    headings = [f"{count} pushes" for count in counts]
+    table = Table("support", "rule", *headings, title="Error of p_CF [mm] of random pushes: median / 90th percentile")
+    for (support, rule), cells in rows.items():
+        table.add_row(support, rule, *cells)
+    return table
+
+
+def _millimetres(metres: float) -> str:
+    return f"{metres * 1e3:.1f}"
 
 
 def plot(updates: Sequence[Figures], path: pathlib.Path) -> None:

@@ -31,13 +31,15 @@ PUSHES = (5, 10, 20, 40)
 SUBSETS = 20
 """Random choices of so many pushes, of each log."""
 
+STEPS = len(RULES) * (1 + len(GRIDS))
+
 
 def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Errors of p_CF over all logs of the data set `zhou2015`.
 
     Args:
         source: its push_points.csv.
-        progress: called with what comes next, len(RULES) * (1 + len(GRIDS)) times.
+        progress: called with what comes next, STEPS times.
     Returns:
         {"logs": [{"log", "support", "rule", "error_m"}], "curve": [{"support", "rule", "pushes", "median_m", "p90_m"}]}.
     Raises:
