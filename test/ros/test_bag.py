@@ -1,10 +1,12 @@
 """Bags: what is written is read back by us and by readers others wrote; what is broken is refused in one line or rescued."""
 
 import contextlib
+import os
 import pathlib
 import resource
 import subprocess
 import sys
+import tempfile
 
 import pytest
 import yaml
@@ -245,6 +247,20 @@ def test_metadata_is_that_of_version_9(cell_bag):
     }
 
 
+def test_a_bag_in_sqlite_is_refused(tmp_path):
+    """What `ros2 bag record` wrote by default before ROS 2 Iron."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with RosbagsWriter(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/text", STRING, typestore=store)
+        writer.write(connection, 5, store.serialize_cdr(store.types[STRING](data="from elsewhere"), STRING))
+    expected = r"metadata\.yaml: the bag is stored as 'sqlite3', expected 'mcap' \(see `ros2 bag convert`\)"
+    for use in (bag.read, bag.describe):
+        with pytest.raises(InvalidInput, match=expected):
+            use(tmp_path / "bag")
+    with pytest.raises(InvalidInput, match=r"bag_?0?\.db3: is not an MCAP file, expected a bag's folder or an \.mcap"):
+        bag.read(next((tmp_path / "bag").glob("*.db3")))
+
+
 @pytest.mark.parametrize("version", [8, 9])
 def test_a_bag_of_another_writer_is_read(tmp_path, version):
     """Version 8 has the policies as numbers."""
@@ -383,7 +399,52 @@ def test_a_full_disk_is_one_error_and_what_was_flushed_is_saved(tmp_path, rng):
     assert [m.raw for m in bag.read(tmp_path / "out")] == [raw]
 
 
+def test_recovery_takes_the_object_along(tmp_path):
+    write_texts(tmp_path / "bag", 1)
+    (tmp_path / "bag/object.yaml").write_text("name: plate")
+    for path, out in ((tmp_path / "bag", tmp_path / "a"), (mcap_of(tmp_path / "bag"), tmp_path / "b")):
+        assert bag.recover(path, out) == 1
+        assert (out / "object.yaml").read_text() == "name: plate"
+
+
+def test_messages_of_a_channel_that_is_lost_are_left_out(tmp_path):
+    """Without chunks there are no checksums: a damaged number of a channel shows only in what refers to it."""
+    path = tmp_path / "loose.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b"string data"))
+        writer.add_message(channel, 1, text("kept"), 1)
+        writer.add_message(channel + 1, 2, text("of nobody"), 2)
+        writer.finish()
+    assert bag.recover(path, tmp_path / "out") == 1
+    assert [bag.deserialize(m).data for m in bag.read(tmp_path / "out")] == ["kept"]
+
+
 # --- refused ---
+
+
+@contextlib.contextmanager
+def as_nobody():
+    """Without root's right to write everywhere."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+@pytest.mark.parametrize("name", ["", "bag", "deeper/bag"])
+def test_an_unwritable_folder_is_refused(name):
+    with tempfile.TemporaryDirectory() as folder:  # nobody may enter tmp_path
+        os.chmod(folder, 0o555)
+        expected = pytest.raises(InvalidInput, match=r"cannot record there \(Permission denied\), expected a new folder")
+        with as_nobody(), expected:
+            BagWriter(os.path.join(folder, name))
+        assert not os.listdir(folder)
 
 
 def test_a_second_writer_is_refused(tmp_path):

@@ -209,7 +209,7 @@ def test_hypotheses_are_ranked_after_every_data_point(ros):
     assert last.best == name
     assert [h.name for h in last.hypotheses] == [name, "delrin_rect_center", "delrin_rect_left"]
     assert last.hypotheses[0].ratio == 1.0
-    assert 1.0 < last.hypotheses[1].ratio < last.hypotheses[2].ratio
+    assert last.hypotheses[0].fit_error < last.hypotheses[1].fit_error < last.hypotheses[2].fit_error
     assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=3)).success
     ros.wait_for(lambda: len(rankings) == len(data) + 1, what="the ranking without the push")
 

@@ -5,6 +5,9 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
+import time
+from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -26,9 +29,10 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import Observation
 from pushfric_ros import bag, message_types
 from pushfric_ros.bag import BagWriter
+from pushfric_ros.diagnostics import Level
 from pushfric_ros.player_node import PlayerNode
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
-from pushfric_ros.recorder_node import RecorderNode
+from pushfric_ros.recorder_node import QUEUE_DEPTH, RecorderNode, _Losses
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
 POINT = "geometry_msgs/msg/PointStamped"
@@ -181,6 +185,7 @@ def test_without_any_tick_nothing_is_lost(ros, outputs, tmp_path):
     wait_until_matched(ros, outputs)
     outputs[2].publish(String(data="timeless"))
     ros.wait_for(lambda: node._waiting, what="the message")
+    assert node._health()[:2] == (Level.WARN, "1 messages wait for a first /clock")
     node.destroy_node()
     assert [m.log_time_ns for m in bag.read(tmp_path / "bag")] == [0]
 
@@ -197,6 +202,45 @@ def test_the_recorder_reports_what_it_does(ros, outputs, tmp_path):
     assert reports[-1].name == "/cell/recorder"
     values = {pair.key: pair.value for pair in reports[-1].values}
     assert values == {"messages": "1", "bytes": str(len(raw)), "lost": "0", "topics": "3"}
+
+
+def test_what_a_full_queue_pushes_out_is_counted_as_lost(ros, outputs, tmp_path):
+    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    wait_until_matched(ros, outputs)
+    outputs[0].publish(Observation())
+    ros.wait_for(lambda: node._bag.message_count == 1, what="the first message")
+    busy, go_on = threading.Event(), threading.Event()
+    stall = ros.node("stall").create_guard_condition(lambda: (busy.set(), go_on.wait()))
+    stall.trigger()
+    assert busy.wait(10)
+    for _ in range(QUEUE_DEPTH + 200):
+        outputs[0].publish(Observation())
+    go_on.set()
+    ros.wait_for(lambda: node._bag.message_count == 1 + QUEUE_DEPTH, what="a queue full of messages")
+    assert node._health() == (
+        Level.WARN,
+        "messages were lost before they could be recorded: 200 of /cell/observation",
+        {"messages": QUEUE_DEPTH + 1, "bytes": node._bytes, "lost": 200, "topics": 3},
+    )
+
+
+def test_missing_numbers_of_a_single_publisher_are_losses():
+    losses = _Losses()
+    for number in (7, 8, 11):  # 9 and 10 are missing; what came before the first was never ours
+        losses.count(number, lambda: 1)
+    assert losses.messages == 2
+    for number in (1, 2, None, 1):  # a new publisher, a middleware without numbers, another publisher
+        losses.count(number, lambda: 1)
+    losses.count(900, lambda: 2)  # of two publishers, whose numbers mix
+    assert losses.messages == 2
+
+
+def test_what_the_middleware_tells_counts_once():
+    losses = _Losses()
+    losses.told(SimpleNamespace(total_count_change=3))
+    losses.count(1, lambda: 1)
+    losses.count(3, lambda: 1)
+    assert losses.messages == 3
 
 
 @pytest.mark.parametrize(
@@ -238,10 +282,56 @@ def test_a_signal_ends_the_recorder_with_a_whole_bag(ros, outputs, tmp_path):
     assert bag.deserialize(message).push_id == 3
 
 
+def test_a_killed_recorder_loses_only_what_it_had_not_flushed(ros, outputs, tmp_path):
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    process = subprocess.Popen([*RECORDER, *arguments])
+    try:
+        wait_until_matched(ros, outputs)
+        for push_id in range(5):
+            outputs[0].publish(Observation(push_id=push_id))
+            chunks = push_id + 1
+            file = tmp_path / "bag/bag_0.mcap"
+            ros.wait_for(lambda: file.read_bytes().count(b"zstd") == chunks, what="the flushed chunk")  # noqa: B023
+        outputs[0].publish(Observation(push_id=5))
+    finally:
+        process.kill()
+        process.wait()
+    saved = bag.recover(tmp_path / "bag", tmp_path / "saved")
+    assert saved in (5, 6)
+    assert [bag.deserialize(m).push_id for m in bag.read(tmp_path / "saved")] == list(range(saved))
+
+
+def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_goes_on(ros, outputs, tmp_path):
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    first = subprocess.Popen([*RECORDER, *arguments])
+    try:
+        wait_until_matched(ros, outputs)
+        second = subprocess.run([*RECORDER, *arguments], capture_output=True, timeout=30, check=False)
+        outputs[0].publish(Observation(push_id=3))
+        ros.wait_for(lambda: b"zstd" in (tmp_path / "bag/bag_0.mcap").read_bytes(), what="the flushed chunk")
+    finally:
+        first.terminate()
+        first.wait(20)
+    expected = f"error: {tmp_path}/bag: already holds files, expected a new or empty folder\n"
+    assert (second.returncode, second.stderr.decode()) == (2, expected)
+    assert first.returncode == 0
+    assert [bag.deserialize(m).push_id for m in bag.read(tmp_path / "bag")] == [3]
+
+
+def test_an_object_that_cannot_be_written_beside_the_bag_is_one_error(ros, tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20, hard))
+    try:
+        with pytest.raises(InvalidInput, match=r"bag/object\.yaml: cannot be written: File too large"):
+            recorder(bag=str(tmp_path / "bag"), topics=TOPICS, object="rubber_rect4")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
 LIMITED_RECORDER = """
 import resource
 from pushfric_ros.process import run_node
-from pushfric_ros.recorder_node import RecorderNode
+from pushfric_ros.recorder_node import QUEUE_DEPTH, RecorderNode, _Losses
 
 def make():
     node = RecorderNode()
@@ -417,6 +507,52 @@ def test_offers_of_several_publishers_are_joined(ros, tmp_path):
     assert (joined.reliability, joined.durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
     (other,) = [info.qos_profile for info in node.get_publishers_info_by_topic("/cell/other")]
     assert (other.reliability, other.durability) == (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
+
+
+def test_the_qos_can_be_overridden(ros, tmp_path):
+    make_bag(tmp_path / "bag")
+    overrides = {
+        "qos_overrides./cell/observation.publisher.reliability": "best_effort",
+        "qos_overrides./cell/observation.publisher.depth": 7,
+        "qos_overrides./cell/text.publisher.durability": "transient_local",
+        "qos_overrides./cell/text.publisher.reliability": "reliable",
+        "qos_overrides./cell/center_of_friction.publisher.durability": "volatile",
+    }
+    node = ros.compose(player(bag=str(tmp_path / "bag"), **overrides))
+    offered = {name: node.get_publishers_info_by_topic(name)[0].qos_profile for name in NAMES}
+    policies = [(qos.reliability.name, qos.durability.name) for qos in offered.values()]
+    assert policies == [("BEST_EFFORT", "VOLATILE"), ("RELIABLE", "VOLATILE"), ("RELIABLE", "TRANSIENT_LOCAL")]
+    assert node._outputs["/cell/observation"].qos_profile.depth == 7
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    late: list[str] = []
+    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    ros.node("late").create_subscription(String, "/cell/text", lambda msg: late.append(msg.data), latched)
+    ros.wait_for(lambda: late and late[-1] == "message 29", what="what is latched now")
+
+
+@pytest.mark.parametrize("override", [{"reliability": "perfect"}, {"depth": -3}, {"depth": "deep"}])
+def test_an_unusable_qos_is_refused(ros, tmp_path, override):
+    make_bag(tmp_path / "bag")
+    values = {f"qos_overrides./cell/text.publisher.{policy}": value for policy, value in override.items()}
+    with pytest.raises(InvalidInput, match=r"/cell/player: parameters qos_overrides\./cell/text\.publisher must be a QoS: "):
+        player(bag=str(tmp_path / "bag"), **values)
+
+
+def test_a_high_rate_shortens_a_long_bag(ros, tmp_path):
+    """A quarter of an hour within the seconds that a test waits."""
+    make_bag(tmp_path / "bag", 31, period_ns=60 * SECOND)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=NAMES, rate=1000.0, clock=False))
+    ros.wait_for(lambda: node.done and listener.heard.count("o30"), what="the end of the bag")
+    assert [text for text in listener.heard if text.startswith("o")] == [f"o{number}" for number in range(0, 31, 3)]
+
+
+def test_a_low_rate_never_plays_early(ros, tmp_path):
+    make_bag(tmp_path / "bag", 10)  # of 40 ms
+    begin = time.monotonic()
+    node = ros.compose(player(bag=str(tmp_path / "bag"), rate=0.05))
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    assert time.monotonic() - begin >= 0.8
 
 
 def test_the_player_ends_its_process_when_all_is_acknowledged(ros, tmp_path):

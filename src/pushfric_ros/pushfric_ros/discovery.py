@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -43,8 +42,12 @@ def round_trip(patience: float) -> float | None:
         executor.spin_until_future_complete(answer, timeout_sec=patience)
         return time.monotonic() - begin if answer.done() else None
     finally:
-        child.send_signal(signal.SIGTERM)
-        child.communicate()
+        child.terminate()
+        try:
+            child.communicate(timeout=patience)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.communicate()
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown(context=context)
@@ -75,6 +78,8 @@ class Answerer(Node):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.create_service(Trigger, "~/answer", lambda _, response: response)
+        # rclpy can miss a signal that comes just before it waits; it looks again after this
+        self.create_timer(0.1, lambda: None)
         print("ready", flush=True)
 
 
