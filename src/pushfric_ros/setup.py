@@ -19,6 +19,7 @@ setup(
     ],
     install_requires=[
         "numpy",
+        "packaging",
         "opencv-python-headless>=4.7",
         "pyserial",
         "mcap>=1.6",

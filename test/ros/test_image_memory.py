@@ -40,6 +40,7 @@ rclpy.init()
 output = rclpy.create_node("camera").create_publisher(Image, "/image", SENSOR_DATA)
 while not output.get_subscription_count():
     time.sleep(0.01)
+sys.stdin.readline()  # the other side has found this one, too
 image = Image(height=480, width=640, encoding="bgr8", step=1920, data=bytes(921600))
 for number in range(10):
     image.header.stamp.sec = number
@@ -66,9 +67,13 @@ def test_the_segment_is_large(unset):
 def test_ten_colour_images_in_a_burst_arrive(ros, unset):
     """The default segment has room for none of them."""
     heard: list[int] = []
-    ros.node("viewer").create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
+    viewer = ros.node("viewer")
+    images = viewer.create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
     camera = subprocess.Popen([sys.executable, "-c", CAMERA], stdin=subprocess.PIPE)
     try:
+        ros.wait_for(images.get_publisher_count, timeout=30, what="the camera")
+        camera.stdin.write(b"\n")
+        camera.stdin.flush()
         ros.wait_for(lambda: len(heard) == 10, timeout=30, what="ten images")
     finally:
         camera.communicate(timeout=20)

@@ -201,7 +201,7 @@ def test_the_recorder_reports_what_it_does(ros, outputs, tmp_path):
     ros.wait_for(lambda: reports and reports[-1].message == "1 messages recorded", what="the report of a message")
     assert reports[-1].name == "/cell/recorder"
     values = {pair.key: pair.value for pair in reports[-1].values}
-    assert values == {"messages": "1", "bytes": str(len(raw)), "lost": "0", "topics": "3"}
+    assert values.items() >= {"messages": "1", "bytes": str(len(raw)), "lost": "0", "topics": "3"}.items()
 
 
 def test_what_a_full_queue_pushes_out_is_counted_as_lost(ros, outputs, tmp_path):
@@ -217,11 +217,9 @@ def test_what_a_full_queue_pushes_out_is_counted_as_lost(ros, outputs, tmp_path)
         outputs[0].publish(Observation())
     go_on.set()
     ros.wait_for(lambda: node._bag.message_count == 1 + QUEUE_DEPTH, what="a queue full of messages")
-    assert node._health() == (
-        Level.WARN,
-        "messages were lost before they could be recorded: 200 of /cell/observation",
-        {"messages": QUEUE_DEPTH + 1, "bytes": node._bytes, "lost": 200, "topics": 3},
-    )
+    level, text, values = node._health()
+    assert (level, text) == (Level.WARN, "messages were lost before they could be recorded: 200 of /cell/observation")
+    assert values.items() >= {"messages": QUEUE_DEPTH + 1, "bytes": node._bytes, "lost": 200, "topics": 3}.items()
 
 
 def test_missing_numbers_of_a_single_publisher_are_losses():

@@ -107,7 +107,9 @@ def test_an_existing_bag_is_not_overwritten(tmp_path):
     assert (tmp_path / "metadata.yaml").read_text() == "precious"
 
 
-@pytest.mark.parametrize("command", [[], ["demo"], ["run"], ["replay"], ["estimate"], ["import"]])
+@pytest.mark.parametrize(
+    "command", [[], ["demo"], ["run"], ["replay"], ["estimate"], ["import"], ["doctor"], ["recognize"], ["calibrate"]]
+)
 def test_help_teaches(command):
     run = pushfric(*command, "--help")
     assert run.returncode == 0

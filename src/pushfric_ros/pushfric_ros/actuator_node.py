@@ -68,12 +68,12 @@ class ActuatorNode(LifecycleNode):
         self._push_id = PusherState.NO_PUSH
         self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
         self._arrival: Future | None = None
-        self._state_out = self.create_publisher(PusherState, "pusher_state", RELIABLE)
+        self._diagnostics = Diagnostics(self, self._health)
+        self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
         self._client_endpoint = self.resolve_service_name("push") + "/_action/send_goal"
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self._diagnostics = Diagnostics(self, self._health)
         self.create_timer(1 / config.poll_rate, self._ask)
         # bytes come in real time, whatever clock the cell runs on
         self.create_timer(READ_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))

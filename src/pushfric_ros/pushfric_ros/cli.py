@@ -20,10 +20,14 @@ from pushfric_ros import calibrate_cli, graph, offline, zhou2015
 from pushfric_ros import demo as demonstration
 from pushfric_ros.cell_file import load_cell
 from pushfric_ros.conversions import estimate_to_msg, recognition_to_msg
+from pushfric_ros.doctor import examine, findings, passed, table
 from pushfric_ros.figures import summary_figure
 from pushfric_ros.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
 from pushfric_ros.parameters import AUTO
 from pushfric_ros.report import recognition_report, report, to_json, truth
+
+RUNS = pathlib.Path("runs")
+"""Bags go there where nothing else is said."""
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -111,7 +115,7 @@ def demo(
     """Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal, an operator."""
     if object_name not in TABLE_1:
         raise InvalidInput(f"no object {object_name!r} in the simulated cell; expected one of {', '.join(TABLE_1)}")
-    bag = bag or pathlib.Path("runs") / time.strftime("demo-%Y%m%d-%H%M%S")
+    bag = bag or RUNS / time.strftime("demo-%Y%m%d-%H%M%S")
     if json is not None and not json.parent.is_dir():
         raise InvalidInput(f"{json}: its folder does not exist")
     if json is not None and json.is_dir():
@@ -141,7 +145,7 @@ def run(
     """Run the real cell: carry out its push plan, estimate, record."""
     file = load_cell(cell)
     model = load_object(file.object)
-    bag = bag or pathlib.Path("runs") / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
+    bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
     if not pathlib.Path(file.pusher.port).exists():
         raise InvalidInput(f"{cell}: pusher.port: no serial port at {file.pusher.port}; expected a GRBL controller's")
     specs = graph.cell(file, str(bag), start)
@@ -264,6 +268,24 @@ def recognize(
         if ranked.contradiction is not None:
             _warn(f"{ranked.name}: {ranked.contradiction}")
     _print_ranking(recognition_report(recognition_to_msg(ranking)), json)
+
+
+@app.command()
+def doctor(
+    cell: Annotated[
+        pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is looked at.", show_default=False)
+    ] = None,
+    json: JsonFlag = False,
+) -> None:
+    """Look at all that a cell needs, without moving anything, and say what to do about what is amiss."""
+    with console.status("") as status:
+        checks = list(examine(cell, RUNS, lambda what: status.update(f"looking at the {what}")))
+    if json:
+        print(to_json(findings(checks)))
+    else:
+        Console().print(table(checks))
+    if not passed(checks):
+        sys.exit(1)
 
 
 @bag_app.command()

@@ -11,6 +11,7 @@ from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from pushfric_ros.conversions import stamp_from_msg
@@ -77,9 +78,11 @@ class Diagnostics:
         events = SubscriptionEventCallbacks(message_lost=passed.lose)
         return self._node.create_subscription(kind, topic, count, qos, raw=raw, event_callbacks=events)
 
-    def advertise(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
-        """A publisher of the node, as Node.create_publisher makes it."""
-        self._outputs[topic] = self._node.create_publisher(kind, topic, qos, publisher_class=_CountingPublisher)
+    def advertise(self, kind: type, topic: str, qos: QoSProfile, overridable: QoSOverridingOptions | None = None) -> Publisher:
+        """A publisher of the node, as Node.create_publisher makes it; `overridable` are its QoS that parameters may change."""
+        self._outputs[topic] = self._node.create_publisher(
+            kind, topic, qos, qos_overriding_options=overridable, publisher_class=_CountingPublisher
+        )
         return self._outputs[topic]
 
     def publish(self) -> None:

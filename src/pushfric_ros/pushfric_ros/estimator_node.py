@@ -8,6 +8,7 @@ from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import FORCE_TERMS, Estimate, Estimator, EstimatorConfig
@@ -29,10 +30,12 @@ from pushfric_ros.conversions import (
     recognition_to_msg,
 )
 from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.markers import estimate_to_markers
 from pushfric_ros.object_file import ObjectModel, load_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+from pushfric_ros.transforms import TransformBroadcaster
 
 SETTLED = "settled until [ns]"
 """Diagnostics: all poses up to this stamp have become data points, or never will."""
@@ -62,20 +65,22 @@ class EstimatorNode(Node):
         self._estimator_config = declare(self, EstimatorConfig)
         self._select(load_object(config.object))
         self._observations_out = None
+        self._diagnostics = topics = Diagnostics(self, self._health)
         if config.source == "observations":
-            self.create_subscription(ObservationMsg, "observation", self._on_observation, RELIABLE)
+            topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
         else:
-            self._observations_out = self.create_publisher(ObservationMsg, "observation", RELIABLE)
-            self.create_subscription(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
-            self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+            self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
+            self._transforms = TransformBroadcaster(self)
+            topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+            topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
             if set(self._estimator_config.terms) & set(FORCE_TERMS):
-                self.create_subscription(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
-        self._support_friction_out = self.create_publisher(SupportFriction, "support_friction", LATCHED)
-        self._center_of_friction_out = self.create_publisher(PointStamped, "center_of_friction", LATCHED)
-        self._contact_friction_out = self.create_publisher(ContactFriction, "contact_friction", LATCHED)
-        self._estimate_out = self.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
-        self._recognition_out = self.create_publisher(Recognition, "recognition", LATCHED)
-        self._diagnostics = Diagnostics(self, self._health)
+                topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
+        self._support_friction_out = topics.advertise(SupportFriction, "support_friction", LATCHED)
+        self._center_of_friction_out = topics.advertise(PointStamped, "center_of_friction", LATCHED)
+        self._contact_friction_out = topics.advertise(ContactFriction, "contact_friction", LATCHED)
+        self._estimate_out = topics.advertise(FrictionEstimate, "friction_estimate", LATCHED)
+        self._recognition_out = topics.advertise(Recognition, "recognition", LATCHED)
+        self._markers_out = topics.advertise(MarkerArray, "markers", LATCHED)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
@@ -100,6 +105,7 @@ class EstimatorNode(Node):
         except ValueError as error:
             self._refuse("object_pose", error)
         else:
+            self._transforms.broadcast(msg)
             self._take_observed(observed)
 
     def _on_pusher_state(self, msg: PusherState) -> None:
@@ -168,6 +174,7 @@ class EstimatorNode(Node):
         self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
         self._contact_friction_out.publish(msg.contact_friction)
         self._estimate_out.publish(msg)
+        self._markers_out.publish(estimate_to_markers(msg, self._object.outline, self._estimator.observations[-1]))
 
     def _refuse(self, what: str, error: Exception) -> None:
         """Say once, not at camera rate, that input was refused; the estimate stays as it was."""
@@ -224,6 +231,7 @@ class EstimatorNode(Node):
             values |= {
                 "data points": self._estimate.data_points,
                 "fit error": solution.objective,
+                "fit error per data point": solution.objective / self._estimate.data_points,
                 "gap": solution.gap,
                 "status": self._estimate.status.value,
             }

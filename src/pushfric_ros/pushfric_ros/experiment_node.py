@@ -22,6 +22,7 @@ from pushfric_core.settings import setting
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PlanProgress, PusherState
 from pushfric_ros.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg
+from pushfric_ros.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.object_file import load_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.plan_file import load_plan
@@ -73,8 +74,9 @@ class ExperimentNode(Node):
         if self._config.start > len(self._plan):
             where = f"{self.get_fully_qualified_name()}: parameter start"
             raise InvalidInput(f"{where} must be at most {len(self._plan)}, the pushes of the plan; got {self._config.start}")
-        self._placement_out = self.create_publisher(PoseStamped, "placement", LATCHED)
-        self._progress_out = self.create_publisher(PlanProgress, "plan_progress", LATCHED)
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
+        self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
         self._progress = PlanProgress(count=len(self._plan), push_id=self._config.start - 1)
         self._awaited = {f"{self.get_namespace()}/{name}".replace("//", "/") for name in self._config.awaits if name}
         self._well: set[str] = set()
@@ -84,8 +86,8 @@ class ExperimentNode(Node):
         self._idle_since: float | None = None
         self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
         self._condition: tuple[Callable[[], bool], Future] | None = None
-        self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
-        self.create_subscription(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+        topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+        topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self.create_timer(0.05, self._check_condition)
         # its own group: the plan waits in its callback while the others run
@@ -243,6 +245,22 @@ class ExperimentNode(Node):
             self._idle_since = None
         elif self._idle_since is None:
             self._idle_since = time.monotonic()
+
+    def _health(self) -> Health:
+        progress = self._progress
+        values = {
+            "push": progress.push_id + 1,
+            "pushes": progress.count,
+            "completed": progress.completed,
+            "aborted": progress.aborted,
+            "awaited": self._unwell() or "none",
+        }
+        hindrance = self._hindrance()
+        if hindrance:
+            return Health(Level.WARN, f"the pusher cannot push: {hindrance}", values)
+        if progress.phase == PlanProgress.PHASE_PUSHING and self._unseen:
+            return Health(Level.WARN, "the object is not seen", values)
+        return Health(Level.OK, progress.message or "starting", values)
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}

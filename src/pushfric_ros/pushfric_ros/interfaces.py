@@ -151,7 +151,7 @@ def _describe(start: Start, context: rclpy.Context) -> Description:
     settings = [
         _setting(parameter, default, descriptor, parameter in start.required)
         for parameter, (default, descriptor) in declared.items()
-        if parameter not in common_parameters
+        if parameter not in common_parameters and not parameter.startswith("qos_overrides.")  # of topics of the bag
     ]
     return Description(name, " ".join((inspect.getdoc(start.kind) or "").split()), endpoints, settings)
 

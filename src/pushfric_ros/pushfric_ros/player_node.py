@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import setting
 from pushfric_ros.bag import BagMessage, Topic, describe, read, recorded_class
+from pushfric_ros.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.image_memory import make_room_for_images
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
@@ -32,6 +33,7 @@ BURST = 100  # messages in one callback: a player that is late still answers its
 WATCH_PERIOD_NS = 20_000_000  # of wall time, between two looks at endpoints and acknowledgements
 ACKNOWLEDGE_WITHIN_NS = 5_000_000_000  # of wall time
 DEFAULT_DEPTH = 10
+LATE = 1.0  # of wall time [s]; a player further behind its rate says so
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 )
@@ -76,19 +78,21 @@ class PlayerNode(Node):
         played = self._chosen(summary.topics)
         classes = [recorded_class(topic) for topic in played]
         qos = {topic.name: _offered(topic) for topic in played}
+        self._diagnostics = Diagnostics(self, self._health)
         self._outputs: dict[str, Publisher] = {
             topic.name: self._publisher(topic.name, kind, qos[topic.name]) for topic, kind in zip(played, classes, strict=True)
         }
         self._played = tuple(self._outputs)
         self._latched = [name for name in qos if qos[name].durability == DurabilityPolicy.TRANSIENT_LOCAL]
         if config.clock:
-            self._outputs[CLOCK_TOPIC] = self.create_publisher(ClockMsg, CLOCK_TOPIC, RELIABLE)
+            self._outputs[CLOCK_TOPIC] = self._diagnostics.advertise(ClockMsg, CLOCK_TOPIC, RELIABLE)
         self._awaited = [self._outputs[name] for name in self._names("wait_for", config.wait_for, self._outputs)]
         self._clock_period_ns = max(CLOCK_PERIOD_NS, round(SHORTEST_CLOCK_PERIOD_NS * config.rate))
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._paused = False
         self._done = False
         self._count = 0
+        self._next: BagMessage | None = None
         self._anchor(self._begin_ns)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self._timer = self.create_timer(WATCH_PERIOD_NS * 1e-9, self._await_subscribers, clock=self._wall)
@@ -101,7 +105,7 @@ class PlayerNode(Node):
     def _publisher(self, name: str, kind: type, qos: QoSProfile) -> Publisher:
         """A topic's publisher; rclpy writes the overrides into `qos`."""
         try:
-            return self.create_publisher(kind, name, qos, qos_overriding_options=OVERRIDABLE)
+            return self._diagnostics.advertise(kind, name, qos, OVERRIDABLE)
         except (InvalidParameterTypeException, RuntimeError, ValueError) as error:
             where = f"{self.get_fully_qualified_name()}: parameters qos_overrides.{name}.publisher"
             raise InvalidInput(f"{where} must be a QoS: {error}") from error
@@ -208,6 +212,16 @@ class PlayerNode(Node):
         if self._config.clock:
             self._outputs[CLOCK_TOPIC].publish(ClockMsg(clock=Time(nanoseconds=self._next_clock_ns).to_msg()))
             self._next_clock_ns += self._clock_period_ns
+
+    def _health(self) -> Health:
+        late = 0.0 if self._next is None else max(0, self._bag_time() - self._next.log_time_ns) * 1e-9 / self._config.rate
+        values = {"messages": self._count, "rate": self._config.rate, "paused": self._paused, "late [s]": round(late, 3)}
+        missing = [output.topic_name for output in self._awaited if not output.get_subscription_count()]
+        if missing and not self._count:
+            return Health(Level.WARN, f"waiting for subscribers of {', '.join(missing)}", values)
+        if late > LATE:
+            return Health(Level.WARN, f"cannot keep up: {late:.1f} s late, try a lower rate", values)
+        return Health(Level.OK, "all is played" if self._done else "paused" if self._paused else "playing", values)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._anchor(self._bag_time())

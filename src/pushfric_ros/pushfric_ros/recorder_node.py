@@ -1,6 +1,7 @@
 """The recorder node: the bytes of every message of the chosen topics into a bag."""
 
 import pathlib
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -116,6 +117,7 @@ class RecorderNode(Node):
             except OSError as error:
                 raise InvalidInput(f"{file}: cannot be written: {error.strerror}") from error
         self._bytes = 0
+        self._reported = (time.monotonic(), 0)  # when the diagnostics last did, and how many messages
         self._losses: dict[str, _Losses] = {}  # by topic
         self._waiting: list[tuple[str, bytes]] = []  # for the first /clock
         self._refused: set[str] = set()
@@ -200,7 +202,14 @@ class RecorderNode(Node):
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
         lost = {name: losses.messages for name, losses in self._losses.items() if losses.messages}
-        values = {"messages": count, "bytes": self._bytes, "lost": sum(lost.values()), "topics": len(self._bag.topics)}
+        values: dict[str, Any] = {
+            "messages": count,
+            "bytes": self._bytes,
+            "lost": sum(lost.values()),
+            "topics": len(self._bag.topics),
+        }
+        (then, before), self._reported = self._reported, (time.monotonic(), count)
+        values["messages/s"] = round((count - before) / max(self._reported[0] - then, 1e-9), 1)
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if lost:

@@ -92,14 +92,14 @@ class SimulatedCellNode(Node):
             camera, truth.outline.vertices, 0.0, self._rng, noise_sigma=config.noise, blur_px=config.blur
         )
         self._info = CameraInfo(**camera.info_fields())
-        self._clock_out = self.create_publisher(ClockMsg, "/clock", RELIABLE)
-        self._image_out = self.create_publisher(Image, "image_raw", SENSOR_DATA)
-        self._info_out = self.create_publisher(CameraInfo, "camera_info", SENSOR_DATA)
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._clock_out = topics.advertise(ClockMsg, "/clock", RELIABLE)
+        self._image_out = topics.advertise(Image, "image_raw", SENSOR_DATA)
+        self._info_out = topics.advertise(CameraInfo, "camera_info", SENSOR_DATA)
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         self._grbl = SimulatedGrbl(lambda: self._elapsed, travel=config.stroke, max_speed=config.max_speed)
         self._grbl.start()
         self._link(config.port_link)
-        self._diagnostics = Diagnostics(self, self._health)
         period = 1 / (config.frame_rate * STEPS_PER_FRAME)
         self._period = period
         self._wall_start = time.monotonic()

@@ -105,16 +105,16 @@ class TrackerNode(Node):
         self._overlay_time = 0.0
         self._complaints: set[str] = set()
 
-        self._pose_out = self.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
-        self._overlay_out = self.create_publisher(CompressedImage, "overlay/compressed", SENSOR_DATA)
-        self._diagnostics = Diagnostics(self, self._health)
-        self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
+        topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
         self._device: Device | None = None
         self._source = TOPICS.get(config.source, config.source)
         if config.source == "topic":
-            self.create_subscription(ImageMsg, self._source, self._on_image, IMAGE_QUEUE)
+            topics.subscribe(ImageMsg, self._source, self._on_image, IMAGE_QUEUE)
         elif config.source == "compressed":
-            self.create_subscription(CompressedImage, self._source, self._on_compressed_image, IMAGE_QUEUE)
+            topics.subscribe(CompressedImage, self._source, self._on_compressed_image, IMAGE_QUEUE)
         else:
             arrived = self.create_guard_condition(self._on_device_frames)
             size = (self._camera.width, self._camera.height)
