@@ -14,7 +14,7 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, real_pushes, tracker, updates
+from bench import display, pipeline, real_pushes, recording, tracker, updates
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
 from pushfric_core.errors import InvalidInput
@@ -46,6 +46,9 @@ def bench(
         pathlib.Path | None,
         typer.Option("--real-pushes", help="push_points.csv of zhou2015: accuracy on real pushes.", show_default=False),
     ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Also the live graph and the recorder, in real time: 3 minutes.")
+    ] = False,
     json: Annotated[
         pathlib.Path | None, typer.Option("--json", help="Write all figures there as JSON.", show_default=False)
     ] = None,
@@ -69,7 +72,7 @@ def bench(
     columns = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
     # no thread of its own refreshes the bar: its CPU time would count as a contender's
     with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as bar:
-        steps = len(supports) * (len(points) + 1) + tracker.ROUNDS + (real_pushes.STEPS if pushes is not None else 0)
+        steps = len(supports) * (len(points) + 1) + tracker.ROUNDS + real_pushes.STEPS * (pushes is not None) + 4 * live
         task = bar.add_task("", total=steps, completed=-1)
 
         def progress(what: str) -> None:
@@ -81,6 +84,7 @@ def bench(
         held = updates.memory(supports, QUICK_HELD if quick else HELD, progress)
         frames = tracker.measure(progress)
         accuracy = real_pushes.measure(pushes, progress) if pushes is not None else None
+        graph = {"pipeline": pipeline.measure(progress), "recording": recording.measure(progress)} if live else {}
         progress("done")
     rows = with_best_of_highs(measured["updates"])
     targets = list(verdicts(rows))
@@ -91,6 +95,7 @@ def bench(
         display.verdict_table(targets),
         display.tracker_table(frames),
         *([display.accuracy_table(accuracy), display.learning_table(accuracy)] if accuracy is not None else []),
+        *([display.live_table(graph)] if live else []),
         f"plot: {plot}",
         sep="\n",
     )
@@ -100,6 +105,7 @@ def bench(
             "updates": rows,
             "bytes_per_data_point": held,
             "tracker": frames,
+            **graph,
             **({"real_pushes": accuracy} if accuracy is not None else {}),
             "targets": [target._asdict() for target in targets],
             "disagreements": measured["disagreements"],

@@ -94,6 +94,21 @@ def learning_table(figures: Figures) -> Table:
     return table
 
 
+def live_table(figures: Figures) -> Table:
+    """The live graph and the recorder, in real time."""
+    pipeline, recording = figures["pipeline"], figures["recording"]
+    latency, images, offline = pipeline["latency"], recording["images"], recording["offline"]
+    table = Table("figure", "measured", title="The live graph")
+    table.add_row("image to estimate, median / 99th percentile", f"{latency['p50_ms']:.1f} / {latency['p99_ms']:.1f} ms")
+    table.add_row("of it, waiting for the pusher's report", f"{latency['pusher_p50_ms']:.1f} ms")
+    table.add_row("start to first pose", f"{pipeline['start_to_first_pose_s']:.1f} s")
+    for row in pipeline["frames"]:
+        table.add_row(f"frames dropped at {row['published_hz']:.0f} frames/s", f"{row['dropped']} of {row['published']}")
+    table.add_row(f"images recorded at {images['published_hz']:.0f} Hz", f"{images['recorded']} of {images['published']}")
+    table.add_row("a bag estimated offline", f"{offline['times_real_time']:.0f} times real time")
+    return table
+
+
 def _millimetres(metres: float) -> str:
     return f"{metres * 1e3:.1f}"
 

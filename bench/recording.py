@@ -102,6 +102,7 @@ def _publish_images(seconds: float) -> Figures:
         if time.monotonic() > deadline:
             raise RuntimeError("the recorder did not appear")
         time.sleep(0.01)
+    time.sleep(1.0)  # the other side finds this one a little later, and does not tell
     count = round(RATE * seconds)
     begin = time.monotonic()
     for number in range(count):

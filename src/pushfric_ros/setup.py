@@ -12,6 +12,7 @@ setup(
     maintainer_email="pushfric@users.noreply.github.com",
     license="Apache-2.0",
     packages=["pushfric_ros"],
+    package_data={"pushfric_ros": ["fastdds.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_ros"]),
         ("share/pushfric_ros", ["package.xml"]),

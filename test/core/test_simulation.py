@@ -4,7 +4,7 @@ import pytest
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Pose, cross, left_of, rotation, velocity_at
-from pushfric_core.simulation import TABLE_1, ContactMode, PushedObject, pushed_motion
+from pushfric_core.simulation import FEET, FLAT, TABLE_1, ContactMode, PushedObject, pushed_motion
 from pushfric_core.support import Support
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
@@ -94,3 +94,21 @@ def test_the_feet_are_the_corners_of_the_grid(name):
     known = TABLE_1[name]
     corners = known.support_points[[0, 4, 10, 14]]
     assert np.allclose(np.sort(corners, axis=0), np.sort(known.support.points, axis=0))
+
+
+@pytest.mark.parametrize("name", ["delrin_rect_center", "delrin_rect_right"])
+def test_a_flat_bottom_presses_parabolically_on_an_ellipse(name):
+    known = TABLE_1[name]
+    shape = np.sum((known.support.points / (0.0415, 0.0255)) ** 2, axis=1)
+    assert shape.max() < 1
+    # a tilt along x is all that the weight on top adds
+    tilt = known.support.weights / (1 - shape)
+    slope, level = np.polyfit(known.support.points[:, 0], tilt, 1)
+    assert np.allclose(tilt, level + slope * known.support.points[:, 0])
+    assert (slope > 1e-6) == (name == "delrin_rect_right")
+
+
+def test_the_smallest_objects_are_seen_worst():
+    assert {name for name, known in TABLE_1.items() if known.noise is FLAT} == {"delrin_rect_center", "delrin_rect_right"}
+    assert pytest.approx((1e-4, np.deg2rad(0.12))) == FEET
+    assert pytest.approx((3.5e-4, np.deg2rad(0.45))) == FLAT

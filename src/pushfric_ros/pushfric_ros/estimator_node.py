@@ -64,6 +64,7 @@ class EstimatorNode(Node):
         self._trajectory_config = declare(self, TrajectoryConfig)
         self._estimator_config = declare(self, EstimatorConfig)
         self._select(load_object(config.object))
+        self._estimator.estimate()  # loads the compiled solver now, not with the first data point
         self._observations_out = None
         self._diagnostics = topics = Diagnostics(self, self._health)
         if config.source == "observations":

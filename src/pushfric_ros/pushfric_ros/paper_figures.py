@@ -55,7 +55,10 @@ def figures(tables: Experiments, seed: Experiments, rods: Experiments) -> dict[s
         ),
         "figure8": lambda: _histograms(
             seed["drawings"]["bounds"],
-            {"rubber_rect4": "(a) rubber_rect4, original data", "rubber_rect4_slipping": "(b) test pushes with slipping contact"},
+            {
+                "rubber_rect4": "(a) rubber_rect4, original data",
+                "rubber_rect4_slipping": "(b) test pushes with slipping contact",
+            },
         ),
         "figure9": lambda: _orientations("wood_rect3", tables["figure9"]),
         "figure10": lambda: _orientations("delrin_square3", tables["figure10"]),

@@ -56,7 +56,7 @@ def number(value: float | None, digits: int = 2) -> str:
     return "infeasible" if math.isinf(value) else f"{value:.{digits}f}"
 
 
-def _measured(leaf: Nested, digits: int = 2) -> Cell:
+def measured(leaf: Nested, digits: int = 2) -> Cell:
     """Median and quartiles; how often, for a truth value."""
     if "held" in leaf:
         tone = "good" if leaf["held"] >= 0.95 * leaf["of"] else "off"
@@ -77,7 +77,7 @@ def _known(leaf: Nested, digits: int = 2) -> tuple[Cell, Cell]:
 
 
 def _row(name: str, leaf: Nested, digits: int = 2) -> list[Cell]:
-    return [Cell(name), *_known(leaf, digits), _measured(leaf, digits)]
+    return [Cell(name), *_known(leaf, digits), measured(leaf, digits)]
 
 
 BESIDE = ("paper", "reference", "this run: median (quartiles)")
@@ -170,21 +170,41 @@ def _sections(summary: Nested) -> list[Section]:
             ("object, share of the bounds", *BESIDE),
             table3,
         ),
-        Section("figure7", "Figure 7: a vision error in one push", "One seed. The outlier at the right of (a) is the bad push."),
+        Section(
+            "figure7", "Figure 7: a vision error in one push", "One seed. The outlier at the right of (a) is the bad push."
+        ),
         Section("figure8", "Figure 8: slipping contact", "One seed. Pushes at sharp angles slip: (b) clusters around mu_c."),
         Section(
             "table4",
             "Table 4: which centre of friction has delrin_rect_center?",
             "Fit error [cm] and its ratio to the best hypothesis. Errors are scaled to the paper's 36 data points. The last "
             "column frees supports near the centre of rotation, which is pushfric's default and not in the paper.",
-            ("grid, hypothesis", "paper", "reference", "fit error", "ratio: paper", "reference", "this run", "with cor_radius auto"),
+            (
+                "grid, hypothesis",
+                "paper",
+                "reference",
+                "fit error",
+                "ratio: paper",
+                "reference",
+                "this run",
+                "with cor_radius auto",
+            ),
             _recognition(summary, "table4"),
         ),
         Section(
             "table5",
             "Table 5: and delrin_rect_right?",
             "The same, scaled to 32 data points.",
-            ("grid, hypothesis", "paper", "reference", "fit error", "ratio: paper", "reference", "this run", "with cor_radius auto"),
+            (
+                "grid, hypothesis",
+                "paper",
+                "reference",
+                "fit error",
+                "ratio: paper",
+                "reference",
+                "this run",
+                "with cor_radius auto",
+            ),
             _recognition(summary, "table5"),
         ),
         Section(
@@ -247,10 +267,10 @@ def _recognition(summary: Nested, table: str) -> list[list[Cell]]:
         numbers, freed = summary[table][f"grid_{size}"], summary[f"{table}_default"][f"grid_{size}"]
         for name in ("left", "center", "right"):
             error, ratio = numbers[f"error_{name}"], numbers[f"ratio_{name}"]
-            cells = [*_known(error), _measured(error), *_known(ratio), _measured(ratio), _measured(freed[f"ratio_{name}"])]
+            cells = [*_known(error), measured(error), *_known(ratio), measured(ratio), measured(freed[f"ratio_{name}"])]
             rows.append([Cell(f"{size} points, {name}"), *cells])
         blank = Cell("")
-        right, right_freed = _measured(numbers["correct"]), _measured(freed["correct"])
+        right, right_freed = measured(numbers["correct"]), measured(freed["correct"])
         rows.append([Cell(f"{size} points: right object"), Cell("yes"), blank, right, blank, blank, blank, right_freed])
     return rows
 
@@ -259,7 +279,7 @@ def _orientations(numbers: Nested) -> list[list[Cell]]:
     return [
         [
             Cell(key.removeprefix("half_width_").replace("_", " ")),
-            *(_measured(numbers[case][key]["correct"]) for case in ("supports", "supports_and_center")),
+            *(measured(numbers[case][key]["correct"]) for case in ("supports", "supports_and_center")),
         ]
         for key in numbers["supports"]
     ]
@@ -281,7 +301,7 @@ def _verdicts(summary: Nested) -> list[Cell]:
         ("the four feet found among 15 points (Figure 5)", worst(corners)),
         ("the true orientation, at every half-width (Figures 9, 10)", worst(turns)),
     )
-    cells = [Cell(_measured(leaf).text, text, _measured(leaf).tone) for text, leaf in claims]
+    cells = [Cell(measured(leaf).text, text, measured(leaf).tone) for text, leaf in claims]
     ratios = [
         leaf
         for table in ("table4", "table5")
@@ -289,7 +309,7 @@ def _verdicts(summary: Nested) -> list[Cell]:
         for key, leaf in grid.items()
         if key.startswith("ratio") and "reference" in leaf
     ]
-    close = sum(_measured(leaf).tone == "good" for leaf in ratios)
+    close = sum(measured(leaf).tone == "good" for leaf in ratios)
     text = f"ratios of Tables 4 and 5 within {round(100 * CLOSE)} % of the reference"
     return [*cells, Cell(f"{close} of {len(ratios)}", text, "good" if close == len(ratios) else "off")]
 

@@ -159,9 +159,7 @@ def _between(ranked: np.ndarray, position: float) -> float:
 def _merge(values: Sequence[Any], paper: Any, reference: Any) -> Nested:
     first = values[0]
     if isinstance(first, Mapping):
-        return {
-            key: _merge([value[key] for value in values], _part(paper, key), _part(reference, key)) for key in first
-        }
+        return {key: _merge([value[key] for value in values], _part(paper, key), _part(reference, key)) for key in first}
     leaf: Nested
     if isinstance(first, bool):
         leaf = Count(sum(values), len(values))._asdict()

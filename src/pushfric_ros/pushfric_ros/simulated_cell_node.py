@@ -24,6 +24,7 @@ from pushfric_ros.camera import load_camera
 from pushfric_ros.conversions import pose_from_msg, stamp_to_msg
 from pushfric_ros.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.grbl_firmware import SimulatedGrbl
+from pushfric_ros.image_memory import make_room_for_images
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
 from pushfric_ros.pusher import PusherConfig
@@ -169,4 +170,5 @@ class SimulatedCellNode(Node):
 
 
 def main() -> None:
+    make_room_for_images()
     run_node(SimulatedCellNode)
