@@ -29,6 +29,8 @@ setup(
         "pydantic",
         "typer",
         "rich",
+        "Jinja2",
+        "joblib",
         "matplotlib",
         "shapely>=2.1",
     ],

@@ -277,3 +277,30 @@ def test_the_loss_l2_is_the_least_squares_fit():
     w, _ = nnls(np.vstack((a, 1e3 * np.ones(a.shape[1]))), np.append(np.zeros(len(a)), 1e3))
     assert estimate.w == pytest.approx(w / w.sum(), abs=1e-4)
     assert estimate.solution.objective == pytest.approx(np.sum((a @ estimate.w) ** 2))
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"terms": ("moment", "frictionless")}, {"terms": ("moment", "cone"), "mu_bound": 0.0}]
+)
+def test_a_tie_with_rows_of_zeros_is_broken(settings):
+    push = Observation((0.05, 0.0), (1.0, 0.0), Twist(-1.0, 0.0, 0.0))  # through the middle: it tells nothing of these two
+    estimate = Estimator([(-0.03, 0.0), (0.03, 0.0)], EstimatorConfig(**settings)).add(push)
+    assert estimate.status is Status.OPTIMAL
+    assert estimate.w == pytest.approx((0.5, 0.5))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"pull_penalty": 0.0},
+        {"terms": ("cone",), "force_weight": 0.0},
+        {"terms": ("frictionless",), "force_weight": 0.0},
+        {"terms": ("force_angle",), "nonnegative_force": False, "loss": "l2"},
+        {"terms": ("force_angle",), "nonnegative_force": False, "solver": "osqp"},
+    ],
+)
+def test_data_points_without_rows_or_cost_are_taken_and_excluded(settings):
+    problem = PROBLEMS[0]()
+    estimator = Estimator(problem.outline.grid(4, 4), EstimatorConfig(**settings))
+    assert last_estimate(estimator, problem.observations[:4]).data_points == 4
+    assert estimator.exclude(2).data_points == 3

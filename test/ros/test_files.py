@@ -192,3 +192,27 @@ def test_a_cell_finds_its_files_beside_it(write, tmp_path):
 def test_bad_cells_are_refused(write, text, error):
     with pytest.raises(InvalidInput, match=error):
         load_cell(write(text, "cell.yaml"))
+
+
+def test_a_cells_estimator_section_becomes_parameters(write):
+    text = CELL + "estimator: {cor_radius: auto, half_width: 0, window: 7, terms: [moment, cone]}\n"
+    parameters = load_cell(write(text)).estimator
+    assert parameters == {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"]}
+    assert isinstance(parameters["half_width"], float)  # as a node wants it
+
+
+@pytest.mark.parametrize(
+    ("section", "error"),
+    [
+        ("{half_width: x}", "half_width"),
+        ("{window: 7.5}", "window"),
+        ("{tie_break: maybe}", "tie_break"),
+        ("{terms: 5}", "terms"),
+        ("{terms: [moments]}", "terms must name at least one of"),
+        ("{grid: 5}", "the estimator has no parameter grid"),
+    ],
+)
+def test_a_bad_estimator_section_is_refused_in_one_line(write, section, error):
+    with pytest.raises(InvalidInput, match=error) as refusal:
+        load_cell(write(CELL + f"estimator: {section}\n"))
+    assert "\n" not in str(refusal.value)

@@ -53,17 +53,12 @@ def rows_of(data, points):
 
 def highs(data, points, center=None, half_width=0.0):
     """w and the fit error [cm] by HiGHS; infinite where infeasible."""
-    moment, normal_force, force = rows_of(data, points)
+    moment, normal_force, _ = rows_of(data, points)
     m, n = moment.shape
-    if half_width:
-        # the moment about p_c + h t is the one about p_c less h t x f, and t x f = - n . f
-        errors = np.vstack((moment + half_width * -normal_force, -(moment + half_width * normal_force)))
-    else:
-        errors = np.vstack((moment, -moment))
-    k = len(errors)
-    above = np.hstack((errors, -np.tile(np.eye(m), (2, 1)) if not half_width else -np.eye(k)))
-    slacks = above.shape[1] - n
-    upper = np.vstack((above, np.hstack((-normal_force, np.zeros((m, slacks))))))
+    # m(c-+) = m_c -+ h t x f, and t x f = - f . n; a slack for each side: where h = 0, their sum is |m_c|
+    sides = np.vstack((moment - half_width * normal_force, -moment - half_width * normal_force))
+    slacks = 2 * m
+    upper = np.block([[sides, -np.eye(slacks)], [-normal_force, np.zeros((m, slacks))]])
     equal, right = [np.append(np.ones(n), np.zeros(slacks))], [1.0]
     if center is not None:
         equal += [np.append(axis, np.zeros(slacks)) for axis in points.T]

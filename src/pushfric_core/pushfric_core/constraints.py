@@ -157,7 +157,7 @@ def _within_cone(axis: Array, slope: float, forces: SupportForces, weight: float
 def _rows(functional: Array, forces: SupportForces, above: float, below: float) -> ConstraintRows:
     """The cost of sum_j c_j . f_j, with c = functional, (2,) or (n, 2), after the free supports did their best to lower it."""
     a = np.sum(functional * forces.directions, axis=1)
-    if not forces.free.any():
+    if not forces.free.any() or above == below == 0:
         return ConstraintRows(a[None], np.full(1, above), np.full(1, below))
     reach = np.hypot(functional[..., 0], functional[..., 1]) * forces.free
     # what the free supports can take away from a cost above, and from one below

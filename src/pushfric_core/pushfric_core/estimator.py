@@ -38,6 +38,9 @@ FORCE_TERMS = ("force", "force_angle")
 """Those that need a measured force; data points without one bring no row of theirs."""
 
 
+TIE_BREAK_LIMIT = 300
+"""Data points up to which ties are broken: more hardly ever leave any, and the cost of one must not grow with their number."""
+
 LOSSES, SOLVERS = ("l1", "l2"), ("simplex", "osqp")
 
 
@@ -93,6 +96,7 @@ class Estimate:
         stamp: of the newest of them [ns]; 0 where unknown.
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
         conflicts: data points whose hard constraints contradict each other; none unless the status is INFEASIBLE.
+        center_given: the centre of friction is one of the hard constraints (eq. 13).
     """
 
     support_points: Array
@@ -102,6 +106,7 @@ class Estimate:
     stamp: int
     contact_forces: ContactForces
     conflicts: tuple[Observation, ...] = ()
+    center_given: bool = False
 
     @property
     def w(self) -> Array:
@@ -125,7 +130,8 @@ class Estimate:
         pushes = sorted({observation.push_id for observation in self.conflicts})
         if not pushes:
             return "no w over the support points has the centre of friction that is asked for"
-        return f"no w lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
+        given = " with the centre of friction that is asked for" if self.center_given else ""
+        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
 
     @cached_property
     def center_of_friction(self) -> Array:
@@ -153,7 +159,7 @@ class Estimator:
 
     Args:
         support_points: (n, 2) hypothesised supports in the object frame [m].
-        config: the constraints; the paper's by default.
+        config: the constraints; EstimatorConfig() by default.
         center_of_friction: p_CF (2,) [m] where it is known or hypothesised: a hard constraint (eq. 13).
     Raises:
         ValueError: support_points is not (n, 2) with n >= 1, center_of_friction not (2,), or a value is not finite.
@@ -178,6 +184,7 @@ class Estimator:
         self._pushes: Counter[int] = Counter()
         self._contacts = _Contacts(len(self.support_points))
         self._next = 0
+        self._center_given = center_of_friction is not None
         if center_of_friction is not None:
             center = np.array(center_of_friction, dtype=float)
             if center.shape != (2,) or not np.isfinite(center).all():
@@ -240,7 +247,9 @@ class Estimator:
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         stamp = self._observations[next(reversed(self._observations))].stamp if self._observations else 0
         data_points, pushes = len(self._observations), len(self._pushes)
-        return Estimate(self.support_points, solution, data_points, pushes, stamp, self._contacts.forces, conflicts)
+        return Estimate(
+            self.support_points, solution, data_points, pushes, stamp, self._contacts.forces, conflicts, self._center_given
+        )
 
     def _empty_program(self) -> Simplex | LeastSquares | OsqpLinearProgram:
         n = len(self.support_points)
@@ -250,11 +259,15 @@ class Estimator:
 
     def _solve(self) -> Optimum:
         solution, program = self._program.solve(), self._program
-        # with a scale, the vertex stands
+        # with a scale, the vertex stands; with many data points as well: this looks at all of them
         tie_break = self.config.tie_break and self._columns == len(self.support_points)
+        tie_break = tie_break and len(self._observations) <= TIE_BREAK_LIMIT
         if not tie_break or not isinstance(program, Simplex) or solution.status is not Status.OPTIMAL or program.unique():
             return solution
-        w, scale, _, objective, lower_bound, gap, status = nearest_uniform(program.rows(), program.certificate())
+        certificate = program.certificate()
+        if certificate.status is not Status.OPTIMAL:
+            return solution
+        w, scale, _, objective, lower_bound, gap, status = nearest_uniform(program.rows(), certificate)
         return Optimum(w, scale, objective, lower_bound, gap, status)
 
     def _rows_of(self, observation: Observation) -> ConstraintRows:

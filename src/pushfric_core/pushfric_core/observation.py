@@ -13,6 +13,9 @@ UNIT = 1e-3
 """A contact normal's length may differ from 1 by this much: text files round."""
 
 
+TINY = 1e-100
+"""Twists smaller than this, or larger than one over it, would leave the range of floating point on the way."""
+
 OFF_OUTLINE = 0.005
 """A contact may lie this far from the outline [m]: outlines are drawn, poses are measured."""
 
@@ -57,6 +60,10 @@ class Observation:
         for name in ("half_width", "duration"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
+        if any(self.twist) and not TINY < max(map(abs, self.twist)) < 1 / TINY:
+            raise ValueError(
+                f"the twist must have a size between {TINY:g} and {1 / TINY:g}, got {tuple(map(float, self.twist))}"
+            )
         if not any(self.twist):
             raise UninformativePush("the twist of a data point must not be zero: the object did not move")
 

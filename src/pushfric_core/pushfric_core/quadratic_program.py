@@ -77,6 +77,7 @@ class OsqpLinearProgram:
         self._n = _at_least_one(n)
         self._table = _Table(n + 2)  # a, above, below
         self._groups = 0
+        self._present: set[int] = set()
         self._dual: _Dual | None = None
         self._conflicts: list[int] = []
 
@@ -84,10 +85,11 @@ class OsqpLinearProgram:
         """Append the rows of one data point; they become group 0, 1, 2... in order of arrival.
 
         Raises:
-            ValueError: shapes that do not fit, no rows, coefficients that are not finite, costs that are negative or NaN.
+            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
         """
         _check(rows, self._n)
         self._table.append(np.column_stack(rows), self._groups)
+        self._present.add(self._groups)
         self._groups += 1
 
     def remove(self, group: int) -> None:
@@ -96,8 +98,10 @@ class OsqpLinearProgram:
         Raises:
             ValueError: there is no such group, or it was removed before.
         """
-        if not self._table.remove(group):
+        if group not in self._present:
             raise ValueError(f"there is no group {group} to remove")
+        self._present.remove(group)
+        self._table.remove(group)
         self._dual = None
 
     def solve(self) -> Optimum:
@@ -154,6 +158,7 @@ class LeastSquares:
         self._uneven = _Table(n + 2)  # a, above, below
         self._equal, self._low = _Table(n), _Table(n)
         self._groups = 0
+        self._present: set[int] = set()
         self._even_hessian = np.zeros((n, n))
         self._uneven_hessian = np.zeros((n, n))
         self._counted = np.zeros(0)  # cost with which each uneven row is in it
@@ -165,7 +170,7 @@ class LeastSquares:
         """Append the rows of one data point; they become group 0, 1, 2... in order of arrival.
 
         Raises:
-            ValueError: shapes that do not fit, no rows, coefficients that are not finite, costs that are negative or NaN.
+            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
         """
         _check(rows, self._n)
         above, below = _finite(rows.above), _finite(rows.below)
@@ -176,6 +181,7 @@ class LeastSquares:
         hard, _ = _hard_rows(rows)
         self._equal.append(hard.equal, self._groups)
         self._low.append(hard.low, self._groups)
+        self._present.add(self._groups)
         self._groups += 1
 
     def remove(self, group: int) -> None:
@@ -184,8 +190,11 @@ class LeastSquares:
         Raises:
             ValueError: there is no such group, or it was removed before.
         """
-        if not sum(table.remove(group) for table in (self._even, self._uneven, self._equal, self._low)):
+        if group not in self._present:
             raise ValueError(f"there is no group {group} to remove")
+        self._present.remove(group)
+        for table in (self._even, self._uneven, self._equal, self._low):
+            table.remove(group)
         self._even_hessian = _gram(self._even.rows[:, :-1], self._even.rows[:, -1])
         self._uneven_hessian[:] = 0.0
         self._counted, self._largest = np.zeros(0), 0.0
@@ -288,7 +297,9 @@ def nearest_uniform(rows: ConstraintRows, solution: Solution) -> Solution:
     support = (solution.w > 0) | (reduced - reduced.min() <= STRICT * np.abs(reduced).max(initial=0.0))
     margin = STRICT * np.abs(y).max(initial=0.0)
     high, low = y >= above - margin, y <= margin - below
-    a = _unit_rows(a[:, support])
+    a = a[:, support]
+    seen = a.any(axis=1)  # a row of zeros is met by every such w
+    a, high, low = _unit_rows(a[seen]), high[seen], low[seen]
     face = _Hard(_row_space(a[~high & ~low]), np.concatenate((a[high & ~low], -a[low & ~high])))
     n, free = len(support), int(support.sum())
     if len(_row_space(np.vstack((face.equal, np.ones(free))))) == free:
@@ -345,13 +356,11 @@ class _Table:
         self._room[first : self._count] = rows
         self._groups[first : self._count] = group
 
-    def remove(self, group: int) -> bool:
-        """Whether there were rows of that group."""
+    def remove(self, group: int) -> None:
         kept = self.groups != group
         rows, groups = self.rows[kept], self.groups[kept]
-        removed, self._count = len(rows) < self._count, len(rows)
+        self._count = len(rows)
         self._room[: self._count], self._groups[: self._count] = rows, groups
-        return removed
 
 
 class _Dual:
@@ -580,9 +589,9 @@ def _at_least_one(n: int) -> int:
 def _check(rows: ConstraintRows, n: int) -> None:
     a, above, below = rows
     m = len(above)
-    if not m or a.shape != (m, n) or below.shape != (m,):
-        raise ValueError(f"rows must have shapes (m, {n}), (m,), (m,), m > 0; got {a.shape}, {above.shape}, {below.shape}")
+    if a.shape != (m, n) or below.shape != (m,):
+        raise ValueError(f"rows must have shapes (m, {n}), (m,), (m,), got {a.shape}, {above.shape}, {below.shape}")
     if not np.isfinite(a).all():
         raise ValueError("the coefficients of the rows must be finite")
-    if not np.minimum(above, below).min() >= 0:
+    if not np.minimum(above, below).min(initial=0.0) >= 0:
         raise ValueError("the costs of the rows must not be negative or NaN")

@@ -3,6 +3,9 @@
 import dataclasses
 from typing import Any
 
+AUTO = "auto"
+"""What people write where a setting is None: to be found."""
+
 
 def setting(default: Any, description: str, low: float | None = None, high: float | None = None) -> Any:
     """A dataclass field with its default, description [unit] and inclusive range; the range is the caller's to enforce."""

@@ -206,7 +206,7 @@ def _on_feet(
 
 
 def _flat(length: float, width: float, offset: float, mu_c: float) -> TableObject:
-    """A flat bottom, never quite flat: a slightly crowned one presses on an ellipse, parabolically less from its middle outwards.
+    """A flat bottom, never quite flat: slightly crowned, it presses on an ellipse, parabolically less from the middle outwards.
 
     A weight on top shifts the centre of friction along x by `offset` [m].
     """

@@ -9,6 +9,9 @@ import numpy.typing as npt
 from pushfric_core.errors import UninformativePush
 from pushfric_core.planar import Array, Twist, Wrench, cross, velocity_at
 
+LARGEST = 1e6
+"""Support points further out than this are a mistake [m]."""
+
 
 @dataclass(frozen=True)
 class Support:
@@ -59,8 +62,8 @@ def check_points(support_points: npt.ArrayLike) -> Array:
     points = np.array(support_points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or not len(points):
         raise ValueError(f"support_points must have shape (n, 2) with n >= 1, got {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError("support_points must be finite")
+    if not (np.abs(points) < LARGEST).all():
+        raise ValueError(f"support_points must be finite and within {LARGEST:g} m")
     points.setflags(write=False)
     return points
 

@@ -10,9 +10,10 @@ import typer
 from rich.console import Console
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import COR_SHARE, FORCE_TERMS, TERMS, Estimator, EstimatorConfig
+from pushfric_core.estimator import COR_SHARE, FORCE_TERMS, LOSSES, TERMS, Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.recognition import Recognizer
+from pushfric_core.settings import AUTO
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import bag as bags
@@ -23,8 +24,8 @@ from pushfric_ros.conversions import estimate_to_msg, recognition_to_msg
 from pushfric_ros.doctor import examine, findings, passed, table
 from pushfric_ros.figures import summary_figure
 from pushfric_ros.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
-from pushfric_ros.parameters import AUTO
 from pushfric_ros.report import recognition_report, report, to_json, truth
+from pushfric_ros.reproduce import reproduce
 
 RUNS = pathlib.Path("runs")
 """Bags go there where nothing else is said."""
@@ -130,7 +131,7 @@ def demo(
         json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
     figure = bag / demonstration.FIGURE
     summary_figure(figure, TABLE_1[object_name].outline, *demonstration.course_of(bag, console), TABLE_1[object_name])
-    console.print(f"figure: {figure}\nbag:    {bag}")
+    console.print(f"figure: {figure}\nbag:    {bag}", markup=False)
 
 
 @app.command()
@@ -157,7 +158,7 @@ def run(
     ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
     if ended.code:
         raise RunFailed(ended.code, ended.reason)
-    console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it")
+    console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it", markup=False)
 
 
 @app.command()
@@ -219,11 +220,12 @@ def estimate(
         cor_radius=cor_radius,
         solver=solver,
         loss=loss,
+        tie_break=tie_break,
     )
     result = offline.estimate(Estimator(model.support_points, config), _data(source, model, config, exclude_push), _warn)
     if result.contradiction is not None:
         _warn(result.contradiction)
-    _print_result(report(estimate_to_msg(result, model.name)), json)
+    _print_result(report(estimate_to_msg(result, model.name)), json, loss)
 
 
 @app.command()
@@ -270,6 +272,23 @@ def recognize(
     _print_ranking(recognition_report(recognition_to_msg(ranking)), json)
 
 
+@app.command("reproduce")
+def reproduce_(
+    out: Annotated[pathlib.Path, typer.Option(help="Folder of the report; a second call goes on there.")] = RUNS / "reproduce",
+    seeds: Annotated[int, typer.Option(help="Repetitions, each with its own noise.", min=1, max=10_000)] = 20,
+    jobs: Annotated[int, typer.Option(help="Processes; -1: one for each core.", min=-1)] = -1,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
+    ] = None,
+) -> None:
+    """The paper's tables and figures beside the paper's numbers, from simulated pushes; as report.html and tables.json."""
+    if jobs == 0:
+        raise InvalidInput("--jobs must be -1, or 1 or more, got 0")
+    _, written = reproduce(out, seeds, jobs, dask, console)
+    console.print(f"report: {written}", markup=False)
+
+
 @app.command()
 def doctor(
     cell: Annotated[
@@ -294,7 +313,7 @@ def recover(
     out: Annotated[pathlib.Path, typer.Option(help="Folder of the new bag.", show_default=False)],
 ) -> None:
     """Save all that is whole of a bag that was cut short."""
-    console.print(f"{out}: {bags.recover(damaged, out)} messages saved")
+    console.print(f"{out}: {bags.recover(damaged, out)} messages saved", markup=False)
 
 
 @app.command("import")
@@ -307,7 +326,7 @@ def import_(
     if dataset != zhou2015.NAME:
         raise InvalidInput(f"unknown data set {dataset!r}; expected {zhou2015.NAME}")
     for written in zhou2015.import_pushes(source, out):
-        console.print(f"{written.bag}: {written.observations} observations of {written.object}")
+        console.print(f"{written.bag}: {written.observations} observations of {written.object}", markup=False)
 
 
 class RunFailed(PushfricError):
@@ -364,7 +383,7 @@ def _data(
     return [observation for observation in data if observation.push_id not in (exclude_push or [])]
 
 
-def _print_result(figures: dict[str, Any], as_json: bool) -> None:
+def _print_result(figures: dict[str, Any], as_json: bool, loss: str = EstimatorConfig.loss) -> None:
     if as_json:
         print(to_json(figures))
         return
@@ -374,7 +393,11 @@ def _print_result(figures: dict[str, Any], as_json: bool) -> None:
     output.print(f"mu_c   {figures['mu_c']['p90']:.3f} (90 %), {figures['mu_c']['max']:.3f} (100 %)")
     if "total_friction" in figures:
         output.print(f"total  {figures['total_friction']:.3f} N of support friction")
-    output.print(f"fit    {figures['objective'] * 1e3:.4f} mm, {figures['status']}, gap {figures['gap'] * 1e3:.1e} mm")
+    squares = loss == LOSSES[1]
+    scale, unit = (1e6, "mm^2") if squares else (1e3, "mm")
+    output.print(
+        f"fit    {figures['objective'] * scale:.4f} {unit}, {figures['status']}, gap {figures['gap'] * scale:.1e} {unit}"
+    )
     output.print(f"from   {figures['data_points']} data points of {figures['pushes']} pushes")
 
 
@@ -384,7 +407,7 @@ def _print_ranking(figures: dict[str, Any], as_json: bool) -> None:
         return
     output = Console(highlight=False, markup=False)
     for hypothesis in figures["hypotheses"]:
-        fit = f"fit {hypothesis['fit_error'] * 1e3:.4f} mm, ratio {hypothesis['ratio']:.3f}"
+        fit = f"fit {hypothesis['fit_error']:.4g}, ratio {hypothesis['ratio']:.3f}"
         output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")
     output.print(f"best: {figures['best'] or 'none is feasible'}")
 

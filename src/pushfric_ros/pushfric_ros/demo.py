@@ -50,7 +50,7 @@ def run_demo(
     with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
         cell = demo_cell(object_name, pathlib.Path(scratch))
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
-        console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}")
+        console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
         ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live)
     return last, ended
 
@@ -97,9 +97,13 @@ def watch(
 def course_of(bag: pathlib.Path, console: Console) -> tuple[list[Estimate], tuple[Observation, ...]]:
     """The estimates after each data point, and the data points, from what the bag recorded; for figures."""
     model = load_object(str(bag / OBJECT_FILE))
-    data = offline.observations(bag, model, TrajectoryConfig(), console.print)
+
+    def warn(line: str) -> None:
+        console.print(f"warning: {line}", highlight=False, markup=False)
+
+    data = offline.observations(bag, model, TrajectoryConfig(), warn)
     estimator = Estimator(model.support_points)
-    return list(offline.estimates(estimator, data, console.print)), estimator.observations
+    return list(offline.estimates(estimator, data, warn)), estimator.observations
 
 
 def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 import pushfric_core
 from pushfric_core import contact_friction
@@ -30,6 +31,8 @@ from pushfric_core.recognition import Hypothesis, Recognizer
 from pushfric_core.simulation import TABLE_1, PushedObject
 from pushfric_core.support import Support, center_of_friction, support_forces
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
+
+Mask = npt.NDArray[np.bool_]
 
 Numbers = dict[str, Any]
 """Nested; its leaves are numbers and truth values."""
@@ -196,7 +199,7 @@ def observation_row(observation: Observation) -> list[float]:
 
 
 def estimate(
-    observations: Iterable[Observation], points: Array, config: EstimatorConfig = PAPER, center: Sequence[float] | None = None
+    observations: Iterable[Observation], points: Array, config: EstimatorConfig = PAPER, center: npt.ArrayLike | None = None
 ) -> Estimate:
     """The estimate from all data points."""
     estimator = Estimator(points, config, center)
@@ -295,14 +298,14 @@ def _support_friction(data: dict[str, list[Observation]]) -> tuple[Numbers, dict
     return numbers, drawn
 
 
-def _at_feet(name: str, distance: float) -> Array:
+def _at_feet(name: str, distance: float) -> Mask:
     """Which hypothesised support points lie within a distance [m] of a foot."""
     known = TABLE_1[name]
     between = np.linalg.norm(known.support_points[:, None] - known.support.points, axis=2)
-    return np.asarray(between.min(axis=1) <= distance)
+    return np.asarray(between.min(axis=1) <= distance, dtype=bool)
 
 
-def _largest_are(w: Array, which: Array) -> bool:
+def _largest_are(w: Array, which: Mask) -> bool:
     """Whether the largest weights are those of `which`, a mask."""
     return bool(w[which].min() > w[~which].max())
 

@@ -1,4 +1,4 @@
-"""The paper's figures, drawn from the simulated experiments: one seed where the paper shows data, all seeds where it shows errors."""
+"""The paper's figures from the simulated experiments: of one seed where they show data, of all where they show errors."""
 
 import io
 from collections.abc import Callable, Mapping

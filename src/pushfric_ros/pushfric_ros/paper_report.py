@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jinja2
 
@@ -11,6 +11,9 @@ from pushfric_ros.paper_tables import Nested
 GRID_SIZES = (4, 9, 15, 24)
 CLOSE = 0.3
 """A number within this share of the reference is marked as agreeing with it."""
+
+
+NONE = "\N{EN DASH}"
 
 
 class Cell(NamedTuple):
@@ -52,7 +55,7 @@ def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
 def number(value: float | None, digits: int = 2) -> str:
     """A number for people, in a cell."""
     if value is None:
-        return "–"
+        return NONE
     return "infeasible" if math.isinf(value) else f"{value:.{digits}f}"
 
 
@@ -72,7 +75,7 @@ def measured(leaf: Nested, digits: int = 2) -> Cell:
 def _known(leaf: Nested, digits: int = 2) -> tuple[Cell, Cell]:
     """What the paper and the reference have."""
     if leaf.get("paper") is True:
-        return Cell("yes"), Cell("–")
+        return Cell("yes"), Cell(NONE)
     return Cell(number(leaf.get("paper"), digits)), Cell(number(leaf.get("reference"), digits))
 
 
@@ -224,8 +227,8 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "figure11",
             "Figure 11: how many data points are enough",
-            "rubber_rect4: error of p_CF from random subsets of the data points, mean of 10 samplings at each size. The paper's "
-            "curve is flat after 20 data points.",
+            "rubber_rect4: error of p_CF from random subsets of the data points, mean of 10 samplings at each size. The "
+            "paper's curve is flat after 20 data points.",
             ("", *BESIDE),
             figure11,
         ),
@@ -244,8 +247,8 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "figure12",
             "Figure 12: two rods that pushing cannot tell apart",
-            "Sections fx = 0 of their limit surfaces; what frictionless pushes along the rod reach is blue. The surfaces differ, "
-            "the reachable parts do not. With a contact friction of 1 the best push differs by "
+            "Sections fx = 0 of their limit surfaces; what frictionless pushes along the rod reach is blue. The surfaces "
+            "differ, the reachable parts do not. With a contact friction of 1 the best push differs by "
             f"{rods['deviations_with_mu_c_1']['median']:.1f} standard deviations of a good camera.",
             ("", *BESIDE),
             [_row("largest difference of reachable wrenches", rods["largest_difference_of_reachable_wrenches"])],
@@ -369,7 +372,7 @@ PAGE = """\
 <style>
 :root { --ink: #222; --soft: #6b6b6b; --line: #e4e2dd; --paper: #fbfaf7; --blue: #2563a8; --good: #2f7d4f; --off: #c2410c; }
 * { box-sizing: border-box; }
-body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.55 system-ui, -apple-system, "Segoe UI", sans-serif; }
+body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.55 system-ui, sans-serif; }
 main { max-width: 62rem; margin: 0 auto; padding: 3rem 1.5rem 5rem; }
 h1 { font-size: 2.1rem; line-height: 1.2; margin: 0 0 .4rem; }
 h2 { font-size: 1.25rem; margin: 0 0 .3rem; }
@@ -385,8 +388,9 @@ section { background: #fff; border: 1px solid var(--line); border-radius: .6rem;
 figure { margin: .6rem 0; } figure svg { max-width: 100%; height: auto; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; margin: .5rem 0; }
-th { text-align: right; font-weight: 600; color: var(--soft); padding: .3rem .8rem; border-bottom: 1px solid var(--line); vertical-align: bottom; }
-td { text-align: right; padding: .22rem .8rem; border-bottom: 1px solid #f2f0ec; white-space: nowrap; }
+th, td { text-align: right; padding: .25rem .8rem; border-bottom: 1px solid var(--line); }
+th { font-weight: 600; color: var(--soft); vertical-align: bottom; }
+td { white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 td small { color: var(--soft); margin-left: .5em; }
 .good { color: var(--good); font-weight: 600; } .off { color: var(--off); font-weight: 600; }
@@ -396,16 +400,17 @@ dt { font-weight: 600; margin-top: .9rem; } dd { margin: .1rem 0 0; color: var(-
 <body>
 <main>
 <h1>Estimating the friction parameters of pushed objects</h1>
-<p class="soft">The tables and figures of Lynch 1993 on simulated pushes of its six objects: {{ seeds }} seeds of camera noise and
-of the operator's hand, estimated with the paper's settings. Every number of this run was computed from these pushes.</p>
+<p class="soft">The tables and figures of Lynch 1993 on simulated pushes of its six objects: {{ seeds }} seeds of camera
+noise and of the operator's hand, estimated with the paper's settings. Every number of this run was computed from them.</p>
 <div class="cards">
 {% for card in verdicts %}
 <div class="card"><b class="{{ card.tone }}">{{ card.text }}</b>{{ card.detail }}</div>
 {% endfor %}
 </div>
 <p>The reference is the median of another simulation with the same noise, written apart from this one.
-<span class="good">Green</span>: within {{ close }} % of it, or right in 19 of 20 seeds. <span class="off">Red</span>: not. Lengths
-are in centimetres; the unit of force is the support friction of the translating object.</p>
+<span class="good">Green</span>: within {{ close }} % of it, or held in 19 of 20 seeds.
+<span class="off">Red</span>: not. Lengths are in centimetres; the unit of force is the support friction of the translating
+object.</p>
 <nav>
 {% for section in sections %}
 <a href="#{{ section.key }}">{{ section.title }}</a>
@@ -423,7 +428,11 @@ are in centimetres; the unit of force is the support friction of the translating
 <div class="wide"><table>
 <tr>{% for head in section.heads %}<th>{{ head }}</th>{% endfor %}</tr>
 {% for row in section.rows %}
-<tr>{% for cell in row %}<td class="{{ cell.tone }}">{{ cell.text }}{% if cell.detail %}<small>{{ cell.detail }}</small>{% endif %}</td>{% endfor %}</tr>
+<tr>
+{% for cell in row %}
+<td class="{{ cell.tone }}">{{ cell.text }}{% if cell.detail %}<small>{{ cell.detail }}</small>{% endif %}</td>
+{% endfor %}
+</tr>
 {% endfor %}
 </table></div>
 {% endif %}

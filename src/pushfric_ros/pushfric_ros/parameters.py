@@ -11,10 +11,9 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.settings import AUTO
 
 Config = TypeVar("Config")
-
-AUTO = "auto"
 
 
 def declare(node: Node, config_class: type[Config]) -> Config:

@@ -1,4 +1,4 @@
-"""`pushfric reproduce`: the paper's experiments over many seeds, in parallel and resumable, as tables.json and an HTML report."""
+"""`pushfric reproduce`: the paper's experiments over many seeds, parallel and resumable, as tables.json and an HTML report."""
 
 import importlib
 import json
