@@ -196,12 +196,8 @@ def test_bad_arguments_are_refused(program):
     with pytest.raises(ValueError, match="n must be at least 1, got 0"):
         program(0)
     three = program(3)
-    with pytest.raises(
-        ValueError, match=r"rows must have shapes \(m, 3\), \(m,\), \(m,\), got \(1, 2\), \(1,\), \(1,\)"
-    ):
+    with pytest.raises(ValueError, match=r"rows must have shapes \(m, 3\), \(m,\), \(m,\), got \(1, 2\), \(1,\), \(1,\)"):
         three.add(group([1, 2]))
-    with pytest.raises(ValueError, match="m > 0"):
-        three.add(group(np.zeros((0, 3))))
     with pytest.raises(ValueError, match="coefficients of the rows must be finite"):
         three.add(group([1, np.nan, 0]))
     for cost in (-1, np.nan):
