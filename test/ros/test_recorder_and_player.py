@@ -204,7 +204,10 @@ def test_the_recorder_reports_what_it_does(ros, outputs, tmp_path):
     assert values.items() >= {"messages": "1", "bytes": str(len(raw)), "lost": "0", "topics": "3"}.items()
 
 
-def test_what_a_full_queue_pushes_out_is_counted_as_lost(ros, outputs, tmp_path):
+def test_what_a_full_queue_pushes_out_is_counted_as_lost_and_warned_of_once(ros, outputs, tmp_path):
+    reports = []
+    monitor = ros.node("monitor")
+    monitor.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
     node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
     wait_until_matched(ros, outputs)
     outputs[0].publish(Observation())
@@ -217,9 +220,13 @@ def test_what_a_full_queue_pushes_out_is_counted_as_lost(ros, outputs, tmp_path)
         outputs[0].publish(Observation())
     go_on.set()
     ros.wait_for(lambda: node._bag.message_count == 1 + QUEUE_DEPTH, what="a queue full of messages")
-    level, text, values = node._health()
-    assert (level, text) == (Level.WARN, "messages were lost before they could be recorded: 200 of /cell/observation")
-    assert values.items() >= {"messages": QUEUE_DEPTH + 1, "bytes": node._bytes, "lost": 200, "topics": 3}.items()
+    warning = "messages were lost before they could be recorded: 200 of /cell/observation"
+    well = f"{QUEUE_DEPTH + 1} messages recorded"
+    ros.wait_for(lambda: reports and reports[-1].message == well, what="a report that all is well")
+    levels = {report.message: report.level for report in reports}
+    assert levels[warning] == Level.WARN.value
+    assert [report.message for report in reports].count(warning) == 1
+    assert {pair.key: pair.value for pair in reports[-1].values}["lost"] == "200"
 
 
 def test_missing_numbers_of_a_single_publisher_are_losses():

@@ -1,11 +1,13 @@
 """The whole graph as its user runs it: real processes, real middleware, one demo for all tests of this module."""
 
+import contextlib
 import json
 import os
 import pathlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -137,84 +139,104 @@ def test_a_bag_of_observations_alone_is_replayed_too(demo, tmp_path):
     assert json.loads(run.stdout)["w"] == demo[1]["w"]
 
 
-def start_demo(folder, marker):
-    environment = os.environ | {"PUSHFRIC_TEST": marker}
-    command = [sys.executable, "-m", "pushfric_ros.cli", "demo", "--headless", "--bag", str(folder / "bag")]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+class RunningDemo:
+    """A demo in a process of its own, and what it says."""
+
+    def __init__(self, folder):
+        self.marker = f"PUSHFRIC_TEST={folder.name}"
+        command = [sys.executable, "-m", "pushfric_ros.cli", "demo", "--headless", "--bag", str(folder / "bag")]
+        environment = os.environ | dict([self.marker.split("=")])
+        self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self._lines = []
+        self._listener = threading.Thread(target=self._listen)
+        self._listener.start()
+
+    def _listen(self):
+        for line in self.process.stdout:
+            self._lines.append(line)
+
+    @property
+    def output(self):
+        return "".join(self._lines)
+
+    def wait_for(self, predicate, what, timeout=120.0):
+        deadline = time.monotonic() + timeout
+        while not predicate():
+            assert time.monotonic() < deadline, f"{what} did not come within {timeout} s, only: {self.output}"
+            time.sleep(0.05)
+
+    def ended(self):
+        return self.process.poll() is not None
+
+    def await_first_push(self):
+        self.wait_for(lambda: self.ended() or "\npush" in self.output, "the first push")
+        assert not self.ended(), self.output
+
+    def await_end(self):
+        """The exit code."""
+        self.wait_for(self.ended, "the end")
+        self._listener.join(10.0)
+        return self.process.returncode
+
+    def nodes_alive(self):
+        return nodes_alive(self.marker)
+
+    def pid_of(self, node):
+        return next(pid for pid, command in self.nodes_alive() if node in command)
+
+    def clear_away(self):
+        """What a failed test has left: of a demo that ended well, nothing is alive."""
+        self.process.kill()
+        self.process.wait()
+        for pid, _ in self.nodes_alive():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self._listener.join(10.0)
+        self.process.stdout.close()
 
 
-def wait_for(predicate, what, timeout=60.0):
-    deadline = time.monotonic() + timeout
-    while not predicate():
-        assert time.monotonic() < deadline, f"{what} did not happen within {timeout} s"
-        time.sleep(0.05)
+@pytest.fixture
+def running(tmp_path):
+    demo = RunningDemo(tmp_path)
+    yield demo
+    demo.clear_away()
 
 
-def await_first_push(process):
-    """Read the demo's lines until its first push is reported."""
-    for line in process.stdout:
-        if line.startswith("push"):
-            return
-    pytest.fail("the demo ended before its first push")
+def test_ctrl_c_leaves_no_process_behind(running):
+    running.await_first_push()
+    assert len(running.nodes_alive()) == 6
+    running.process.send_signal(signal.SIGINT)
+    assert running.await_end() == 130
+    assert running.nodes_alive() == []
 
 
-def pid_of(node, marker):
-    return next(pid for pid, command in nodes_alive(marker) if node in command)
-
-
-def test_ctrl_c_leaves_no_process_behind(tmp_path):
-    marker = f"PUSHFRIC_TEST={tmp_path.name}"
-    process = start_demo(tmp_path, tmp_path.name)
-    await_first_push(process)
-    assert len(nodes_alive(marker)) == 6
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert nodes_alive(marker) == []
-
-
-def test_a_killed_command_line_takes_its_nodes_along(tmp_path):
-    marker = f"PUSHFRIC_TEST={tmp_path.name}"
-    process = start_demo(tmp_path, tmp_path.name)
-    await_first_push(process)
-    process.kill()
-    process.communicate(timeout=30)
-    wait_for(lambda: nodes_alive(marker) == [], "the end of all nodes", timeout=20.0)
+def test_a_killed_command_line_takes_its_nodes_along(running):
+    running.await_first_push()
+    running.process.kill()
+    running.wait_for(lambda: running.nodes_alive() == [], "the end of all nodes")
 
 
 @pytest.mark.parametrize("node", ["estimator_node", "simulated_cell_node", "experiment_node", "recorder_node"])
-def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(tmp_path, node):
-    marker = f"PUSHFRIC_TEST={tmp_path.name}"
-    process = start_demo(tmp_path, tmp_path.name)
-    await_first_push(process)
-    os.kill(pid_of(node, marker), signal.SIGKILL)
-    output, _ = process.communicate(timeout=60)
-    assert process.returncode == 1
-    assert f"error: {node.removesuffix('_node')} was killed by SIGKILL" in output
-    assert nodes_alive(marker) == []
+def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(running, node):
+    running.await_first_push()
+    os.kill(running.pid_of(node), signal.SIGKILL)
+    assert running.await_end() == 1
+    assert f"error: {node.removesuffix('_node')} was killed by SIGKILL" in running.output
+    assert running.nodes_alive() == []
 
 
-def test_a_second_cell_of_the_same_name_is_refused(tmp_path):
-    process = start_demo(tmp_path, tmp_path.name)
-    try:
-        await_first_push(process)
-        second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=30)
+def test_a_second_cell_of_the_same_name_is_refused(running, tmp_path):
+    running.await_first_push()
+    second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
     assert second.returncode == 2
     assert "a cell named /cell runs already on ROS domain" in second.stderr
     assert not (tmp_path / "second").exists()
 
 
 @pytest.mark.parametrize("node", ["tracker_node", "actuator_node"])
-def test_a_node_that_loses_nothing_is_started_again(tmp_path, node):
-    marker = f"PUSHFRIC_TEST={tmp_path.name}"
-    process = start_demo(tmp_path, tmp_path.name)
-    await_first_push(process)
-    killed = pid_of(node, marker)
-    os.kill(killed, signal.SIGKILL)
-    output, _ = process.communicate(timeout=120)
-    assert process.returncode == 0, output
-    assert f"{node.removesuffix('_node')} was killed by SIGKILL; starting it again" in output
-    assert nodes_alive(marker) == []
+def test_a_node_that_loses_nothing_is_started_again(running, node):
+    running.await_first_push()
+    os.kill(running.pid_of(node), signal.SIGKILL)
+    assert running.await_end() == 0, running.output
+    assert f"{node.removesuffix('_node')} was killed by SIGKILL; starting it again" in running.output
+    assert running.nodes_alive() == []

@@ -119,6 +119,7 @@ class RecorderNode(Node):
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # when the diagnostics last did, and how many messages
         self._losses: dict[str, _Losses] = {}  # by topic
+        self._reported_lost: dict[str, int] = {}
         self._waiting: list[tuple[str, bytes]] = []  # for the first /clock
         self._refused: set[str] = set()
         for topic in known:
@@ -201,19 +202,21 @@ class RecorderNode(Node):
 
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
-        lost = {name: losses.messages for name, losses in self._losses.items() if losses.messages}
+        # a loss is warned of when it happens, and then stands in the count: what is recorded from then on is whole again
+        before_lost, self._reported_lost = self._reported_lost, {n: losses.messages for n, losses in self._losses.items()}
+        lost = {name: total - before_lost.get(name, 0) for name, total in self._reported_lost.items()}
         values: dict[str, Any] = {
             "messages": count,
             "bytes": self._bytes,
-            "lost": sum(lost.values()),
+            "lost": sum(self._reported_lost.values()),
             "topics": len(self._bag.topics),
         }
         (then, before), self._reported = self._reported, (time.monotonic(), count)
         values["messages/s"] = round((count - before) / max(self._reported[0] - then, 1e-9), 1)
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
-        if lost:
-            where = ", ".join(f"{number} of {name}" for name, number in lost.items())
+        if any(lost.values()):
+            where = ", ".join(f"{number} of {name}" for name, number in lost.items() if number)
             return Health(Level.WARN, f"messages were lost before they could be recorded: {where}", values)
         if self._waiting:
             return Health(Level.WARN, f"{len(self._waiting)} messages wait for a first /clock", values)
