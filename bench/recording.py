@@ -18,8 +18,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from pushfric_core.estimator import Estimator
-from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import bag, offline
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.graph import NodeSpec
 from pushfric_ros.image_memory import make_room_for_images
 from pushfric_ros.object_file import OBJECT_FILE, load_object
@@ -124,7 +124,7 @@ def _estimate_demo() -> Figures:
     cpu_seconds = []
     for _ in range(ROUNDS):
         begin = time.process_time()
-        data = offline.observations(DEMO_BAG, model, TrajectoryConfig(), _warn)
+        data = offline.observations(DEMO_BAG, model, EstimatorSettings(), _warn)
         offline.estimate(Estimator(model.support_points), data, _warn)
         cpu_seconds.append(time.process_time() - begin)
     median = float(np.median(cpu_seconds))

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,6 +7,7 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchSta
 from problems import observations_of
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pushfric_core.contact import PushingLine
@@ -17,6 +19,7 @@ from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Observation, Pu
 from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.estimator_node import EstimatorNode
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.object_file import load_object
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 
@@ -166,15 +169,15 @@ def test_reset_and_select_object_start_afresh(ros):
         ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
     assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
     out.publish(first)
-    ros.wait_for(lambda: len(estimates) == 3, what="an estimate")
-    assert [msg.data_points for msg in estimates] == [1, 2, 1]
+    ros.wait_for(lambda: len(estimates) == 4, what="an estimate")
+    assert [msg.data_points for msg in estimates] == [1, 2, 0, 1]
     assert call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="wood_rect3")).success
     refusal = call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="brick"))
     assert not refusal.success
     assert "no object 'brick'" in refusal.message
     out.publish(first)
-    ros.wait_for(lambda: len(estimates) == 4, what="an estimate")
-    assert estimates[-1].object == "wood_rect3"
+    ros.wait_for(lambda: len(estimates) == 6, what="an estimate")
+    assert [(msg.object, msg.data_points) for msg in estimates[4:]] == [("wood_rect3", 0), ("wood_rect3", 1)]
 
 
 def test_a_push_is_excluded(ros):
@@ -254,12 +257,80 @@ def test_a_clock_that_jumps_back_starts_afresh(ros):
     out = publisher(ros, node, Observation, "observation", RELIABLE)
     clock = publisher(ros, node, Clock, "/clock", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
-    for count, seconds in ((1, 100), (2, 101), (3, 50)):
+    for count, seconds in ((1, 100), (2, 101), (4, 50)):
         clock.publish(Clock(clock=stamp_to_msg(seconds * 10**9)))
         ros.wait_for(lambda seconds=seconds: live.get_clock().now().nanoseconds == seconds * 10**9, what="the clock")
         out.publish(observation_to_msg(DATA[0], NAME))
         ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
-    assert [msg.data_points for msg in estimates] == [1, 2, 1]
+    assert [msg.data_points for msg in estimates] == [1, 2, 0, 1]
+
+
+PARTS = {"support_friction": SupportFriction, "center_of_friction": PointStamped, "contact_friction": ContactFriction}
+
+
+def nothing_is_known(parts):
+    return (
+        parts["support_friction"] is not None
+        and not parts["support_friction"].weights
+        and math.isnan(parts["center_of_friction"].point.x)
+        and math.isnan(parts["contact_friction"].p90)
+    )
+
+
+def latest(ros, node):
+    """The last message of each part of the estimate."""
+    parts = dict.fromkeys(PARTS)
+    for topic, kind in PARTS.items():
+        node.create_subscription(kind, topic, lambda msg, topic=topic: parts.update({topic: msg}), LATCHED)
+    return parts
+
+
+def test_an_excluded_push_stays_excluded_until_a_reset(ros):
+    node, out, estimates = estimator_of_observations(ros)
+    settings = collect(ros, node, String, "estimator_settings", LATCHED)
+    parts = latest(ros, node)
+    data = [observation_to_msg(replace(observation, push_id=7), NAME) for observation in DATA[:2]]
+    out.publish(data[0])
+    ros.wait_for(lambda: len(estimates) == 1, what="an estimate")
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=7)).success
+    ros.wait_for(lambda: nothing_is_known(parts), what="that what was published is taken back")
+    ros.wait_for(lambda: len(estimates) == 2, what="the end of the estimate")
+    assert estimates[-1].status == FrictionEstimate.STATUS_NO_DATA
+    ros.wait_for(lambda: EstimatorSettings.from_text(settings[-1].data).excluded == (7,), what="the settings")
+    out.publish(data[1])  # of the same push: left out
+    out.publish(observation_to_msg(DATA[3], NAME))
+    ros.wait_for(lambda: len(estimates) == 3, what="an estimate from another push")
+    assert (estimates[-1].data_points, estimates[-1].pushes) == (1, 1)
+    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    out.publish(data[1])
+    ros.wait_for(lambda: len(estimates) == 5, what="an estimate after the reset")
+    assert EstimatorSettings.from_text(settings[-1].data).excluded == ()
+
+
+def test_pushes_are_left_out_from_the_start(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations", exclude_pushes=[0, 2]))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    for observation in DATA[:4]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(estimates) == 2, what="the estimates of the other pushes")
+    assert estimates[-1].pushes == 2
+
+
+def test_what_contradicts_itself_is_not_told_without_its_status(ros):
+    node, out, estimates = estimator_of_observations(ros)
+    parts = latest(ros, node)
+    out.publish(observation_to_msg(DATA[0], NAME))
+    ros.wait_for(lambda: parts["support_friction"] is not None and parts["support_friction"].weights, what="w")
+    pulled = observation_to_msg(DATA[1], NAME)
+    pulled.contact_normal.x, pulled.contact_normal.y = -pulled.contact_normal.x, -pulled.contact_normal.y
+    out.publish(pulled)  # no support friction lets the pusher pull
+    ros.wait_for(lambda: len(estimates) == 2 and nothing_is_known(parts), what="that w, p_CF and mu_c are taken back")
+    assert estimates[-1].status == FrictionEstimate.STATUS_INFEASIBLE
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    ros.wait_for(lambda: parts["support_friction"].weights, what="w without the push that contradicts")
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from pushfric_ros import bag, graph, offline
 from pushfric_ros.cell_file import PlanEntry
 from pushfric_ros.composition import compose
 from pushfric_ros.demo import demo_cell
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.qos import LATCHED
 
 PLAN = "pushes: [{edge: 0, offset: 0.03}, {edge: 2, offset: -0.02}]"
@@ -37,9 +38,8 @@ def test_the_composed_graph_carries_out_a_plan(ros, specs, tmp_path):
 
 
 def test_every_node_of_the_graph_is_an_executable(specs):
-    names = {
-        spec.executable for spec in (*specs, *graph.replay("bag", "object", offline.Source("poses", "/cell", ("a", "b")), 1.0))
-    }
+    source = offline.Source("poses", "/cell", ("a", "b"))
+    names = {spec.executable for spec in (*specs, *graph.replay("bag", "object", source, 1.0, EstimatorSettings()))}
     setup = (pathlib.Path(__file__).parents[2] / "src/pushfric_ros/setup.py").read_text()
     assert names == {
         "simulated_cell_node",

@@ -5,8 +5,8 @@ import pytest
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import offline, zhou2015
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.object_file import OBJECT_FILE, load_object
 
 LOGS = {
@@ -34,7 +34,7 @@ def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_l
         bags = [written[log.removesuffix(".txt")] for log in LOGS]
     for bag, reference in zip(bags, LOGS.values(), strict=True):
         model = load_object(str(bag / OBJECT_FILE))
-        data = offline.observations(bag, model, TrajectoryConfig(), refuse)
+        data = offline.observations(bag, model, EstimatorSettings(), refuse)
         errors = [
             1e3 * np.hypot(*(offline.estimate(Estimator(model.support_points, config), data, refuse).center_of_friction - 0.05))
             for config in (EstimatorConfig(cor_radius=0.0), EstimatorConfig())

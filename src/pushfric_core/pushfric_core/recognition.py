@@ -86,7 +86,7 @@ class Recognizer:
 
     Args:
         hypotheses: at least one.
-        config: the constraints, the same for all.
+        config: the constraints, the same for all; but `cor_radius` auto follows the spread of each one's support points.
     Raises:
         ValueError: no hypotheses, two of one name, or one that Estimator refuses.
     """
@@ -112,8 +112,8 @@ class Recognizer:
         """Take a data point and rank anew.
 
         Raises:
-            UninformativePush: it rotates exactly about a support point of one of the hypotheses while cor_radius is 0. None
-                takes it then: fit errors compare only over the same data points.
+            UninformativePush: it rotates exactly about a support point of one of the hypotheses. None takes it then: fit
+                errors compare only over the same data points.
         """
         for estimator in self._estimators.values():
             estimator.check(observation)

@@ -32,6 +32,11 @@ class SensedForce:
         """Stamp of the oldest data point that waits [ns]; None: none does."""
         return self._waiting[0].stamp if self._waiting else None
 
+    @property
+    def waiting(self) -> int:
+        """Data points that wait."""
+        return len(self._waiting)
+
     def add_force(self, sample: ForceSample) -> list[Observation]:
         """Take a sample; returns the data points that became complete. A sample older than the last is ignored.
 

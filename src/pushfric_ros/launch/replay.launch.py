@@ -14,10 +14,10 @@ ARGUMENTS = {
 
 def replay(values):
     bag = pathlib.Path(values["bag"])
-    source = offline.source_of(bag)
-    return source.namespace, graph.replay(
-        str(bag), values["object"] or str(offline.object_beside(bag)), source, float(values["rate"])
-    )
+    settings = offline.recorded_settings(bag)
+    source = offline.source_of(bag, settings.with_forces)
+    object_name = values["object"] or str(offline.object_beside(bag))
+    return source.namespace, graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
 
 
 def generate_launch_description():

@@ -1,14 +1,11 @@
 """A cell's YAML file: camera, pusher, object, push plan and how it estimates."""
 
-import dataclasses
 import pathlib
 from typing import Annotated, Any
 
 import pydantic
 
-from pushfric_core.estimator import EstimatorConfig
-from pushfric_core.settings import AUTO
-from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.object_file import Point, Strict, read_yaml
 from pushfric_ros.pusher import PusherConfig
 
@@ -56,22 +53,13 @@ class CellFile(Strict):
     camera: CameraEntry
     pusher: PusherEntry
     plan: PlanEntry = PlanEntry()
-    # parameters of the estimator node: fields of EstimatorConfig and TrajectoryConfig
+    # parameters of the estimator node: see EstimatorSettings
     estimator: dict[str, Any] = pydantic.Field(default={})
 
     @pydantic.field_validator("estimator")
     @classmethod
     def _known(cls, values: dict[str, Any]) -> dict[str, Any]:
-        rest = {name: None if value == AUTO else value for name, value in values.items()}
-        parameters: dict[str, Any] = {}
-        for config in (EstimatorConfig, TrajectoryConfig):
-            own = {field.name: rest.pop(field.name) for field in dataclasses.fields(config) if field.name in rest}
-            checked = pydantic.TypeAdapter(config).validate_python(own)
-            parameters |= {name: getattr(checked, name) for name in own}
-        if rest:
-            raise ValueError(f"the estimator has no parameter {', '.join(rest)}")
-        # as a node's parameters are: a list for a tuple, a text for what is to be found
-        return {n: AUTO if v is None else list(v) if isinstance(v, tuple) else v for n, v in parameters.items()}
+        return EstimatorSettings.from_parameters(values).parameters(values)
 
 
 def load_cell(path: pathlib.Path) -> CellFile:

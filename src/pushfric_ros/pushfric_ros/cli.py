@@ -10,22 +10,21 @@ import typer
 from rich.console import Console
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import COR_SHARE, FORCE_TERMS, LOSSES, TERMS, Estimator, EstimatorConfig
-from pushfric_core.observation import Observation
+from pushfric_core.estimator import LOSSES, Estimator, EstimatorConfig
 from pushfric_core.recognition import Recognizer
-from pushfric_core.settings import AUTO
 from pushfric_core.simulation import TABLE_1
-from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import bag as bags
 from pushfric_ros import calibrate_cli, graph, offline, zhou2015
 from pushfric_ros import demo as demonstration
 from pushfric_ros.cell_file import load_cell
 from pushfric_ros.conversions import estimate_to_msg, recognition_to_msg
 from pushfric_ros.doctor import examine, findings, passed, table
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.figures import summary_figure
 from pushfric_ros.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
 from pushfric_ros.report import recognition_report, report, to_json, truth
 from pushfric_ros.reproduce import reproduce
+from pushfric_ros.settings_options import with_settings
 
 RUNS = pathlib.Path("runs")
 """Bags go there where nothing else is said."""
@@ -56,46 +55,6 @@ GridOption = Annotated[
 SupportPointsOption = Annotated[
     pathlib.Path | None,
     typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
-]
-DEFAULT_TERMS = ",".join(EstimatorConfig.terms)
-TermsOption = Annotated[
-    str, typer.Option("--terms", help=f"What the fit error is made of, comma-separated: {', '.join(TERMS)}.")
-]
-HalfWidthOption = Annotated[
-    float, typer.Option("--half-width", help="Half the interval of possible contact points (m; eqs 5, 6).")
-]
-MuBoundOption = Annotated[float, typer.Option("--mu-bound", help="Known upper bound on mu_c, for the term cone (eqs 9, 10).")]
-CorRadiusOption = Annotated[
-    str,
-    typer.Option(
-        "--cor-radius",
-        help="Supports this near the centre of rotation may push any way (m); 0: none, as in the paper; "
-        f"auto: the freer the nearer, within {COR_SHARE:g} of the rms distance of the support points from their middle.",
-        metavar="M|auto",
-    ),
-]
-NonnegativeOption = Annotated[
-    bool, typer.Option("--nonnegative-force/--no-nonnegative-force", help="The pusher cannot pull (eq. 7).")
-]
-PullPenaltyOption = Annotated[
-    float, typer.Option("--pull-penalty", help="Cost of a unit of force that pulls (m); inf: eq. 7 is hard.")
-]
-ForceWeightOption = Annotated[
-    float, typer.Option("--force-weight", help="Cost of a unit of force beside a metre of moment (m), in all terms but moment.")
-]
-ForceHalfAngleOption = Annotated[
-    float,
-    typer.Option("--force-half-angle", help="Half the cone about a measured force, for the term force_angle (rad)."),
-]
-SolverOption = Annotated[str, typer.Option("--solver", help="simplex: exact; osqp: approximate, for comparison.")]
-LossOption = Annotated[
-    str, typer.Option("--loss", help="l1: the sum of errors, robust; l2: of their squares, for Gaussian ones (section 6.1).")
-]
-TieBreakOption = Annotated[
-    bool, typer.Option("--tie-break/--no-tie-break", help="Of equally good w, take the one nearest to equal weights.")
-]
-ExcludeOption = Annotated[
-    list[int] | None, typer.Option("--exclude-push", help="Leave out this push; may be given again.", show_default=False)
 ]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display: a line for each push.")]
@@ -169,13 +128,14 @@ def replay(
     json: JsonFlag = False,
     headless: HeadlessFlag = False,
 ) -> None:
-    """Play a bag through the live graph; it ends with exactly the estimate of the live run."""
+    """Play a bag through the live graph, with the settings it was recorded with: it ends with the estimate of the live run."""
     if not 0.01 <= rate <= 1000:
         raise InvalidInput(f"--rate must lie in [0.01, 1000], got {rate:g}")
     model, object_file = _object_of(bag, object_name)
-    data = offline.observations(bag, model, TrajectoryConfig(), _warn)
-    source = offline.source_of(bag)
-    specs = graph.replay(str(bag), object_file, source, rate)
+    settings = offline.recorded_settings(bag)
+    data = offline.observations(bag, model, settings, _warn)
+    source = offline.source_of(bag, settings.with_forces)
+    specs = graph.replay(str(bag), object_file, source, rate, settings)
     live = console.is_terminal and not headless
     ended, last = demonstration.watch(console, specs, source.namespace, f"replaying {bag.name}", live, replayed=data)
     if ended.code:
@@ -186,65 +146,33 @@ def replay(
     _print_result(report(last), json)
 
 
-@app.command()
 def estimate(
     source: Input,
+    settings: EstimatorSettings,
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
-    terms: TermsOption = DEFAULT_TERMS,
-    half_width: HalfWidthOption = EstimatorConfig.half_width,
-    mu_bound: MuBoundOption = EstimatorConfig.mu_bound,
-    nonnegative_force: NonnegativeOption = EstimatorConfig.nonnegative_force,
-    pull_penalty: PullPenaltyOption = EstimatorConfig.pull_penalty,
-    force_weight: ForceWeightOption = EstimatorConfig.force_weight,
-    force_half_angle: ForceHalfAngleOption = EstimatorConfig.force_half_angle,
-    cor_radius: CorRadiusOption = AUTO,
-    solver: SolverOption = EstimatorConfig.solver,
-    loss: LossOption = EstimatorConfig.loss,
-    tie_break: TieBreakOption = EstimatorConfig.tie_break,
-    exclude_push: ExcludeOption = None,
     json: JsonFlag = False,
 ) -> None:
     """Estimate from a bag or a CSV, as fast as it goes."""
     model, _ = _object_of(source, object_name)
     model = _with_support(model, grid, support_points)
-    config = _config(
-        terms=terms,
-        half_width=half_width,
-        mu_bound=mu_bound,
-        nonnegative_force=nonnegative_force,
-        pull_penalty=pull_penalty,
-        force_weight=force_weight,
-        force_half_angle=force_half_angle,
-        cor_radius=cor_radius,
-        solver=solver,
-        loss=loss,
-        tie_break=tie_break,
-    )
-    result = offline.estimate(Estimator(model.support_points, config), _data(source, model, config, exclude_push), _warn)
+    data = offline.observations(source, model, settings, _warn)
+    result = offline.estimate(Estimator(model.support_points, settings.estimator), data, _warn)
     if result.contradiction is not None:
         _warn(result.contradiction)
-    _print_result(report(estimate_to_msg(result, model.name)), json, loss)
+    _print_result(report(estimate_to_msg(result, model.name)), json, settings.estimator.loss)
 
 
-@app.command()
+app.command("estimate")(with_settings(estimate))
+
+
 def recognize(
     source: Input,
+    settings: EstimatorSettings,
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
-    terms: TermsOption = DEFAULT_TERMS,
-    half_width: HalfWidthOption = EstimatorConfig.half_width,
-    mu_bound: MuBoundOption = EstimatorConfig.mu_bound,
-    nonnegative_force: NonnegativeOption = EstimatorConfig.nonnegative_force,
-    pull_penalty: PullPenaltyOption = EstimatorConfig.pull_penalty,
-    force_weight: ForceWeightOption = EstimatorConfig.force_weight,
-    force_half_angle: ForceHalfAngleOption = EstimatorConfig.force_half_angle,
-    cor_radius: CorRadiusOption = AUTO,
-    solver: SolverOption = EstimatorConfig.solver,
-    loss: LossOption = EstimatorConfig.loss,
-    exclude_push: ExcludeOption = None,
     json: JsonFlag = False,
 ) -> None:
     """Rank the hypotheses in the object's file by how well they explain the data (section 5.2)."""
@@ -252,24 +180,15 @@ def recognize(
     if not model.hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
     model = _with_support(model, grid, support_points)
-    config = _config(
-        terms=terms,
-        half_width=half_width,
-        mu_bound=mu_bound,
-        nonnegative_force=nonnegative_force,
-        pull_penalty=pull_penalty,
-        force_weight=force_weight,
-        force_half_angle=force_half_angle,
-        cor_radius=cor_radius,
-        solver=solver,
-        loss=loss,
-    )
-    data = _data(source, model, config, exclude_push)
-    ranking = offline.recognize(Recognizer(model.hypotheses, config), data, _warn)
+    data = offline.observations(source, model, settings, _warn)
+    ranking = offline.recognize(Recognizer(model.hypotheses, settings.estimator), data, _warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             _warn(f"{ranked.name}: {ranked.contradiction}")
     _print_ranking(recognition_report(recognition_to_msg(ranking)), json)
+
+
+app.command("recognize")(with_settings(recognize, without=("tie_break",)))
 
 
 @app.command("reproduce")
@@ -359,28 +278,6 @@ def _with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathli
     else:
         return model
     return make_object(model.file.model_copy(update={"support": support}), where)
-
-
-def _config(terms: str, cor_radius: str, **settings: Any) -> EstimatorConfig:
-    try:
-        radius = None if cor_radius == AUTO else float(cor_radius)
-    except ValueError:
-        raise InvalidInput(f"cor_radius must be {AUTO} or a number of metres, got {cor_radius!r}") from None
-    try:
-        return EstimatorConfig(terms=tuple(terms.split(",")), cor_radius=radius, **settings)
-    except ValueError as error:
-        raise InvalidInput(str(error)) from error
-
-
-def _data(
-    source: pathlib.Path, model: ObjectModel, config: EstimatorConfig, exclude_push: list[int] | None
-) -> list[Observation]:
-    """The data points, without those of the pushes that are left out."""
-    data = offline.observations(source, model, TrajectoryConfig(), _warn, bool(set(config.terms) & set(FORCE_TERMS)))
-    for push_id in exclude_push or []:
-        if all(observation.push_id != push_id for observation in data):
-            raise InvalidInput(f"--exclude-push: {source} has no data point of push {push_id}")
-    return [observation for observation in data if observation.push_id not in (exclude_push or [])]
 
 
 def _print_result(figures: dict[str, Any], as_json: bool, loss: str = EstimatorConfig.loss) -> None:

@@ -151,6 +151,16 @@ def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
     return msg
 
 
+def nothing_known(object_name: str) -> FrictionEstimate:
+    """What stands for an estimate while there is none: no weights, and NaN for every number."""
+    msg = FrictionEstimate(object=object_name, status=FrictionEstimate.STATUS_NO_DATA)
+    msg.header.frame_id = OBJECT
+    msg.support_friction = SupportFriction(header=msg.header, object=object_name)
+    msg.center_of_friction = _point((math.nan, math.nan))
+    msg.contact_friction = ContactFriction(header=msg.header, object=object_name, p90=math.nan, max=math.nan)
+    return msg
+
+
 def recognition_to_msg(ranking: Ranking) -> Recognition:
     """A ranking that rests on at least one data point."""
     msg = Recognition(best=ranking.best or "")

@@ -11,7 +11,6 @@ from rich.table import Table
 from pushfric_core.estimator import Estimate, Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.simulation import TABLE_1
-from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros import graph, offline
 from pushfric_ros.camera import Camera, save_camera
@@ -101,8 +100,9 @@ def course_of(bag: pathlib.Path, console: Console) -> tuple[list[Estimate], tupl
     def warn(line: str) -> None:
         console.print(f"warning: {line}", highlight=False, markup=False)
 
-    data = offline.observations(bag, model, TrajectoryConfig(), warn)
-    estimator = Estimator(model.support_points)
+    settings = offline.recorded_settings(bag)
+    data = offline.observations(bag, model, settings, warn)
+    estimator = Estimator(model.support_points, settings.estimator)
     return list(offline.estimates(estimator, data, warn)), estimator.observations
 
 

@@ -1,17 +1,18 @@
 """The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import FORCE_TERMS, Estimate, Estimator, EstimatorConfig
+from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.recognition import Recognizer
 from pushfric_core.sensed_force import SensedForce
@@ -23,6 +24,7 @@ from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.conversions import (
     estimate_to_msg,
     force_sample_from_msg,
+    nothing_known,
     observation_from_msg,
     observation_to_msg,
     pose_sample_from_msg,
@@ -30,6 +32,8 @@ from pushfric_ros.conversions import (
     recognition_to_msg,
 )
 from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.markers import estimate_to_markers
 from pushfric_ros.object_file import ObjectModel, load_object
 from pushfric_ros.parameters import declare
@@ -49,6 +53,7 @@ class EstimatorNodeConfig:
 
     object: str = setting("", "name of an object of Table 1, or path of an object YAML")
     source: str = setting("poses", "poses: data points from object_pose and pusher_state; observations: from that topic")
+    exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
 
     def __post_init__(self) -> None:
         if self.source not in SOURCES:
@@ -61,8 +66,8 @@ class EstimatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("estimator", **kwargs)
         config = declare(self, EstimatorNodeConfig)
-        self._trajectory_config = declare(self, TrajectoryConfig)
-        self._estimator_config = declare(self, EstimatorConfig)
+        trajectory = declare(self, TrajectoryConfig)
+        self._settings = EstimatorSettings(declare(self, EstimatorConfig), trajectory, config.exclude_pushes)
         self._select(load_object(config.object))
         self._estimator.estimate()  # loads the compiled solver now, not with the first data point
         self._observations_out = None
@@ -74,7 +79,7 @@ class EstimatorNode(Node):
             self._transforms = TransformBroadcaster(self)
             topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
             topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
-            if set(self._estimator_config.terms) & set(FORCE_TERMS):
+            if self._settings.with_forces:
                 topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
         self._support_friction_out = topics.advertise(SupportFriction, "support_friction", LATCHED)
         self._center_of_friction_out = topics.advertise(PointStamped, "center_of_friction", LATCHED)
@@ -82,6 +87,8 @@ class EstimatorNode(Node):
         self._estimate_out = topics.advertise(FrictionEstimate, "friction_estimate", LATCHED)
         self._recognition_out = topics.advertise(Recognition, "recognition", LATCHED)
         self._markers_out = topics.advertise(MarkerArray, "markers", LATCHED)
+        self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
+        self._publish_settings()
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
@@ -91,11 +98,13 @@ class EstimatorNode(Node):
 
     def _select(self, model: ObjectModel) -> None:
         """Start afresh with an object."""
+        settings = self._settings
         self._object = model
-        self._trajectory = Trajectory(model.outline, self._trajectory_config)
-        self._sensed_force = SensedForce() if set(self._estimator_config.terms) & set(FORCE_TERMS) else None
-        self._estimator = Estimator(model.support_points, self._estimator_config)
-        self._recognizer = Recognizer(model.hypotheses, self._estimator_config) if model.hypotheses else None
+        self._excluded = set(settings.excluded)
+        self._trajectory = Trajectory(model.outline, settings.trajectory)
+        self._sensed_force = SensedForce() if self._settings.with_forces else None
+        self._estimator = Estimator(model.support_points, settings.estimator)
+        self._recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
         self._estimate: Estimate | None = None
         self._problem: str | None = None
         self._refused = 0
@@ -147,6 +156,8 @@ class EstimatorNode(Node):
         for observation in observations:
             if self._observations_out is not None:
                 self._observations_out.publish(observation_to_msg(observation, self._object.name))
+            if observation.push_id in self._excluded:
+                continue
             try:
                 self._estimate = self._estimator.add(observation)
             except PushfricError as error:
@@ -171,11 +182,37 @@ class EstimatorNode(Node):
             self.get_logger().error(contradiction)
         self._problem = contradiction
         msg = estimate_to_msg(estimate, self._object.name)
+        self._estimate_out.publish(msg)
+        if contradiction is None:
+            self._publish_parts(msg)
+            self._markers_out.publish(estimate_to_markers(msg, self._object.outline, self._estimator.observations[-1]))
+        else:
+            self._take_back_parts()
+
+    def _publish_parts(self, msg: FrictionEstimate) -> None:
         self._support_friction_out.publish(msg.support_friction)
         self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
         self._contact_friction_out.publish(msg.contact_friction)
-        self._estimate_out.publish(msg)
-        self._markers_out.publish(estimate_to_markers(msg, self._object.outline, self._estimator.observations[-1]))
+
+    def _take_back_parts(self) -> None:
+        """What was published of w, p_CF and mu_c, which have no status of their own, holds no longer."""
+        self._publish_parts(nothing_known(self._object.name))
+        self._markers_out.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+
+    def _take_back(self) -> None:
+        """Without data points, nothing that was published holds any longer."""
+        self._estimate_out.publish(nothing_known(self._object.name))
+        self._take_back_parts()
+        self._recognition_out.publish(Recognition())
+
+    def _publish_settings(self) -> None:
+        settings = replace(self._settings, excluded=tuple(sorted(self._excluded)))
+        self._settings_out.publish(String(data=settings.to_text()))
+
+    def _start_afresh(self, model: ObjectModel) -> None:
+        self._select(model)
+        self._publish_settings()
+        self._take_back()
 
     def _refuse(self, what: str, error: Exception) -> None:
         """Say once, not at camera rate, that input was refused; the estimate stays as it was."""
@@ -185,13 +222,13 @@ class EstimatorNode(Node):
         self._problem = str(error)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._select(self._object)
+        self._start_afresh(self._object)
         response.success, response.message = True, f"estimation of {self._object.name} starts afresh"
         return response
 
     def _on_select_object(self, request: SelectObject.Request, response: SelectObject.Response) -> SelectObject.Response:
         try:
-            self._select(load_object(request.object))
+            self._start_afresh(load_object(request.object))
         except InvalidInput as error:
             response.message = str(error)
         else:
@@ -204,22 +241,24 @@ class EstimatorNode(Node):
         except ValueError as error:
             response.message = str(error)
             return response
+        self._excluded.add(request.push_id)  # its data points still to come, too
+        self._publish_settings()
         response.success = True
         response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are left"
-        # without any there is nothing to tell: what was published last stands, and the diagnostics say what is left
         self._estimate = estimate if estimate.data_points else None
-        if self._estimate is not None:
+        if self._estimate is None:
+            self._take_back()
+        else:
             self._publish(self._estimate)
         # recognition may have refused all of that push
         if self._recognizer is not None and any(o.push_id == request.push_id for o in self._recognizer.observations):
             ranking = self._recognizer.exclude(request.push_id)
-            if ranking.data_points:
-                self._recognition_out.publish(recognition_to_msg(ranking))
+            self._recognition_out.publish(recognition_to_msg(ranking) if ranking.data_points else Recognition())
         return response
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts afresh")
-        self._select(self._object)
+        self._start_afresh(self._object)
 
     def _settled(self) -> int:
         waiting = self._sensed_force.waiting_since if self._sensed_force is not None else None
@@ -236,6 +275,8 @@ class EstimatorNode(Node):
                 "gap": solution.gap,
                 "status": self._estimate.status.value,
             }
+        if self._sensed_force is not None:
+            values["data points without their force yet"] = self._sensed_force.waiting
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from pushfric_core.estimator import FORCE_TERMS
+from pushfric_ros import estimator_settings
 from pushfric_ros.cell_file import CellFile
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.offline import Source
 
 PACKAGE = "pushfric_ros"
@@ -45,6 +47,7 @@ TOPICS = (
     Topic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
     Topic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
     Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
+    Topic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
 )
 """What a cell records: all but the images."""
 
@@ -104,7 +107,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
     return [NodeSpec("simulated_cell", simulation), *specs]
 
 
-def replay(bag: str, object_name: str, source: Source, rate: float) -> list[NodeSpec]:
+def replay(bag: str, object_name: str, source: Source, rate: float, settings: EstimatorSettings) -> list[NodeSpec]:
     """A bag played into a live estimator.
 
     Args:
@@ -112,10 +115,11 @@ def replay(bag: str, object_name: str, source: Source, rate: float) -> list[Node
         object_name: of what object it is.
         source: what its data points come from.
         rate: multiple of the recorded speed.
+        settings: how it is estimated.
     """
     topics = list(source.topics)
     player = NodeSpec("player", {"bag": bag, "rate": rate, "topics": topics, "wait_for": topics}, ends_run=True)
-    live = NodeSpec("estimator", {"object": object_name, "source": source.kind})
+    live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **settings.parameters()})
     return [with_simulated_time(live), player]
 
 

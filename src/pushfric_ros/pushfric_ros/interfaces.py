@@ -213,7 +213,9 @@ def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
 
 
 def _setting(name: str, default: Any, descriptor: ParameterDescriptor, required: bool) -> Setting:
-    kind = Parameter.Type.from_parameter_value(default).name.lower().replace("_array", "[]")
+    unset = isinstance(default, Parameter.Type)  # it has no default, only a type
+    kind = (default if unset else Parameter.Type.from_parameter_value(default)).name.lower().replace("_array", "[]")
+    default = [] if unset else default
     if descriptor.dynamic_typing:
         kind = "double or string"
     shown = "*required*" if required and default == "" else f"`{_shown(default)}`"

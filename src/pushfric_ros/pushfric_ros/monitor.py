@@ -89,6 +89,8 @@ class Monitor:
         return self._finished is not None and self._settled >= self._finished
 
     def _on_estimate(self, msg: FrictionEstimate) -> None:
+        if msg.status == FrictionEstimate.STATUS_NO_DATA:
+            return
         push = msg.pushes
         if not self._live and self.estimate is not None and push != self.estimate.pushes:
             self._console.print(line_of(self.estimate))

@@ -13,6 +13,8 @@ from pushfric_core.sensed_force import SensedForce
 from pushfric_core.trajectory import Trajectory, TrajectoryConfig
 from pushfric_ros import bag
 from pushfric_ros.conversions import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
+from pushfric_ros.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.object_file import OBJECT_FILE, ObjectModel
 from pushfric_ros.observation_file import read_observations
 
@@ -55,17 +57,30 @@ def source_of(path: pathlib.Path, with_forces: bool = False) -> Source:
     raise InvalidInput(f"{path}: no data points; expected the topics {' and '.join(poses)}, or {OBSERVATIONS[0]}")
 
 
-def observations(
-    path: pathlib.Path, model: ObjectModel, config: TrajectoryConfig, warn: Warn, with_forces: bool = False
-) -> list[Observation]:
-    """The data points of a CSV file or a bag, in order; `warn` gets a line for each message that is refused.
+def recorded_settings(path: pathlib.Path) -> EstimatorSettings:
+    """How the estimator of the recorded run estimated; the defaults of a CSV, and of a bag that does not say.
+
+    Raises:
+        InvalidInput: the bag cannot be read, or says it in words that are not understood.
+    """
+    if path.suffix == ".csv":
+        return EstimatorSettings()
+    topics = [topic.name for topic in bag.describe(path).topics if topic.name.rpartition("/")[2] == SETTINGS_TOPIC]
+    last = deque(bag.read(path, topics) if topics else (), maxlen=1)
+    try:
+        return EstimatorSettings.from_text(bag.deserialize(last[0]).data) if last else EstimatorSettings()
+    except ValueError as error:
+        raise InvalidInput(f"{path}: {last[0].topic} is not understood: {error}") from error
+
+
+def observations(path: pathlib.Path, model: ObjectModel, settings: EstimatorSettings, warn: Warn) -> list[Observation]:
+    """The data points of a CSV file or a bag, in order, without those of excluded pushes.
 
     Args:
         path: the file or the bag.
         model: the object.
-        config: how poses become data points.
-        warn: gets the lines.
-        with_forces: at least one data point needs a measured force.
+        settings: how poses become data points, which pushes are left out, and whether forces are needed.
+        warn: gets a line for each message that is refused.
     Raises:
         InvalidInput: the file cannot be read, or holds no data points, or not such as are needed.
     """
@@ -74,12 +89,18 @@ def observations(
     if path.suffix == ".csv":
         found = read_observations(path, model.outline)
     else:
-        source = source_of(path, with_forces)
-        from_poses = source.kind == "poses"
-        found = list(_from_poses(path, source, model, config, warn) if from_poses else _recorded(path, source, model, warn))
+        source = source_of(path, settings.with_forces)
+        if source.kind == "poses":
+            found = list(_from_poses(path, source, model, settings.trajectory, warn))
+        else:
+            found = list(_recorded(path, source, model, warn))
         if not found:
             raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
-    if with_forces and all(observation.force is None for observation in found):
+    for push_id in settings.excluded:
+        if all(observation.push_id != push_id for observation in found):
+            raise InvalidInput(f"{path}: no data point of push {push_id}, which is to be left out")
+    found = [observation for observation in found if observation.push_id not in settings.excluded]
+    if settings.with_forces and all(observation.force is None for observation in found):
         raise InvalidInput(f"{path}: no data point has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
     return found
 
@@ -105,6 +126,8 @@ def _from_poses(
                 yield from [observation] if forces is None else forces.add_observation(observation)
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
+    if forces is not None and forces.waiting:
+        warn(f"{path}: ends before the force of its last {forces.waiting} data points was measured; they are left out")
 
 
 def _recorded(path: pathlib.Path, source: Source, model: ObjectModel, warn: Warn) -> Iterator[Observation]:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import AUTO
@@ -19,7 +20,7 @@ Config = TypeVar("Config")
 def declare(node: Node, config_class: type[Config]) -> Config:
     """Declare every field of a config dataclass as a read-only parameter of `node`; return the config with its values.
 
-    A field that may be None takes the text auto for it.
+    A field that may be None takes the text auto for it; a tuple of integers that is empty by default has no value by default.
 
     Raises:
         InvalidInput: an override has the wrong type, is out of range or not finite, or the dataclass refuses the values.
@@ -30,6 +31,9 @@ def declare(node: Node, config_class: type[Config]) -> Config:
         default = list(field.default) if isinstance(field.default, tuple) else field.default
         optional = type(None) in typing.get_args(hints[field.name])
         default = AUTO if default is None else default
+        # of what an empty list is one, ROS cannot tell
+        unset = default == []
+        default = Parameter.Type.INTEGER_ARRAY if unset else default
         where = f"{node.get_fully_qualified_name()}: parameter {field.name}"
         try:
             value = node.declare_parameter(field.name, default, _descriptor(field, hints[field.name])).value
@@ -38,6 +42,8 @@ def declare(node: Node, config_class: type[Config]) -> Config:
         except InvalidParameterValueException as error:
             low, high = field.metadata.get("low"), field.metadata.get("high")
             raise InvalidInput(f"{where} must lie in [{low}, {high}], got {error}") from error
+        if value is None and unset:
+            value = ()
         if value is None:
             raise InvalidInput(f"{where} must be {_type_name(default)}, got nothing")
         if optional:

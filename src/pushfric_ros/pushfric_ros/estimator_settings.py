@@ -1,0 +1,75 @@
+"""How a cell estimates, as one set of values: in its file, as the estimator's parameters, and in the bag for its replay."""
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import pydantic
+
+from pushfric_core.estimator import FORCE_TERMS, EstimatorConfig
+from pushfric_core.settings import AUTO
+from pushfric_core.trajectory import TrajectoryConfig
+
+TOPIC = "estimator_settings"
+EXCLUDED = "exclude_pushes"
+
+Config = TypeVar("Config")
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """All that decides which estimate comes of given poses, beside the object."""
+
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    excluded: tuple[int, ...] = ()  # pushes whose data points are left out
+
+    @property
+    def with_forces(self) -> bool:
+        """Whether one of the terms needs measured forces."""
+        return not set(self.estimator.terms).isdisjoint(FORCE_TERMS)
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "EstimatorSettings":
+        """From node parameters, any of them; `auto` stands for None.
+
+        Raises:
+            ValueError: one is unknown, of another type or out of range.
+        """
+        rest = {name: None if value == AUTO else value for name, value in values.items()}
+        estimator, trajectory = _taken_from(rest, EstimatorConfig), _taken_from(rest, TrajectoryConfig)
+        excluded = pydantic.TypeAdapter(tuple[int, ...]).validate_python(rest.pop(EXCLUDED, ()))
+        if rest:
+            raise ValueError(f"the estimator has no parameter {', '.join(rest)}")
+        return cls(estimator, trajectory, excluded)
+
+    def parameters(self, names: Iterable[str] | None = None) -> dict[str, Any]:
+        """All or those named, as a node's parameters are: a list for a tuple, left out where empty, and `auto` for None."""
+        values = dataclasses.asdict(self.estimator) | dataclasses.asdict(self.trajectory) | {EXCLUDED: self.excluded}
+        wanted = values if names is None else {name: values[name] for name in names}
+        plain = {n: AUTO if v is None else list(v) if isinstance(v, tuple) else v for n, v in wanted.items()}
+        return {name: value for name, value in plain.items() if value != []}
+
+    def to_text(self) -> str:
+        """As the estimator publishes them."""
+        return json.dumps(self.parameters())
+
+    @classmethod
+    def from_text(cls, text: str) -> "EstimatorSettings":
+        """What `to_text` wrote.
+
+        Raises:
+            ValueError: it did not.
+        """
+        values = json.loads(text)
+        if not isinstance(values, dict):
+            raise ValueError(f"the estimator's settings must be a JSON object, got {text!r}")
+        return cls.from_parameters(values)
+
+
+def _taken_from(values: dict[str, Any], config: type[Config]) -> Config:
+    """A config from those of the values that are its fields, which are taken out."""
+    own = {each.name: values.pop(each.name) for each in dataclasses.fields(config) if each.name in values}  # type: ignore[arg-type]
+    return pydantic.TypeAdapter(config).validate_python(own)
