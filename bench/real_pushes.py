@@ -20,10 +20,10 @@ GRIDS = {"grid_55": OUTLINE.grid(10, 10, 0.0075), "grid_10x10": OUTLINE.grid(10,
 TRUE = "true"
 
 RULES = {
-    "paper": EstimatorConfig(cor_radius=0.0),
-    "default": EstimatorConfig(),
-    "force_angle": EstimatorConfig(terms=("moment", "force_angle")),
-    "force": EstimatorConfig(terms=("moment", "force")),
+    "paper": EstimatorConfig(cor_radius=0.0, confidence=False),
+    "default": EstimatorConfig(confidence=False),
+    "force_angle": EstimatorConfig(terms=("moment", "force_angle"), confidence=False),
+    "force": EstimatorConfig(terms=("moment", "force"), confidence=False),
 }
 """The paper's rows, the defaults, and the defaults with either term of a sensed force."""
 

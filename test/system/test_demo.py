@@ -25,6 +25,7 @@ KEYS = {
     "w",
     "support_points",
     "center_of_friction",
+    "confidence",
     "mu_c",
     "data_points",
     "pushes",

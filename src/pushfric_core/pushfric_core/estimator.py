@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core import contact_friction
+from pushfric_core.confidence import Halves
 from pushfric_core.constraints import (
     ConstraintRows,
     center_of_friction_rows,
@@ -71,6 +72,7 @@ class EstimatorConfig:
     tie_break: bool = setting(
         True, "of equally good w, take the one nearest to equal weights; with simplex, l1, and not the term force"
     )
+    confidence: bool = setting(True, "tell how far p_CF can be trusted; not with osqp, nor where p_CF is given")
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -97,6 +99,7 @@ class Estimate:
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
         conflicts: data points whose hard constraints contradict each other; none unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
+        confidence: radius about p_CF that holds the truth with 90 % [m]; None where it is not computed, or of few pushes.
     """
 
     support_points: Array
@@ -107,6 +110,7 @@ class Estimate:
     contact_forces: ContactForces
     conflicts: tuple[Observation, ...] = ()
     center_given: bool = False
+    confidence: float | None = None
 
     @property
     def w(self) -> Array:
@@ -185,6 +189,8 @@ class Estimator:
         self._contacts = _Contacts(len(self.support_points))
         self._next = 0
         self._center_given = center_of_friction is not None
+        computed = self.config.confidence and self.config.solver == SOLVERS[0] and not self._center_given
+        self._halves = Halves(self.support_points, self._empty_program) if computed else None
         if center_of_friction is not None:
             center = np.array(center_of_friction, dtype=float)
             if center.shape != (2,) or not np.isfinite(center).all():
@@ -209,6 +215,8 @@ class Estimator:
         rows = self._rows_of(observation)
         forces = support_forces(self.support_points, observation.twist, self._free)
         self._program.add(rows)
+        if self._halves is not None:
+            self._halves.add(self._next, observation.push_id, rows)
         self._contacts.append(contact_forces(observation, forces))
         self._observations[self._next] = observation
         self._pushes[observation.push_id] += 1
@@ -235,6 +243,8 @@ class Estimator:
         kept = np.array([observation.push_id != push_id for observation in self._observations.values()])
         for group in groups:
             self._program.remove(group)
+            if self._halves is not None:
+                self._halves.remove(group)
             del self._observations[group]
         del self._pushes[push_id]
         self._contacts.keep(kept)
@@ -247,8 +257,19 @@ class Estimator:
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         stamp = self._observations[next(reversed(self._observations))].stamp if self._observations else 0
         data_points, pushes = len(self._observations), len(self._pushes)
+        confidence = None
+        if self._halves is not None and solution.status is not Status.INFEASIBLE:
+            confidence = self._halves.radius(center_of_friction(self.support_points, solution.w))
         return Estimate(
-            self.support_points, solution, data_points, pushes, stamp, self._contacts.forces, conflicts, self._center_given
+            self.support_points,
+            solution,
+            data_points,
+            pushes,
+            stamp,
+            self._contacts.forces,
+            conflicts,
+            self._center_given,
+            confidence,
         )
 
     def _empty_program(self) -> Simplex | LeastSquares | OsqpLinearProgram:

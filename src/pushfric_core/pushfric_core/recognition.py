@@ -97,7 +97,7 @@ class Recognizer:
             raise ValueError("hypotheses must hold at least one, got none")
         if len(set(names)) < len(names):
             raise ValueError(f"hypotheses must differ in name, got {', '.join(names)}")
-        same = replace(config or EstimatorConfig(), tie_break=False)  # only fit errors count
+        same = replace(config or EstimatorConfig(), tie_break=False, confidence=False)  # only fit errors count
         self._estimators = {
             hypothesis.name: Estimator(hypothesis.support_points, same, hypothesis.center_of_friction)
             for hypothesis in hypotheses

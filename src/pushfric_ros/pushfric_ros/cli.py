@@ -286,7 +286,8 @@ def _print_result(figures: dict[str, Any], as_json: bool, loss: str = EstimatorC
         return
     x, y = (1e3 * value for value in figures["center_of_friction"])
     output = Console(highlight=False)
-    output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm")
+    trust = f"; off by at most {figures['confidence'] * 1e3:.2f} mm with 90 %" if "confidence" in figures else ""
+    output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm{trust}")
     output.print(f"mu_c   {figures['mu_c']['p90']:.3f} (90 %), {figures['mu_c']['max']:.3f} (100 %)")
     if "total_friction" in figures:
         output.print(f"total  {figures['total_friction']:.3f} N of support friction")

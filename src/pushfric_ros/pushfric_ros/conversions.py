@@ -148,6 +148,8 @@ def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
         lower_bounds=estimate.contact_friction,
     )
     msg.objective, msg.lower_bound, msg.gap = estimate.solution.objective, estimate.solution.lower_bound, estimate.solution.gap
+    if estimate.confidence is not None:
+        msg.confidence = [estimate.confidence]
     return msg
 
 

@@ -4,6 +4,7 @@ import pathlib
 import tempfile
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -122,6 +123,9 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
             f"{true[axis] * 1e3:.2f}",
             f"{error * 1e3:.2f} mm, {100 * error / size[axis]:.2f} % of the side",
         )
+    for radius in msg.confidence:
+        off = float(np.hypot(*(np.array(center) - true)))
+        table.add_row(escape("p_CF off by [mm]"), f"{radius * 1e3:.2f}", f"{off * 1e3:.2f}", "at most, with 90 %")
     friction = msg.contact_friction
     table.add_row("mu_c, 90 % / 100 %", f"{friction.p90:.2f} / {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
     table.add_row(escape("fit error [mm]"), f"{msg.objective * 1e3:.3f}", "", f"certified to {msg.gap * 1e3:.1e} mm")
