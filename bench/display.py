@@ -100,6 +100,7 @@ def live_table(figures: Figures) -> Table:
     latency, images, offline = pipeline["latency"], recording["images"], recording["offline"]
     table = Table("figure", "measured", title="The live graph")
     table.add_row("image to estimate, median / 99th percentile", f"{latency['p50_ms']:.1f} / {latency['p99_ms']:.1f} ms")
+    table.add_row("of it, until the pose", f"{latency['pose_p50_ms']:.1f} ms")
     table.add_row("of it, waiting for the pusher's report", f"{latency['pusher_p50_ms']:.1f} ms")
     table.add_row("start to first pose", f"{pipeline['start_to_first_pose_s']:.1f} s")
     for row in pipeline["frames"]:

@@ -1,6 +1,7 @@
 """Fixtures shared by all tests: the real middleware on a domain of its own, seeded randomness, real pushes where present."""
 
 import contextlib
+import gc
 import os
 import pathlib
 import threading
@@ -90,6 +91,7 @@ class Ros:
 def ros() -> Iterator[Ros]:
     import rclpy
 
+    gc.collect()  # nodes of earlier tests live on in reference cycles, and would be taken for this one's
     rclpy.init()
     with contextlib.ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)

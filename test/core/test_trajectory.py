@@ -1,5 +1,9 @@
+import functools
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline
@@ -12,6 +16,7 @@ LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
 FRAME = round(1e9 / 14)
 
 
+@functools.cache
 def samples_of_a_push(push_id=0, frames=40, start=0, speed=0.02, offset=-0.02):
     """What camera and pusher would say of a push of 5 cm."""
     pushed = PushedObject(OUTLINE, TABLE_1["wood_rect4"].support, 0.3, Pose(offset, 0.04, 0.02))
@@ -44,6 +49,12 @@ def test_a_typical_push_gives_three_to_six_observations():
     assert all(o.push_id == 0 and np.allclose(o.contact_normal, (0, -1)) for o in observations)
 
 
+def riffled(rng, poses, pushers):
+    """The two streams in a random common order."""
+    order, streams = rng.permutation([0] * len(poses) + [1] * len(pushers)), (iter(poses), iter(pushers))
+    return [next(streams[which]) for which in order]
+
+
 def test_observations_do_not_depend_on_how_the_topics_interleave(rng):
     poses, pushers = samples_of_a_push()
     expected = feed(Trajectory(OUTLINE), in_time(poses, pushers))
@@ -51,9 +62,75 @@ def test_observations_do_not_depend_on_how_the_topics_interleave(rng):
     assert feed(Trajectory(OUTLINE), [*poses, *pushers]) == expected
     assert feed(Trajectory(OUTLINE), [*pushers, *poses]) == expected
     assert feed(Trajectory(OUTLINE), [*pushers[:20], *poses[:30], *pushers[20:], *poses[30:]]) == expected
-    for _ in range(20):  # any riffle of the two
-        order, streams = rng.permutation([0] * len(poses) + [1] * len(pushers)), (iter(poses), iter(pushers))
-        assert feed(Trajectory(OUTLINE), [next(streams[which]) for which in order]) == expected
+    for _ in range(20):
+        assert feed(Trajectory(OUTLINE), riffled(rng, poses, pushers)) == expected
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    noise=st.sampled_from((0.0, 3e-5, 3e-4)),
+    period=st.sampled_from((20_000_000, 50_000_000, 100_000_000)),
+    window=st.sampled_from((1, 3, 5, 7)),
+    stride=st.integers(1, 6),
+)
+def test_whatever_was_seen_gives_the_same_observations_in_any_order(seed, noise, period, window, stride):
+    """Two pushes, one of them cut short, noisy frames of which some are lost, and a pusher polled at any rate and phase."""
+    rng = np.random.default_rng(seed)
+    poses, pushers = [], []
+    for push_id, (offset, last) in enumerate(((-0.02, 44), (0.03, int(rng.integers(5, 40))))):
+        true, _ = samples_of_a_push(frames=45, offset=offset)
+        start, phase = push_id * 4_000_000_000, int(rng.integers(period))
+        for frame in range(45):
+            seen = np.array(true[min(frame, last)].pose) + rng.normal(size=3) * (noise, noise, 10 * noise)
+            if rng.random() > 0.02:
+                poses.append(PoseSample(start + frame * FRAME, Pose(*seen.tolist())))
+        for stamp in range(phase, 45 * FRAME, period):
+            position = 0.02 * min(stamp, last * FRAME) * 1e-9
+            pushers.append(
+                PusherSample(start + stamp, position, 0.02, LINE, push_id if stamp < last * FRAME + period else None)
+            )
+    config = TrajectoryConfig(window=window, stride=stride)
+    expected = feed(Trajectory(OUTLINE, config), [*pushers, *poses])
+    assert expected
+    for samples in (in_time(poses, pushers), [*poses, *pushers], riffled(rng, poses, pushers), riffled(rng, poses, pushers)):
+        trajectory = Trajectory(OUTLINE, config)
+        assert feed(trajectory, samples) == expected
+        assert trajectory.settled == min(poses[-1].stamp, pushers[-1].stamp)
+
+
+def test_an_observation_comes_with_its_last_frame_where_the_object_moves_on_as_before():
+    poses, pushers = samples_of_a_push()  # states 3 ms after the frames
+    trajectory = Trajectory(OUTLINE)
+    completing = [sample for sample in in_time(poses, pushers) if feed(trajectory, [sample])]
+    assert len(completing) >= 3
+    assert all(sample in poses for sample in completing)
+
+
+def test_an_observation_waits_for_the_pusher_where_the_object_slows_down():
+    poses, pushers = samples_of_a_push()
+    trajectory = Trajectory(OUTLINE)
+    last = next(frame for frame in range(len(poses)) if feed(trajectory, [poses[frame], pushers[frame]]))
+    trajectory = Trajectory(OUTLINE)
+    assert feed(trajectory, in_time(poses[:last], pushers[:last])) == []
+    assert feed(trajectory, [poses[last]._replace(pose=poses[last - 1].pose)]) == []
+    assert len(feed(trajectory, [pushers[last]])) == 1
+
+
+def test_no_frame_from_after_a_push_completes_an_observation():
+    """The push ends between two frames: the object goes less far in the last of them, then rests."""
+    poses, pushers = samples_of_a_push(frames=30)
+    last = 20
+    for done in (0.0, 0.3, 0.7):  # of the way to the next frame
+        a, b = np.array(poses[last].pose), np.array(poses[last + 1].pose)
+        rest = Pose(*(a + done * (b - a)).tolist())
+        stopped = [*poses[: last + 1], *(pose._replace(pose=rest) for pose in poses[last + 1 :])]
+        states = [*pushers[: last + 1], *(state._replace(push_id=None) for state in pushers[last + 1 :])]
+        for stride in (1, 2, 3, 5):
+            config = TrajectoryConfig(stride=stride)
+            found = feed(Trajectory(OUTLINE, config), in_time(stopped, states))
+            assert found
+            assert max(o.stamp for o in found) <= poses[last - 3].stamp
 
 
 def test_the_motion_is_the_central_difference_of_smoothed_poses():
@@ -115,6 +192,15 @@ def test_a_gap_in_the_poses_is_not_bridged():
     broken = {o.stamp for o in feed(Trajectory(OUTLINE, gap), in_time(kept, pushers))}
     assert not any(poses[12].stamp < stamp < poses[23].stamp for stamp in broken)
     assert len(broken) < len(whole)
+
+
+@pytest.mark.parametrize("lost", range(8, 30))
+def test_no_observation_is_made_of_frames_from_both_sides_of_a_gap(lost):
+    poses, pushers = samples_of_a_push()
+    kept = [pose for pose in poses if pose is not poses[lost]]
+    found = feed(Trajectory(OUTLINE, TrajectoryConfig(longest_gap=0.1)), in_time(kept, pushers))
+    assert found
+    assert all(abs(o.stamp - poses[lost].stamp) >= 4 * FRAME for o in found)
 
 
 def test_late_and_repeated_samples_are_ignored():

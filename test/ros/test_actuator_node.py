@@ -1,5 +1,6 @@
 """The actuator node on the simulated controller: the push action, the states it publishes, and every way out of a motion."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -29,6 +30,7 @@ from pushfric_ros.grbl_firmware import SimulatedGrbl
 from pushfric_ros.pusher import Mode
 from pushfric_ros.qos import RELIABLE
 
+NUMBERS = itertools.count()
 LINE = {"line_origin": [0.1, -0.2], "line_direction": [0.0, 2.0], "tip_radius": 0.004, "stroke": 0.08, "max_speed": 0.08}
 
 
@@ -46,6 +48,19 @@ def plug_in(controller: SimulatedGrbl, link) -> None:
     link.symlink_to(controller.port)
 
 
+class HeldClock:
+    """Stands still until it is released."""
+
+    def __init__(self) -> None:
+        self._held: float | None = time.monotonic()
+
+    def __call__(self) -> float:
+        return time.monotonic() if self._held is None else self._held
+
+    def release(self) -> None:
+        self._held = None
+
+
 def overrides(**parameters) -> list[Parameter]:
     return [Parameter(name, value=value) for name, value in parameters.items()]
 
@@ -53,11 +68,12 @@ def overrides(**parameters) -> list[Parameter]:
 class Cell:
     """An actuator node, and all that another node sees of it."""
 
-    def __init__(self, ros, port, namespace="/cell", **parameters) -> None:
+    def __init__(self, ros, port, **parameters) -> None:
         self.ros = ros
         self.states: list[PusherState] = []
         self.feedback: list[Push.Feedback] = []
         self.health: list[DiagnosticStatus] = []
+        namespace = f"/cell_{next(NUMBERS)}"  # its own: nodes of earlier tests may live on until Python collects them
         # given to the executor before it asks for anything, so that no state is missed
         self._other = ros.node("other", namespace=namespace)
         self._other.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
@@ -75,6 +91,9 @@ class Cell:
     def ready(self) -> "Cell":
         self.wait_for_mode(PusherState.MODE_IDLE)
         self.ros.wait_for(self._client.server_is_ready, what="the action server")
+        # now, or a push might be over before they are found
+        for service in (self._reset, self._change, self._get):
+            self.ros.wait_for(service.service_is_ready, 30.0, what=service.srv_name)
         return self
 
     def send(self, distance=0.03, speed=0.08, retract=False, push_id=7):
@@ -107,9 +126,9 @@ class Cell:
         return answer.result()
 
     def halfway(self, controller: SimulatedGrbl, **goal):
-        """The handle of a goal whose motion is well under way."""
-        handle = self.send(**{"distance": 0.08, "speed": 0.03} | goal)
-        self.ros.wait_for(lambda: controller.position() > 0.005, what="the motion")
+        """The handle of a goal whose motion is under way, and is for longer than anything is waited for."""
+        handle = self.send(**{"distance": 0.08, "speed": 0.004} | goal)
+        self.ros.wait_for(lambda: controller.position() > 0.001, what="the motion")
         return handle
 
     def comes_to_rest(self, controller: SimulatedGrbl) -> float:
@@ -132,7 +151,7 @@ def test_modes_are_those_of_the_message():
 
 
 def test_a_push_and_the_way_back(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
+    cell = Cell(ros, tmp_path / "port", max_speed=0.05).ready()
     result = cell.result(cell.send(0.03, 0.03, retract=True))
     assert result.status == GoalStatus.STATUS_SUCCEEDED
     assert result.result.outcome == Push.Result.OUTCOME_REACHED
@@ -144,7 +163,7 @@ def test_a_push_and_the_way_back(ros, controller, tmp_path):
     assert max(state.speed for state in pushing) == pytest.approx(0.03, rel=0.01)
     assert all(state.speed >= 0 for state in pushing)
     back = [state.speed for state in cell.states if state.speed < 0]
-    assert min(back) == pytest.approx(-0.08, rel=0.01)
+    assert min(back) == pytest.approx(-0.05, rel=0.01)
     assert all(state.push_id == PusherState.NO_PUSH for state in cell.states if state.speed < 0)
     for state in pushing:
         assert (state.header.frame_id, state.tip_radius) == ("table", 0.004)
@@ -163,6 +182,8 @@ def test_a_push_in_simulated_time(ros, tmp_path):
     with SimulatedGrbl(lambda: now[0]) as controller:
 
         def tick() -> None:
+            if cell.node._pusher._asked is not None:  # a busy machine may be slower than the clock
+                return
             now[0] += 1 / 50
             stamp = Time(nanoseconds=round(now[0] * 1e9))
             truth[stamp.nanoseconds] = controller.position()
@@ -173,7 +194,7 @@ def test_a_push_in_simulated_time(ros, tmp_path):
         cell.ready()
         assert cell.result(cell.send(0.06, 0.02)).result.outcome == Push.Result.OUTCOME_REACHED
     pushing = [state for state in cell.states if state.push_id == 7]
-    assert len(pushing) > 20  # 3 s at 20 Hz, with room for a busy machine
+    assert len(pushing) > 50  # 3 s at 20 Hz
     late = sorted(abs(state.position - truth[Time.from_msg(state.header.stamp).nanoseconds]) for state in pushing)
     assert late[len(late) // 2] <= 0.0004 + 1e-6  # one step of the clock
 
@@ -205,12 +226,15 @@ def test_a_goal_beyond_the_limits_is_rejected(ros, controller, tmp_path, goal):
     assert controller.position() == 0.0
 
 
-def test_a_goal_is_rejected_while_another_runs(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
-    running = cell.send(0.06)
-    assert not cell.send(0.01, push_id=8).accepted
-    assert cell.result(running).result.outcome == Push.Result.OUTCOME_REACHED
-    assert controller.position() == pytest.approx(0.06)
+def test_a_goal_is_rejected_while_another_runs(ros):
+    clock = HeldClock()
+    with SimulatedGrbl(clock) as controller:
+        cell = Cell(ros, controller.port).ready()
+        running = cell.send(0.06)
+        assert not cell.send(0.01, push_id=8).accepted
+        clock.release()
+        assert cell.result(running).result.outcome == Push.Result.OUTCOME_REACHED
+        assert controller.position() == pytest.approx(0.06)
 
 
 def test_a_goal_is_rejected_while_disconnected(ros, tmp_path):
@@ -222,15 +246,14 @@ def test_a_goal_is_rejected_while_disconnected(ros, tmp_path):
 
 def test_a_canceled_push_stops(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
-    handle = cell.send(0.08, 0.03, retract=True)
-    ros.wait_for(lambda: controller.position() > 0.005, what="the motion")
+    handle = cell.halfway(controller, retract=True)
     ros.wait_for(handle.cancel_goal_async().done, what="the answer to the cancel")
     result = cell.result(handle)
     assert result.status == GoalStatus.STATUS_CANCELED
     assert result.result.outcome == Push.Result.OUTCOME_CANCELED
     rest = controller.position()
     assert result.result.travelled == pytest.approx(rest, abs=2e-5)
-    assert 0.005 < rest < 0.06
+    assert 0.001 < rest < 0.06
     cell.wait_for_mode(PusherState.MODE_IDLE)
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
     assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
@@ -250,9 +273,8 @@ def test_the_way_back_is_no_push(ros, controller, tmp_path):
 
 
 def test_a_push_whose_client_leaves_is_stopped(ros, controller, tmp_path):
-    # a name of its own: clients of earlier tests may live on until Python collects them
-    cell = Cell(ros, tmp_path / "port", namespace="/left").ready()
-    cell.halfway(controller, speed=0.01)
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.halfway(controller)
     ros.wait_for(lambda: cell.node._client_seen, what="the client in the graph")
     ros.wait_for(cell.node.executor.create_task(cell._client.destroy).done, what="the end of the client")
     cell.comes_to_rest(controller)
@@ -366,7 +388,7 @@ def test_a_clock_that_jumps_back_disturbs_nothing(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port", use_sim_time=True)
     clock.create_timer(0.02, tick)
     cell.ready()
-    handle = cell.halfway(controller)
+    handle = cell.halfway(controller, speed=0.03)
     now[0] -= 500.0
     assert cell.result(handle).result.outcome == Push.Result.OUTCOME_REACHED
     cell.wait_for_mode(PusherState.MODE_IDLE)
@@ -376,8 +398,7 @@ def test_a_clock_that_jumps_back_disturbs_nothing(ros, controller, tmp_path):
 
 def test_a_limit_in_mid_push_aborts_it_until_a_person_resets(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
-    handle = cell.send(0.08, 0.03)
-    ros.wait_for(lambda: controller.position() > 0.005, what="the motion")
+    handle = cell.halfway(controller)
     assert not cell.reset().success
     controller.hit_limit()
     result = cell.result(handle)
@@ -397,8 +418,7 @@ def test_a_limit_in_mid_push_aborts_it_until_a_person_resets(ros, controller, tm
 
 def test_an_unplugged_controller_is_found_again_and_not_moved(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
-    handle = cell.send(0.08, 0.03)
-    ros.wait_for(lambda: controller.position() > 0.005, what="the motion")
+    handle = cell.halfway(controller)
     controller.unplug()
     result = cell.result(handle)
     assert result.status == GoalStatus.STATUS_ABORTED
@@ -446,9 +466,12 @@ def test_a_port_where_garbage_comes_is_no_controller(ros, tmp_path, capfd):
 
 
 def test_homing(ros, tmp_path):
-    with SimulatedGrbl(time.monotonic, homing=True) as controller:
-        cell = Cell(ros, controller.port, home=True).ready()
-        assert PusherState.MODE_HOMING in {state.mode for state in cell.states}
+    clock = HeldClock()
+    with SimulatedGrbl(clock, homing=True) as controller:
+        cell = Cell(ros, controller.port, home=True)
+        cell.wait_for_mode(PusherState.MODE_HOMING)
+        clock.release()
+        cell.ready()
         assert cell.states[-1].position == pytest.approx(0.0, abs=1e-6)
         assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
         assert controller.position() == pytest.approx(0.02)
@@ -467,8 +490,7 @@ def test_garbage_and_lost_bytes_do_not_disturb_a_push(ros, controller, tmp_path)
 
 def test_a_node_that_ends_stops_its_pusher(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
-    cell.send(0.08, 0.02)
-    ros.wait_for(lambda: controller.position() > 0.005, what="the motion")
+    cell.halfway(controller)
     executor = cell.node.executor
     executor.remove_node(cell.node)
     ros._nodes.remove(cell.node)
@@ -488,7 +510,7 @@ def test_a_signal_stops_the_pusher(controller, tmp_path):
     client = subprocess.Popen([sys.executable, "-c", PUSH], env=environment)
     try:
         deadline = time.monotonic() + 60
-        while controller.position() < 0.005:
+        while controller.position() < 0.001:
             assert time.monotonic() < deadline, "no motion"
             time.sleep(0.01)
         process.send_signal(signal.SIGTERM)
@@ -511,7 +533,7 @@ node = rclpy.create_node("client")
 client = ActionClient(node, Push, "push")
 client.wait_for_server()
 while True:
-    answer = client.send_goal_async(Push.Goal(push_id=1, distance=0.08, speed=0.02))
+    answer = client.send_goal_async(Push.Goal(push_id=1, distance=0.08, speed=0.004))
     rclpy.spin_until_future_complete(node, answer)
     if answer.result().accepted:
         rclpy.spin(node)

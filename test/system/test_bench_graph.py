@@ -25,7 +25,10 @@ def recording(monkeypatch):
 
 
 def test_latency_runs_from_the_newest_image_needed(pipeline):
-    """Frames every 100 ms of both clocks; a frame is rendered in 4 ms and tracked in 3, a pusher state needs 10."""
+    """Frames every 100 ms of both clocks; a frame is rendered in 4 ms and tracked in 3, a pusher state needs 10, one is lost.
+
+    That makes the second estimate wait for the next.
+    """
     listener = pipeline._Listener()
     for frame in range(10):
         stamp, wall = 100 * frame * MS, (5000 + 100 * frame) * MS
@@ -33,6 +36,7 @@ def test_latency_runs_from_the_newest_image_needed(pipeline):
         listener._images[stamp] = wall + 4 * MS
         listener._poses[stamp] = wall + 7 * MS
         listener._pusher_states[stamp] = wall + 10 * MS
+    del listener._pusher_states[400 * MS]
     listener._estimates = {100 * MS: 5412 * MS, 200 * MS: 5520 * MS}  # their newest images are frames 4 and 5
     assert listener.latency() == pytest.approx(
         {
@@ -42,8 +46,9 @@ def test_latency_runs_from_the_newest_image_needed(pipeline):
             "max_ms": 16.0,
             "from_stamp_p50_ms": 16.0,
             "from_stamp_p99_ms": 20.0,
-            "pusher_p50_ms": 6.0,
-            "rest_p50_ms": 6.0,
+            "pose_p50_ms": 3.0,
+            "pusher_p50_ms": 1.5,
+            "rest_p50_ms": 7.5,
             "rest_p99_ms": 10.0,
         }
     )

@@ -1,7 +1,8 @@
 """Stamped poses and pusher states -> observations: smoothed, differenced and subsampled as in section 4.
 
 The result depends on the stamps alone, not on how poses and pusher states interleave when they arrive: a frame is judged
-only once a pusher state from after it is known. So a replay gives exactly the observations of the live run.
+only once a pusher state from after it is known. So a replay gives exactly the observations of the live run. The last frame
+of an observation need not wait for that where it shows the object moving on as before: nothing but the pusher moves it.
 """
 
 from collections import deque
@@ -12,11 +13,15 @@ import numpy as np
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline
+from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Pose, Twist, rotation, wrap
 from pushfric_core.settings import check_ranges, setting
 
 NANOSECONDS = 1e9
+
+STEADY = 0.25
+"""The object moves on as before where its velocity differs from the mean of the frames before by this part of it at most: so a
+push that ended before the last quarter of the time between two frames shows."""
 
 REMEMBERED = 10_000
 """Pusher states kept while no frame comes."""
@@ -61,6 +66,7 @@ class Trajectory:
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None) -> None:
         self.outline = outline
         self.config = config or TrajectoryConfig()
+        self._reach = float(np.hypot(*outline.vertices.T).max())  # of the corners [m]
         self._margin = self.config.window // 2 + 1  # frames needed on either side: half a window, and a neighbour
         self._waiting: deque[PoseSample] = deque()  # seen, but no later pusher state is known yet
         self._pushers: deque[PusherSample] = deque(maxlen=REMEMBERED)  # from the last judged frame on
@@ -96,10 +102,16 @@ class Trajectory:
         return self._settle()
 
     def _settle(self) -> list[Observation]:
-        """Judge the frames from before the newest pusher state."""
+        """Judge the frames from before the newest pusher state; the one after them may complete an observation already."""
         found = []
-        while self._waiting and self._pushers and self._waiting[0].stamp <= self._pushers[-1].stamp:
-            sample = self._waiting.popleft()
+        while self._waiting:
+            sample = self._waiting[0]
+            # frame by frame in this order, whatever came first
+            if self._moves_on(sample):
+                found += self._complete(sample)
+            if not self._pushers or sample.stamp > self._pushers[-1].stamp:
+                break
+            self._waiting.popleft()
             found += self._extend(sample, self._pushing(sample))
         return found
 
@@ -114,56 +126,88 @@ class Trajectory:
             return None
         share = (sample.stamp - before.stamp) / (after.stamp - before.stamp)
         position = before.position + share * (after.position - before.position)
-        touch = before.line.touch(self.outline, sample.pose)
-        if touch is None or touch.edge is None or position < touch.distance - self.config.contact_tolerance:
+        touch = self._touch(before.line, sample.pose)
+        if touch is None or position < touch.distance - self.config.contact_tolerance:
             return None
         return before
 
+    def _touch(self, line: PushingLine, pose: Pose) -> Touch | None:
+        """Where the tip meets an edge of the object; None where it meets a corner or nothing."""
+        touch = line.touch(self.outline, pose)
+        return None if touch is None or touch.edge is None else touch
+
     def _extend(self, sample: PoseSample, pusher: PusherSample | None) -> list[Observation]:
         """Let a frame continue the run, or end it."""
-        gap = self._run and (sample.stamp - self._run[-1].stamp) > self.config.longest_gap * NANOSECONDS
-        if pusher is None or self._pusher is None or pusher.push_id != self._pusher.push_id or gap:
+        if pusher is None or self._pusher is None or pusher.push_id != self._pusher.push_id or self._after_a_gap(sample):
             self._run, self._next = [], self._margin
         self._pusher = pusher
         if pusher is None:
             return []
+        found = self._complete(sample)
         self._run.append(sample)
-        if len(self._run) <= self._next + self._margin:
+        return found
+
+    def _after_a_gap(self, sample: PoseSample) -> bool:
+        return bool(self._run) and sample.stamp - self._run[-1].stamp > self.config.longest_gap * NANOSECONDS
+
+    def _moves_on(self, sample: PoseSample) -> bool:
+        """Whether a frame that would complete the next observation shows, by itself, that the push goes on."""
+        before = self._run[self._next - self._margin :]
+        if len(before) < 2 * self._margin or self._after_a_gap(sample):
+            return False
+        assert self._pusher is not None
+        mean, last = _velocity(before[0], before[-1]), _velocity(before[-1], sample)
+        change = self._speed(Twist(*np.subtract(last, mean).tolist()))
+        return change <= STEADY * self._speed(mean) and self._touch(self._pusher.line, sample.pose) is not None
+
+    def _complete(self, newest: PoseSample) -> list[Observation]:
+        """The observation that the run and a frame after it make, where there is one."""
+        frames = [*self._run[self._next - self._margin :], newest]
+        if len(frames) <= 2 * self._margin:
             return []
-        observation = self._observe(pusher)
+        observation = self._observe(frames)
         if observation is None:  # the object rests, or a corner is met: later frames of the push may still serve
             self._next += 1
             return []
         self._next += self.config.stride
         return [observation]
 
-    def _observe(self, pusher: PusherSample) -> Observation | None:
-        """The observation at the run's next index; None where the object does not move or the smoothed contact is no edge."""
-        assert pusher.push_id is not None
-        sample = self._run[self._next]
-        previous, middle, following = (self._smoothed(self._next + shift, sample.pose.theta) for shift in (-1, 0, 1))
-        duration = (self._run[self._next + 1].stamp - self._run[self._next - 1].stamp) / NANOSECONDS
-        velocity = rotation(-middle.theta) @ (following.x - previous.x, following.y - previous.y) / duration
+    def _observe(self, frames: list[PoseSample]) -> Observation | None:
+        """The observation in the middle of some frames; None where the object rests or the smoothed contact is no edge."""
+        assert self._pusher is not None
+        assert self._pusher.push_id is not None
+        middle = self._margin
+        previous, pose, following = (self._smoothed(frames, middle + shift) for shift in (-1, 0, 1))
+        duration = (frames[middle + 1].stamp - frames[middle - 1].stamp) / NANOSECONDS
+        velocity = rotation(-pose.theta) @ (following.x - previous.x, following.y - previous.y) / duration
         twist = Twist(float(velocity[0]), float(velocity[1]), (following.theta - previous.theta) / duration)
-        reach = float(np.hypot(*self.outline.vertices.T).max())
-        touch = pusher.line.touch(self.outline, middle)
-        if touch is None or touch.edge is None:
-            return None
-        if not any(twist) or np.hypot(twist.vx, twist.vy) + abs(twist.omega) * reach < self.config.minimum_speed:
+        touch = self._touch(self._pusher.line, pose)
+        if touch is None or not any(twist) or self._speed(twist) < self.config.minimum_speed:
             return None
         return Observation(
             contact_point=(float(touch.point[0]), float(touch.point[1])),
             contact_normal=(float(touch.normal[0]), float(touch.normal[1])),
             twist=twist,
-            push_id=pusher.push_id,
+            push_id=self._pusher.push_id,
             duration=duration,
-            stamp=sample.stamp,
-            pose=middle,
+            stamp=frames[middle].stamp,
+            pose=pose,
         )
 
-    def _smoothed(self, index: int, reference: float) -> Pose:
-        """Mean pose of the window centred on a frame of the run, with angles unwrapped around `reference` [rad]."""
-        half = self.config.window // 2
-        window = [sample.pose for sample in self._run[index - half : index + half + 1]]
+    def _speed(self, twist: Twist) -> float:
+        """About that of the fastest corner [m/s]."""
+        return float(np.hypot(twist.vx, twist.vy) + abs(twist.omega) * self._reach)
+
+    def _smoothed(self, frames: list[PoseSample], index: int) -> Pose:
+        """Mean pose of the window centred on a frame, with angles unwrapped around that of the frame in the middle [rad]."""
+        half, reference = self.config.window // 2, frames[self._margin].pose.theta
+        window = [sample.pose for sample in frames[index - half : index + half + 1]]
         x, y = (float(np.mean(values)) for values in list(zip(*window, strict=True))[:2])
         return Pose(x, y, reference + float(np.mean([wrap(pose.theta - reference) for pose in window])))
+
+
+def _velocity(start: PoseSample, end: PoseSample) -> Twist:
+    """From one frame to another, in the table frame."""
+    duration = (end.stamp - start.stamp) / NANOSECONDS
+    a, b = start.pose, end.pose
+    return Twist((b.x - a.x) / duration, (b.y - a.y) / duration, wrap(b.theta - a.theta) / duration)

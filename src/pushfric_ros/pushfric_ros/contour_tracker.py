@@ -1,5 +1,8 @@
 """Sees a bright object on a dark table: its pose, by fitting the known outline to its edge, to a few hundredths of a pixel."""
 
+import cmath
+import math
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -7,7 +10,7 @@ import shapely
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Array, Pose, compose, wrap
+from pushfric_core.planar import Array, Pose, wrap
 from pushfric_ros.camera import Camera, Image
 from pushfric_ros.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, NotSeen, Sighting, edge_samples
 
@@ -46,11 +49,12 @@ class ContourTracker:
 
         self._boundary = _boundary_samples(self._outline.vertices)
         self._boundary_mean = self._boundary.mean()
-        self._boundary_spectrum = np.conj(np.fft.fft(self._boundary - self._boundary_mean))
-        self._spread = np.mean(np.abs(self._boundary - self._boundary_mean) ** 2)
-        misfit, _ = self._matches(self._boundary)
+        self._boundary_spectrum = np.conj(np.fft.fft(self._boundary - self._boundary_mean)) / _COARSE_SAMPLES
+        self._spread = _spread(self._boundary - self._boundary_mean)
+        squared, _ = self._matches(self._boundary)
         # k-fold symmetric: shifted by a k-th of its length, the outline matches itself to a fraction of a pixel.
-        self._symmetry = max(k for k in _SYMMETRIES if misfit[_COARSE_SAMPLES // k % _COARSE_SAMPLES] < 0.1 * self._pixel)
+        alike = squared < (0.1 * self._pixel) ** 2
+        self._symmetry = max(k for k in _SYMMETRIES if alike[_COARSE_SAMPLES // k % _COARSE_SAMPLES])
 
         # From where the blob puts it, the outline is out by up to half a pixel of the shrunk image.
         slack_px = max(2, self._shrinking // 2)
@@ -84,7 +88,7 @@ class ContourTracker:
         if expected is not None and (fit := self._edge_fit.refined(image, expected, contrast)) is not None:
             return fit._replace(orientations=self._symmetry)
         heading = 0.0 if expected is None else expected.theta
-        starts = [self._turned_towards(heading, start) for start in self._coarse_poses(blob)]
+        starts = self._coarse_poses(blob, heading)
         fits = [fit for start in starts if (fit := self._edge_fit.refined(image, start, contrast)) is not None]
         if not fits:
             raise NotSeen("outline does not fit")
@@ -135,19 +139,24 @@ class ContourTracker:
             raise NotSeen("partial view" if partial else "outline does not fit" if misshapen else "no object")
         return whole[0], contrast
 
-    def _coarse_poses(self, blob: Array) -> list[Pose]:
-        """Poses in which the outline matches a blob's (m, 2) about equally well, one per orientation that looks different."""
+    def _coarse_poses(self, blob: Array, heading: float) -> list[Pose]:
+        """Poses in which the outline matches a blob's (m, 2) about equally well, one per orientation that looks different.
+
+        Of the orientations in which a symmetric outline looks the same, the nearest to a heading [rad].
+        """
         samples = _boundary_samples(blob)
-        misfit, turn = self._matches(samples)
+        squared, correlation = self._matches(samples)
         # Further shifts repeat those of a symmetric outline.
-        misfit = misfit[: _COARSE_SAMPLES // self._symmetry]
-        around = np.concatenate((misfit[-1:], misfit, misfit[:1]))
-        lowest = (misfit <= around[:-2]) & (misfit < around[2:])
-        lowest &= misfit <= misfit.min() + self._shrinking * self._pixel
+        squared = squared[: _COARSE_SAMPLES // self._symmetry]
+        around = np.concatenate((squared[-1:], squared, squared[:1]))
+        lowest = (squared <= around[:-2]) & (squared < around[2:])
+        lowest &= squared <= (math.sqrt(max(squared.min(), 0.0)) + self._shrinking * self._pixel) ** 2
+        middle, step = samples.mean(), 2 * np.pi / self._symmetry
         poses = []
-        for rotor in turn[np.flatnonzero(lowest)]:
-            origin = samples.mean() - rotor * self._boundary_mean
-            poses.append(Pose(float(origin.real), float(origin.imag), float(np.angle(rotor))))
+        for found in np.angle(correlation[np.flatnonzero(lowest)]).tolist():
+            theta = found + step * round(wrap(heading - found) / step)
+            origin = middle - cmath.rect(1.0, theta) * self._boundary_mean
+            poses.append(Pose(float(origin.real), float(origin.imag), theta))
         return poses
 
     def _matches(self, samples: npt.NDArray[np.complex128]) -> tuple[Array, npt.NDArray[np.complex128]]:
@@ -157,22 +166,16 @@ class ContourTracker:
         takes one Fourier transform.
 
         Returns:
-            (n,) rms misfit [m] and (n,) the rotation, a complex number of length 1.
+            (n,) mean squared misfit [m^2] and (n,) the correlation.
         """
-        samples = samples - samples.mean()
-        correlation = np.fft.ifft(np.fft.fft(samples) * self._boundary_spectrum) / len(samples)
-        strength = np.maximum(np.abs(correlation), np.finfo(float).tiny)
-        squared = np.mean(np.abs(samples) ** 2) + self._spread - 2 * strength
-        return np.sqrt(np.maximum(squared, 0)), correlation / strength
+        centred = samples - samples.mean()
+        correlation = np.fft.ifft(np.fft.fft(centred) * self._boundary_spectrum)
+        return _spread(centred) + self._spread - 2 * np.abs(correlation), correlation
 
-    def _turned_towards(self, heading: float, pose: Pose) -> Pose:
-        """Of the poses in which a symmetric outline looks the same, the one nearest to a heading [rad]."""
-        step = 2 * np.pi / self._symmetry
-        turn = step * round(wrap(heading - pose.theta) / step)
-        if turn == 0:
-            return pose
-        shift = self._boundary_mean * (1 - np.exp(1j * turn))  # the middle stays where it is
-        return compose(pose, Pose(float(shift.real), float(shift.imag), turn))
+
+def _spread(centred: npt.NDArray[np.complex128]) -> float:
+    """Mean square of deviations."""
+    return float(np.vdot(centred, centred).real) / len(centred)
 
 
 def _boundary_samples(polygon: Array) -> npt.NDArray[np.complex128]:

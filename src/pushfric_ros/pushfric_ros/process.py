@@ -14,27 +14,40 @@ from pushfric_core.errors import InvalidInput
 
 EXIT_INVALID_INPUT = 2
 
+LAST_RESORT = 5
+"""A process that has not ended so long [s] after it was asked to, or began to, is ended by the kernel.
+
+Fast DDS may spin for ever where it is destroyed while it learns of another process's end (eProsima/Fast-DDS#6513), and keeps
+Python from running meanwhile.
+"""
+
 
 def run_node(make: Callable[[], Node]) -> None:
     """Make a node, spin it until SIGINT, SIGTERM or its own end, destroy it and leave.
 
     Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2. A node ends its own
-    process by raising SystemExit in a callback.
+    process by raising SystemExit in a callback. Whatever hangs on the way out is ended by SIGALRM, LAST_RESORT after.
     """
     # One thread per process: the estimates stay bit-for-bit reproducible and the tail of the update time short.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # rclpy's own handlers, which run before these, end the spinning; a KeyboardInterrupt would strike anywhere.
     asked_to_stop: list[int] = []
+
+    def stop(caught: int, _: object) -> None:
+        asked_to_stop.append(caught)
+        _limit_the_end()
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda caught, _: asked_to_stop.append(caught))
+        signal.signal(number, stop)
     node = None
     code = 0
     try:
         rclpy.init()
-        node = make()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
+        if not asked_to_stop:  # otherwise it came before rclpy's handlers were there
+            executor = SingleThreadedExecutor()  # first: once a signal came, none can be made without a complaint
+            node = make()
+            executor.add_node(node)
+            executor.spin()
     except InvalidInput as error:
         code = _refuse(error)
     except SystemExit as end:
@@ -45,6 +58,7 @@ def run_node(make: Callable[[], Node]) -> None:
         if not asked_to_stop:  # a real fault; otherwise something was made or waited for after the signal ended the context
             raise
     finally:
+        _limit_the_end()
         try:
             if node is not None:
                 node.destroy_node()
@@ -52,6 +66,11 @@ def run_node(make: Callable[[], Node]) -> None:
             code = _refuse(error)
         rclpy.try_shutdown()
     sys.exit(code)
+
+
+def _limit_the_end() -> None:
+    if not signal.getitimer(signal.ITIMER_REAL)[0]:
+        signal.alarm(LAST_RESORT)
 
 
 def _refuse(error: InvalidInput) -> int:
