@@ -22,11 +22,8 @@ from pushfric_core.linear_program import Status
 from pushfric_core.planar import Array
 from pushfric_core.simplex import Simplex
 
-PATIENCE = 300.0
+PATIENCE = 120.0
 """Solvers give up after that long [s]. They go by the wall clock, which a busy machine makes run fast: hence no less."""
-
-SOLVED_ANEW = 500
-"""At the end of its load, pushfric solves after each of that many data points."""
 
 EXACT = 1e-9
 """Feasibility tolerance given to HiGHS: its own, 1e-7, is coarse beside objectives of some 0.01 m."""
@@ -66,12 +63,9 @@ class Pushfric:
         self._optimum = self._simplex.solve()
 
     def load(self, groups: Groups) -> None:
-        """As in live use, but for time's sake with a solve only per per cent of growth until the end is near."""
-        solved = 0
-        for count, rows in enumerate(groups, start=1):
-            self._simplex.add(rows)
-            if count > 1.01 * solved or count > len(groups) - SOLVED_ANEW:
-                self._optimum, solved = self._simplex.solve(), count
+        """As in live use: with a solve after each."""
+        for rows in groups:
+            self.update(rows)
 
     def update(self, rows: ConstraintRows) -> None:
         self._simplex.add(rows)

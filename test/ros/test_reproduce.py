@@ -3,8 +3,16 @@
 import io
 import json
 import math
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import threading
 
 import numpy as np
+import psutil
 import pytest
 from rich.console import Console
 from scipy.optimize import linprog
@@ -12,21 +20,39 @@ from scipy.optimize import linprog
 from pushfric_core.errors import InvalidInput
 from pushfric_core.simulation import TABLE_1
 from pushfric_ros import paper_experiments, reproduce
-from pushfric_ros.paper_experiments import SLIPPING, observation_row, plan, push_and_watch, rods
-from pushfric_ros.paper_report import measured
+from pushfric_ros.paper_experiments import CODE, SLIPPING, motions, observation_row, plan, rods, watch
+from pushfric_ros.paper_report import agrees, leaves, measured, number
 from pushfric_ros.paper_tables import PAPER, REFERENCE, spread, tables
 from pushfric_ros.reproduce import WorkerDiffers
 
 QUIET = Console(file=io.StringIO())
 
+CLUSTER = """
+import sys
+from distributed import LocalCluster
+with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    print(cluster.scheduler_address, flush=True)
+    sys.stdin.read()
+"""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """What `reproduce --seeds 2 --dask ADDRESS` leaves behind, from two worker processes."""
-    distributed = pytest.importorskip("distributed")
     out = tmp_path_factory.mktemp("reproduce")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        reproduce.reproduce(out, 2, 1, cluster.scheduler_address, QUIET)
+    threads = set(threading.enumerate())
+    environment = os.environ | {"DASK_TEMPORARY_DIRECTORY": str(tmp_path_factory.mktemp("dask"))}
+    command = [sys.executable, "-c", CLUSTER]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as cluster:
+        address = cluster.stdout.readline().strip()
+        workers = psutil.Process(cluster.pid).children(recursive=True)
+        reproduce.reproduce(out, 2, 1, address, QUIET)
+        cluster.communicate(timeout=60)
+    assert cluster.returncode == 0
+    assert len(workers) >= 2
+    assert not psutil.wait_procs(workers, timeout=10)[1]
+    # the client's pool for large messages stays with the process, idle
+    assert {thread.name for thread in set(threading.enumerate()) - threads} <= {"Dask-Offload_0"}
     return out
 
 
@@ -85,8 +111,10 @@ def test_tables_4_and_5_agree_with_highs(seed, table, name, published, grid):
 def test_table_2_agrees_with_highs(seed, name):
     known = TABLE_1[name]
     w, _ = highs(seed["data"][name], known.support_points)
-    x, y = 100 * np.abs(w @ known.support_points - known.support.center_of_friction) / np.ptp(known.outline.vertices, axis=0)
-    assert seed["numbers"]["table2"][name]["grid_24"] == pytest.approx({"percent_x": x, "percent_y": y}, abs=1e-5)
+    center = w @ known.support_points
+    x, y = 100 * np.abs(center - known.support.center_of_friction) / np.ptp(known.outline.vertices, axis=0)
+    expected = {"x": 100 * center[0], "y": 100 * center[1], "percent_x": x, "percent_y": y}
+    assert seed["numbers"]["table2"][name]["grid_24"] == pytest.approx(expected, abs=1e-5)
 
 
 def test_table_3_agrees_with_highs(seed):
@@ -110,6 +138,24 @@ def test_figure_9_agrees_with_highs(seed, half_width, turn):
         assert known == pytest.approx(error, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.parametrize("half_width", [0, 8])
+@pytest.mark.parametrize("turn", [0, 90, 180, 270])
+def test_figure_10_agrees_with_highs(seed, half_width, turn):
+    cos, sin = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
+    feet = TABLE_1["delrin_square3"].support.points @ [[cos, sin], [-sin, cos]]
+    _, error = highs(seed["data"]["delrin_square3"], feet, None, half_width / 1e3)
+    known = seed["numbers"]["figure10"]["supports"][f"half_width_{half_width}_mm"][f"error_{turn}"]
+    assert known == pytest.approx(error, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["wood_rect4", "rubber_rect4"])
+def test_figure_5_agrees_with_highs(seed, name):
+    w, _ = highs(seed["data"][name], TABLE_1[name].support_points)
+    assert seed["drawings"]["figure5"][name] == pytest.approx(w, abs=1e-6)
+    assert sorted(np.argsort(w)[-4:]) == [0, 4, 10, 14]  # the corners of five columns in three rows
+    assert seed["numbers"]["figure5"][name]["corners_are_top_four"]
+
+
 def test_figure_13_agrees_with_heavily_weighted_least_squares(seed):
     data, points = seed["data"]["wood_rect4"], TABLE_1["wood_rect4"].support_points
     moment, _, _ = rows_of(data, points)
@@ -121,8 +167,8 @@ def test_figure_13_agrees_with_heavily_weighted_least_squares(seed):
 
 
 def test_the_same_seed_repeats_the_same_pushes(seed):
-    again = [observation_row(one) for one in push_and_watch("delrin_rect_center", 0)]
-    assert again == seed["data"]["delrin_rect_center"]
+    again = watch("delrin_rect_center", motions("delrin_rect_center", plan("delrin_rect_center"), 0), 0)
+    assert [observation_row(one) for one in again] == seed["data"]["delrin_rect_center"]
     assert len(again) == seed["numbers"]["table1"]["delrin_rect_center"]["data_points"]
 
 
@@ -166,14 +212,14 @@ def test_the_summary_is_the_median_over_the_seeds_beside_the_paper(folder, summa
 
 @pytest.mark.parametrize("known", [PAPER, REFERENCE])
 def test_all_that_is_published_has_its_place(known, summary):
-    def leaves(nested, path=()):
+    def ends(nested, path=()):
         if isinstance(nested, dict):
             for key, value in nested.items():
-                yield from leaves(value, (*path, key))
+                yield from ends(value, (*path, key))
         else:
             yield path
 
-    for path in leaves(known):
+    for path in ends(known):
         found = summary
         for key in path:
             found = found[key]
@@ -192,11 +238,20 @@ def test_the_report_holds_everything_and_needs_nothing_else(folder, summary):
     page = (folder / "report.html").read_text()
     for title in ("Table 1", "Table 2", "Table 3", "Table 4", "Table 5", "What does not reproduce"):
         assert title in page
-    for number in (3, *range(5, 14)):
-        assert f'id="figure{number}"' in page
-    assert page.count("<svg ") == 11
+    for figure in (3, *range(5, 14)):
+        assert f'id="figure{figure}"' in page
+    assert page.count("<svg ") == 12
     assert not any(outside in page for outside in ("<script", "<link", "src=", "@import", 'href="http'))
+    assert "nan" not in {word.strip("<>/td") for word in page.split()}
     assert f"{summary['table4']['grid_9']['error_center']['median']:.2f}" in page
+    assert CODE in page
+
+
+def test_the_documentation_names_every_key(summary):
+    text = (pathlib.Path(__file__).parents[2] / "docs/paper.md").read_text()
+    for path, _ in leaves(summary):
+        assert f"`{path[0]}`" in text
+        assert re.sub(r"\d+", "N", path[-1]) in re.sub(r"\d+", "N", text)
 
 
 def test_the_report_says_how_often_and_how_near():
@@ -206,38 +261,88 @@ def test_the_report_says_how_often_and_how_near():
     summary = tables([json.loads(json.dumps({"table1": {"x": {"data_points": 3}}, "flag": held})) for held in (True, False)])
     assert summary["flag"] == {"held": 1, "of": 2}
     assert summary["table1"]["x"]["data_points"] == {"median": 3.0, "quartiles": [3.0, 3.0], "seeds": 2}
+    assert [path for path, _ in leaves(summary)] == [("table1", "x", "data_points"), ("flag",)]
     assert measured(leaf(reference=1.2)).tone == "good"
     assert measured(leaf(reference=2.0)).tone == "off"
-    assert measured(leaf(quartiles=[0.5, math.inf])).detail == "0.50 … infeasible"
+    assert measured(leaf()).tone == ""
+    assert measured(leaf(quartiles=[0.5, math.inf])).detail == "0.50 … ∞"
     assert measured({"held": 18, "of": 20}).tone == "off"
+    assert agrees({"held": 19, "of": 20})
+    assert agrees(leaf(reference=1.04), absolute=0.05)
+    assert not agrees(leaf(reference=1.06), absolute=0.05)
+    assert [number(-0.001), number(-1.5, 1), number(None)] == ["0.00", "\N{MINUS SIGN}1.5", "\N{EN DASH}"]
 
 
-def stub(seed, results):
-    """The recorded experiments in place of new ones; counts the calls."""
+@pytest.fixture
+def calls(seed, monkeypatch):
+    """The recorded experiments in place of new ones, and no drawings: the seeds that are asked for."""
+    asked = []
 
-    def run(number):
-        run.calls.append(number)
+    def run_seed(number):
+        asked.append(number)
         return seed | {"seed": number}
 
-    run.calls = results
-    return run
+    monkeypatch.setattr(reproduce, "run_seed", run_seed)
+    monkeypatch.setattr(reproduce, "figures", lambda *_: {})
+    return asked
 
 
-def test_a_second_call_does_what_is_left_or_comes_from_other_code(seed, tmp_path, monkeypatch):
-    calls = []
-    monkeypatch.setattr(reproduce, "run_seed", stub(seed, calls))
+def test_a_second_call_does_what_is_left_or_comes_from_other_code(seed, tmp_path, calls):
+    said = Console(file=io.StringIO(), width=300)
     (tmp_path / "seeds").mkdir()
-    for number, code in ((0, seed["code"]), (1, "older")):
-        (tmp_path / f"seeds/{number:04}.json").write_text(json.dumps(seed | {"seed": number, "code": code}))
-    summary, report = reproduce.reproduce(tmp_path, 3, 1, None, QUIET)
+    for index, code in ((0, CODE), (1, "older")):
+        (tmp_path / f"seeds/{index:04}.json").write_text(json.dumps(seed | {"seed": index, "code": code}))
+    summary, report = reproduce.reproduce(tmp_path, 3, 1, None, said)
     assert sorted(calls) == [1, 2]
+    assert "1 seeds come from other code and are computed anew" in said.file.getvalue()
     assert summary["table1"]["wood_rect4"]["data_points"]["seeds"] == 3
     assert report.is_file()
     assert not list(tmp_path.rglob(".*"))  # nothing half-written stays
 
 
+INTERRUPTED = """
+import json, os, pathlib, signal, sys
+from rich.console import Console
+from pushfric_ros import reproduce
+known = json.loads(pathlib.Path(sys.argv[2]).read_text())
+def run_seed(seed):
+    if seed == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return known | {"seed": seed}
+reproduce.run_seed = run_seed
+reproduce.reproduce(pathlib.Path(sys.argv[1]), 4, 1, None, Console())
+"""
+
+
+def test_a_killed_call_is_taken_up_where_it_was(folder, tmp_path, calls):
+    command = [sys.executable, "-c", INTERRUPTED, str(tmp_path), str(folder / "seeds/0000.json")]
+    assert subprocess.run(command, stdout=subprocess.DEVNULL).returncode == -signal.SIGKILL
+    assert sorted(path.name for path in (tmp_path / "seeds").iterdir()) == ["0000.json", "0001.json"]
+    reproduce.reproduce(tmp_path, 4, 1, None, QUIET)
+    assert sorted(calls) == [2, 3]
+
+
+ENDLESS = """
+import os, pathlib, signal, sys
+from rich.console import Console
+from pushfric_ros import reproduce
+def run_seed(seed):
+    print(os.getpid(), flush=True)
+    signal.pause()
+reproduce.run_seed = run_seed
+reproduce.reproduce(pathlib.Path(sys.argv[1]), 2, 2, None, Console(stderr=True))
+"""
+
+
+def test_workers_end_with_a_killed_call(tmp_path):
+    with subprocess.Popen([sys.executable, "-c", ENDLESS, str(tmp_path)], stdout=subprocess.PIPE, text=True) as call:
+        workers = [psutil.Process(int(call.stdout.readline())) for _ in range(2)]
+        call.kill()
+    assert not psutil.wait_procs(workers, timeout=20)[1]
+
+
 def test_a_worker_with_other_code_is_refused(seed, tmp_path, monkeypatch):
-    monkeypatch.setattr(reproduce, "run_seed", stub(seed | {"code": "other"}, []))
+    monkeypatch.setattr(reproduce, "run_seed", lambda number: seed | {"seed": number, "code": "other"})
     with pytest.raises(WorkerDiffers, match="worker of seed 0 runs another version"):
         reproduce.reproduce(tmp_path, 1, 1, None, QUIET)
 
@@ -250,10 +355,12 @@ def test_unusable_input_is_named(tmp_path):
     (tmp_path / "seeds/0000.json").write_text("{")
     with pytest.raises(InvalidInput, match=r"0000\.json: cannot be read.*remove it"):
         reproduce.reproduce(tmp_path, 1, 1, None, QUIET)
+    (tmp_path / "seeds/0000.json").write_text('{"seed": 3, "code": "x"}')
+    with pytest.raises(InvalidInput, match=r"0000\.json: cannot be read: it is not the result of seed 0"):
+        reproduce.reproduce(tmp_path, 1, 1, None, QUIET)
 
 
 def test_a_cluster_that_does_not_answer_is_named(tmp_path, monkeypatch):
-    pytest.importorskip("distributed")
     monkeypatch.setattr(reproduce, "DASK_TIMEOUT", "200ms")
     with pytest.raises(InvalidInput, match="--dask: no scheduler answers at tcp://127"):
         reproduce.reproduce(tmp_path, 1, 1, "tcp://127.0.0.1:9", QUIET)

@@ -24,6 +24,10 @@ def _grid_errors(rows: dict[int, tuple[float, float, float]], ratios: dict[int, 
     }
 
 
+def _center(x: float, y: float, percent_x: float, percent_y: float) -> Nested:
+    return {"x": x, "y": y, **_percent(percent_x, percent_y)}
+
+
 def _percent(x: float, y: float) -> Nested:
     return {"percent_x": x, "percent_y": y}
 
@@ -47,16 +51,16 @@ PAPER: Nested = {
     },
     "table2": {
         "delrin_rect_center": {
-            "grid_4": _percent(4.8, 31.5),
-            "grid_9": _percent(1.2, 5.5),
-            "grid_15": _percent(0.9, 2.6),
-            "grid_24": _percent(1.7, 3.9),
+            "grid_4": _center(0.41, 1.60, 4.8, 31.5),
+            "grid_9": _center(0.10, -0.28, 1.2, 5.5),
+            "grid_15": _center(-0.08, -0.13, 0.9, 2.6),
+            "grid_24": _center(-0.15, -0.20, 1.7, 3.9),
         },
         "delrin_rect_right": {
-            "grid_4": _percent(17.3, 17.5),
-            "grid_9": _percent(1.1, 9.4),
-            "grid_15": _percent(0.1, 8.1),
-            "grid_24": _percent(0.5, 6.5),
+            "grid_4": _center(2.13, 0.89, 17.3, 17.5),
+            "grid_9": _center(0.79, -0.48, 1.1, 9.4),
+            "grid_15": _center(0.71, -0.41, 0.1, 8.1),
+            "grid_24": _center(0.74, -0.33, 0.5, 6.5),
         },
     },
     "table3": {
@@ -84,8 +88,8 @@ PAPER: Nested = {
     "figure10": _RIGHT_FOR_ALL,
     "figure12": {"largest_difference_of_reachable_wrenches": 0.0},
     "figure13": {
-        "feet": _percent(2.0, 1.6),
-        "grid_15": {"w_min": -25.3, "w_max": 38.2, **_percent(5.4, 28.3)},
+        "feet": _center(0.25, -0.10, 2.0, 1.6),
+        "grid_15": {"w_min": -25.3, "w_max": 38.2, **_center(0.69, -1.80, 5.4, 28.3)},
     },
 }
 """What the paper prints, in its own units: cm, percent, and the friction of the translating object."""

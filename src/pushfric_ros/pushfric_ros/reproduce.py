@@ -4,6 +4,8 @@ import importlib
 import json
 import os
 import pathlib
+import threading
+import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -45,7 +47,10 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
         (out / "seeds").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InvalidInput(f"{out}: cannot be made a folder: {error.strerror}") from error
-    results = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
+    kept = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
+    results = {seed: found for seed, found in kept.items() if found["code"] == CODE}
+    if len(results) < len(kept):
+        console.print(f"{out}: {len(kept) - len(results)} seeds come from other code and are computed anew", markup=False)
     missing = [seed for seed in range(seeds) if seed not in results]
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
@@ -61,12 +66,24 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
     summary = {"seeds": seeds, "code": CODE, **summary}
     _write(out / "tables.json", to_json(summary) + "\n")
     report = out / "report.html"
-    _write(report, html_report(summary, figures(summary, results[0], rod_drawings)))
+    _write(report, html_report(summary, figures(summary, [results[seed] for seed in range(seeds)], rod_drawings)))
     return summary, report
 
 
 def _on_this_machine(seeds: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
-    yield from Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(run_seed)(seed) for seed in seeds)
+    parallel = Parallel(jobs, return_as="generator_unordered", initializer=_end_with, initargs=(os.getpid(),))
+    yield from parallel(delayed(run_seed)(seed) for seed in seeds)
+
+
+def _end_with(parent: int) -> None:
+    """Let this worker process end with its parent, even where that was killed: joblib's would stay for ever."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="end with the parent", daemon=True).start()
 
 
 def _on_cluster(seeds: Iterable[int], address: str) -> Iterator[dict[str, Any]]:
@@ -87,15 +104,17 @@ def _path(out: pathlib.Path, seed: int) -> pathlib.Path:
 
 
 def _kept(out: pathlib.Path, seed: int) -> dict[str, Any] | None:
-    """The result of a seed from an earlier call; None where there is none of this code."""
+    """The result of a seed from an earlier call, of whatever code; None where there is none."""
     path = _path(out, seed)
     if not path.exists():
         return None
     try:
         result: dict[str, Any] = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+        if (result["seed"], type(result["code"])) != (seed, str):
+            raise ValueError(f"it is not the result of seed {seed}")
+    except (OSError, ValueError, TypeError, KeyError) as error:
         raise InvalidInput(f"{path}: cannot be read: {error}; remove it to have it computed anew") from error
-    return result if isinstance(result, dict) and result.get("code") == CODE else None
+    return result
 
 
 def _keep(out: pathlib.Path, result: dict[str, Any]) -> None:
