@@ -3,10 +3,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import PROBLEMS
+from problems import PROBLEMS, flat_bar, four_feet
 
 from pushfric_core.errors import UninformativePush
-from pushfric_core.half_planes import HalfPlane, HalfPlanes, line_of_force, line_of_motion, line_of_pushing, rank_pushes
+from pushfric_core.half_planes import HalfPlane, HalfPlanes, RegionConfig, line_of_force, line_of_motion, line_of_pushing
 from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline, Touch
@@ -16,6 +16,7 @@ from pushfric_core.simulation import pushed_motion
 from pushfric_core.support import Support
 
 PLATE = Outline.rectangle(0.12, 0.06)
+ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
 
 
 def depth(half_plane, point):
@@ -107,8 +108,7 @@ def test_every_half_plane_holds_the_true_center(seed, mu_c, share):
 
 
 def test_the_region_starts_as_the_hull_and_shrinks():
-    ell = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
-    half_planes = HalfPlanes(ell)
+    half_planes = HalfPlanes(ELL)
     assert half_planes.region().area == pytest.approx(0.01 - 0.06**2 / 2)
     region = half_planes.add([HalfPlane((-1.0, 0.0), -0.04)])
     assert region.area == pytest.approx(0.04 * 0.1)
@@ -180,37 +180,160 @@ def test_random_pushes_close_in_on_the_center(make):
     assert np.linalg.norm(region.center - problem.truth.center_of_friction) < 0.015
 
 
-def test_the_best_push_halves_the_region():
-    region = HalfPlanes(PLATE).add([HalfPlane((-1.0, 0.0), 0.02)])  # x <= -20 mm
-    candidates = [PlannedPush(0, x) for x in (-0.045, -0.04, -0.01)] + [PlannedPush(3, -0.015)]
-    ranked = rank_pushes(region, PLATE, candidates)
-    assert [one.push for one in ranked] == [candidates[1], candidates[0], candidates[3], candidates[2]]
-    # cuts of 40 x 60 mm at 1/2, 3/8, 1/4, 0; with a share s to one side, s^2 + (1 - s)^2 of it is left
-    assert [one.expected_area for one in ranked] == pytest.approx([0.0012, 0.001275, 0.0015, 0.0024])
+def test_a_margin_widens_every_half_plane_but_not_the_program():
+    """x >= 10 mm and x <= 8 mm contradict each other by 2 mm: a margin of 1.5 mm each is enough, one of 0.9 mm is not."""
+    sides = HalfPlane((1.0, 0.0), 0.010), HalfPlane((-1.0, 0.0), -0.008)
+    region = HalfPlanes(PLATE, margin=0.0015).add(sides)
+    assert (region.collapsed, region.violation) == (False, 0.0)
+    assert region.area == pytest.approx(0.001 * 0.06, rel=1e-4)
+    assert region.center == pytest.approx((0.009, 0.0))
+    region = HalfPlanes(PLATE, margin=0.0009).add(sides)
+    assert region.collapsed
+    assert region.violation == pytest.approx(0.002)
 
 
-def test_an_oblique_push_cuts_obliquely():
-    region = HalfPlanes(Outline.rectangle(0.1, 0.1)).region()
-    (ranked,) = rank_pushes(region, Outline.rectangle(0.1, 0.1), [PlannedPush(0, -0.025, -np.arctan(0.5))])
-    assert ranked.expected_area == pytest.approx(0.01 / 2)  # through the middle
+def test_a_margin_lies_in_its_range():
+    with pytest.raises(ValueError, match=r"region_margin must lie in \[0.0, 0.1\], got -0.001"):
+        RegionConfig(region_margin=-0.001)
+    for margin in (-0.001, np.inf, np.nan):
+        with pytest.raises(ValueError, match="margin must be at least 0 and finite"):
+            HalfPlanes(PLATE, margin)
 
 
-def test_chosen_pushes_shrink_the_region_faster_than_even_ones():
-    support = PROBLEMS[2]().truth
+def test_the_corners_run_counter_clockwise():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((-1.0, 0.0), -0.02)])
+    corners = half_planes.region().corners
+    assert {tuple(corner) for corner in corners.round(6)} == {(-0.06, -0.03), (0.02, -0.03), (0.02, 0.03), (-0.06, 0.03)}
+    x, y = corners.T
+    assert np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2 == pytest.approx(0.08 * 0.06)
+    assert half_planes.add([HalfPlane((1.0, 0.0), 0.03)]).corners.shape == (0, 2)
+
+
+def chosen(ranked):
+    return [(one.push.edge, one.push.offset, one.push.angle) for one in ranked]
+
+
+def test_the_next_push_halves_the_region_across():
+    """A region of 40 x 60 mm at the left: halved from below and above at x = -40 mm, from the sides at y = 0. The margin makes
+    cuts across the longer side the better ones: 2 mm are left of 60 mm, not of 40 mm."""
+    half_planes = HalfPlanes(PLATE, margin=0.002)
+    half_planes.add([HalfPlane((-1.0, 0.0), 0.022)])  # x <= -22 mm, and its margin
+    ranked = half_planes.next_pushes()
+    assert chosen(ranked) == [(1, 0.0, 0.0), (3, 0.0, 0.0), (0, -0.04, 0.0), (2, 0.04, 0.0)]
+    assert [one.expected_area for one in ranked] == pytest.approx([0.04 * 0.032, 0.04 * 0.032, 0.022 * 0.06, 0.022 * 0.06])
+
+
+def test_without_a_margin_too_the_longer_side_comes_first():
+    ranked = HalfPlanes(PLATE).next_pushes()
+    assert chosen(ranked) == [(0, 0.0, 0.0), (2, 0.0, 0.0), (1, 0.0, 0.0), (3, 0.0, 0.0)]
+    assert [one.expected_area for one in ranked] == pytest.approx([0.0036] * 4)
+
+
+def test_pushes_keep_away_from_corners():
+    """A region from x = 53.75 to 60 mm: a push may come as near as 54 mm, which leaves 4 % of it on one side."""
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((1.0, 0.0), 0.05375)])
+    ranked = half_planes.next_pushes()
+    assert chosen(ranked)[2:] == [(0, 0.054, 0.0), (2, -0.054, 0.0)]
+    assert ranked[2].expected_area == pytest.approx((0.04**2 + 0.96**2) * 0.00625 * 0.06)
+
+
+def test_edges_that_no_straight_push_reaches_are_left_out():
+    """The slot of a keyhole: from outside, pushes along x meet its outer sides only."""
+    keyhole = Outline(
+        0.01 * np.array(((0, 0), (10, 0), (10, 10), (6, 10), (6, 8), (9, 8), (9, 4), (1, 4), (1, 8), (4, 8), (4, 10), (0, 10)))
+    )
+    edges = {one.push.edge for one in HalfPlanes(keyhole).next_pushes()}
+    assert edges.isdisjoint({3, 4, 5, 7, 8, 9})
+    assert {0, 1, 2, 6, 10, 11} >= edges >= {0, 1, 11}
+
+
+def best_order(pushes):
+    return [(push.edge % 2, abs(round(push.offset, 4))) for push in pushes]
+
+
+def test_a_plan_cuts_in_both_directions():
+    """Of a square without a margin: halves, quarters, then the strips of one direction and of the other."""
+    plan = HalfPlanes(Outline.rectangle(0.08, 0.08)).plan(6)
+    assert best_order([one.push for one in plan]) == [(0, 0.0), (1, 0.0), (0, 0.02), (0, 0.02), (1, 0.02), (1, 0.02)]
+    assert {one.push.offset for one in plan} == {0.0, 0.02, -0.02}
+    # k parts of equal size leave 1 / k; one half in halves, the other in one: 1/2 (1/4 + 1/2)
+    assert [one.expected_area / 0.0064 for one in plan] == pytest.approx([1 / 2, 1 / 4, 3 / 16, 1 / 8, 3 / 32, 1 / 16])
+
+
+def test_a_plan_promises_what_it_leaves_on_average(rng):
+    """Against the regions that noiseless outcomes leave of p_CF here and there, each cut out one by one."""
+    plan = HalfPlanes(ELL, margin=0.003).plan(5)
+    hull = HalfPlanes(ELL).region().polygon
+    places = [place for place in rng.uniform(0, 0.1, (3000, 2)) if shapely.contains_xy(hull, *place)]
     areas = []
-    candidates = even_pushes(PLATE, (39, 19, 39, 19))
-    even = iter(even_pushes(PLATE, (3, 1, 3, 1)))
-    for choose in (lambda region: rank_pushes(region, PLATE, candidates)[0].push, lambda region: next(even)):
-        half_planes = HalfPlanes(PLATE)
-        region = half_planes.region()
-        for _ in range(8):
-            observation, direction = pushed(support, PLATE, choose(region), 0.3)
+    for place in places:
+        left = hull
+        for push, _ in plan:
+            normal, along = ELL.normals[push.edge], ELL.edges[push.edge] / ELL.lengths[push.edge]
+            contact = ELL.vertices[push.edge] + ELL.edges[push.edge] / 2 + push.offset * along
+            side = np.sign((place - contact) @ along) * along
+            x, y = contact - 0.003 * side - 0.5 * normal
+            far = 1.0 * side
+            strip = [
+                (x, y),
+                (x + normal[0], y + normal[1]),
+                (x + normal[0] + far[0], y + normal[1] + far[1]),
+                (x + far[0], y + far[1]),
+            ]
+            left = left.intersection(shapely.Polygon(strip))
+        areas.append(left.area)
+    assert np.mean(areas) == pytest.approx(plan[-1].expected_area, rel=0.05)
+
+
+@pytest.mark.parametrize("make", [four_feet, flat_bar])
+def test_the_next_push_shrinks_faster_than_a_plan_and_a_plan_faster_than_even_pushes(make):
+    """Not so on three feet, where one of the even pushes happens to point exactly at p_CF."""
+    problem = make()
+    outline, support = problem.outline, problem.truth
+    count = 8
+
+    def area_after(choose):
+        half_planes = HalfPlanes(outline)
+        for index in range(count):
+            observation, direction = pushed(support, outline, choose(half_planes, index), 0.3)
             region = half_planes.add(line_of_pushing(observation, direction))
-        areas.append(region.area)
         assert shapely.dwithin(region.polygon, shapely.Point(support.center_of_friction), 1e-6)
-    # halved each time but where the lines of candidates lie too far apart
-    assert areas[0] < PLATE.polygon.area / 2**7
-    assert areas[0] < 0.1 * areas[1]
+        return region.area
+
+    planned = [one.push for one in HalfPlanes(outline).plan(count)]
+    even = even_pushes(outline, [-(-count // len(outline.vertices))] * len(outline.vertices))
+    next_one, plan, evenly = (
+        area_after(choose)
+        for choose in (
+            lambda half_planes, _: half_planes.next_pushes()[0].push,
+            lambda _, index: planned[index],
+            lambda _, index: even[index],
+        )
+    )
+    assert next_one < outline.polygon.area / 2 ** (count - 1)
+    assert next_one < plan / 2
+    assert plan < evenly
+
+
+def test_a_collapsed_region_asks_for_no_push():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
+    assert half_planes.next_pushes() == []
+    assert half_planes.plan(3) == []
+
+
+def test_a_mere_point_is_planned_for_without_harm():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add(line_of_motion(seen_from_below(Twist(0.0, 0.02, 0.0))))
+    half_planes.add(line_of_motion(Observation((-0.06, 0.01), (-1.0, 0.0), Twist(0.02, 0.0, 0.0))))
+    assert [one.push.offset for one in half_planes.next_pushes() if one.push.edge == 0] == [0.02]
+
+
+def test_a_plan_has_pushes():
+    with pytest.raises(ValueError, match="count must be at least 1, got 0"):
+        HalfPlanes(PLATE).plan(0)
 
 
 def test_a_turn_about_the_contact_has_no_line_of_motion():
@@ -230,14 +353,3 @@ def test_a_pusher_that_leaves_pushes_nothing(direction):
 def test_a_friction_bound_must_be_a_number(mu_bound):
     with pytest.raises(ValueError, match="mu_bound must be at least 0 and finite"):
         line_of_force(seen_from_below(Twist(0.0, 0.02, 1.0)), mu_bound)
-
-
-def test_an_empty_region_cannot_shrink():
-    region = HalfPlanes(PLATE).add([HalfPlane((0.0, 1.0), 0.1)])
-    with pytest.raises(ValueError, match="the region must have an area"):
-        rank_pushes(region, PLATE, [PlannedPush(0, 0.0)])
-
-
-def test_a_candidate_needs_an_edge():
-    with pytest.raises(ValueError, match=r"edge must lie in \[0, 3\], got 4"):
-        rank_pushes(HalfPlanes(PLATE).region(), PLATE, [PlannedPush(4, 0.0)])

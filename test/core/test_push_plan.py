@@ -4,7 +4,7 @@ import pytest
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline
 from pushfric_core.planar import rotation
-from pushfric_core.push_plan import PlannedPush, even_pushes, placement
+from pushfric_core.push_plan import PlannedPush, even_pushes, placement, planned_contact
 
 OUTLINE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
 LINE = PushingLine((0.02, -0.05), (0.0, 1.0), 0.003)
@@ -14,6 +14,13 @@ def test_even_pushes_split_each_edge_equally():
     pushes = even_pushes(Outline.rectangle(0.08, 0.04), (3, 0, 1, 0))
     assert [push.edge for push in pushes] == [0, 0, 0, 2]
     assert [push.offset for push in pushes] == pytest.approx([-0.02, 0.0, 0.02, 0.0])
+
+
+def test_a_planned_contact_lies_on_its_edge_and_the_push_goes_inward():
+    """The slanting edge from (150, 0) to (0, 150) mm, a quarter of its length beyond the middle, and 45 degrees to the left."""
+    point, direction = planned_contact(OUTLINE, PlannedPush(1, 0.15 * np.sqrt(2) / 4, np.pi / 4))
+    assert point == pytest.approx((0.0375, 0.1125))
+    assert direction == pytest.approx((0.0, -1.0))
 
 
 @pytest.mark.parametrize("push", [PlannedPush(0, 0.03), PlannedPush(1, -0.05, 0.4), PlannedPush(2, 0.06, -0.7)])

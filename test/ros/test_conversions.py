@@ -8,9 +8,11 @@ from problems import four_feet
 from rclpy.serialization import deserialize_message, serialize_message
 
 from pushfric_core.estimator import Estimator
+from pushfric_core.half_planes import HalfPlane, HalfPlanes
 from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, Twist
-from pushfric_msgs.msg import FrictionEstimate, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, PusherState
 from pushfric_ros import conversions
 
 
@@ -97,3 +99,61 @@ def test_an_estimate_becomes_a_message_without_loss():
     assert (msg.center_of_friction.x, msg.center_of_friction.y) == tuple(estimate.center_of_friction)
     assert (msg.contact_friction.p90, msg.contact_friction.max) == (estimate.mu_c_p90, estimate.mu_c_max)
     assert msg.gap == estimate.solution.gap
+
+
+def test_the_histogram_is_bounded_however_many_data_points_there_are():
+    counts = conversions.histogram([0.0, 0.01, 0.051, 0.12, 1.99, 2.0, 3.7, 1e300, math.inf])
+    expected = [0] * 41
+    expected[0], expected[1], expected[2], expected[39], expected[40] = 2, 1, 1, 1, 4
+    assert counts.tolist() == expected
+    assert conversions.histogram([]).tolist() == [0] * 41
+
+
+def test_the_histogram_and_the_slipping_pushes_are_told():
+    problem = four_feet()
+    estimator = Estimator(problem.truth.points)
+    for observation in problem.observations:
+        estimate = estimator.add(observation)
+    slipping = [observation.push_id in (3, 4, 7) for observation in estimator.observations]
+    friction = conversions.estimate_to_msg(estimate, "box", slipping).contact_friction
+    assert (sum(friction.histogram), len(friction.histogram), friction.bin_width) == (40, 41, 0.05)
+    in_first = int(np.sum(estimate.contact_friction < 0.05))
+    assert friction.histogram[0] == in_first > 0
+    assert list(friction.slipping) == [f(estimate.contact_friction[[3, 4, 7]]) for f in (min, max)]
+    assert not conversions.estimate_to_msg(estimate, "box").contact_friction.slipping
+    assert not conversions.estimate_to_msg(estimate, "box", [False] * 40).contact_friction.slipping
+
+
+def region_msg(half_planes):
+    msg = conversions.region_to_msg(half_planes.region(), half_planes.next_pushes(), 5, "plate")
+    return deserialize_message(serialize_message(msg), CenterOfFrictionRegion)
+
+
+def test_a_region_becomes_a_message():
+    half_planes = HalfPlanes(Outline.rectangle(0.12, 0.06))
+    half_planes.add([HalfPlane((-1.0, 0.0), 0.02)])  # x <= -20 mm
+    msg = region_msg(half_planes)
+    assert (msg.object, msg.collapsed, msg.violation) == ("plate", False, 0.0)
+    for header in (msg.header, msg.polygon.header):
+        assert (header.frame_id, conversions.stamp_from_msg(header.stamp)) == (conversions.OBJECT, 5)
+    assert msg.area == pytest.approx(0.04 * 0.06)
+    corners = np.array([(point.x, point.y) for point in msg.polygon.polygon.points])
+    assert np.ptp(corners, axis=0) == pytest.approx((0.04, 0.06))
+    assert (msg.center_of_friction.x, msg.center_of_friction.y) == pytest.approx((-0.04, 0.0), abs=1e-9)
+    # across the longer side first
+    assert [(push.edge, push.offset, push.angle) for push in msg.next_pushes] == [
+        (1, 0, 0),
+        (3, 0, 0),
+        (0, -0.04, 0),
+        (2, 0.04, 0),
+    ]
+    assert [push.expected_area for push in msg.next_pushes] == pytest.approx([0.04 * 0.03] * 4)
+
+
+def test_a_collapsed_region_tells_the_point_that_is_contradicted_least():
+    half_planes = HalfPlanes(Outline.rectangle(0.12, 0.06))
+    half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
+    msg = region_msg(half_planes)
+    assert (msg.collapsed, msg.area, len(msg.polygon.polygon.points), len(msg.next_pushes)) == (True, 0.0, 0, 0)
+    assert msg.center_of_friction.y == pytest.approx(0.03)
+    assert msg.violation == pytest.approx(0.07)

@@ -9,13 +9,23 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
+from pushfric_core.half_planes import HalfPlanes, RegionConfig, line_of_motion
 from pushfric_core.planar import Pose
 from pushfric_core.simulation import TABLE_1, PushedObject
-from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Observation, PusherState, Recognition, SupportFriction
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    FrictionEstimate,
+    Observation,
+    PusherState,
+    Recognition,
+    SupportFriction,
+)
 from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.estimator_node import EstimatorNode
@@ -215,6 +225,53 @@ def test_hypotheses_are_ranked_after_every_data_point(ros):
     assert last.hypotheses[0].fit_error < last.hypotheses[1].fit_error < last.hypotheses[2].fit_error
     assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=3)).success
     ros.wait_for(lambda: len(rankings) == len(data) + 1, what="the ranking without the push")
+
+
+def test_the_region_shrinks_with_every_data_point_and_grows_with_an_exclusion(ros):
+    node, out, _ = estimator_of_observations(ros)
+    at_first = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+    ros.wait_for(lambda: at_first, what="the region before any push")
+    outline = TABLE_1[NAME].outline
+    assert at_first[0].area == pytest.approx(outline.polygon.area)
+    assert [push.edge for push in at_first[0].next_pushes] == [0, 2, 1, 3]
+    regions = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("center_of_friction_region"), what="the estimator")
+    for observation in DATA[:4]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(regions) == 4, what="a region for every data point")
+    half_planes = HalfPlanes(outline, RegionConfig.region_margin)
+    expected = [half_planes.add(line_of_motion(observation)).area for observation in DATA[:4]]
+    assert [msg.area for msg in regions] == expected
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    ros.wait_for(lambda: len(regions) == 5, what="the region without the push")
+    without = HalfPlanes(outline, RegionConfig.region_margin)
+    for observation in (DATA[k] for k in (0, 2, 3)):
+        region = without.add(line_of_motion(observation))
+    assert regions[-1].area == region.area >= regions[-2].area
+    markers = collect(ros, node, MarkerArray, "markers", LATCHED)
+    ros.wait_for(lambda: markers, what="the markers")
+    assert {"center_of_friction_region", "next_push"} <= {marker.ns for marker in markers[-1].markers}
+    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    ros.wait_for(lambda: len(regions) == 6, what="the region after the reset")
+    assert regions[-1] == at_first[0]
+
+
+def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations", region_margin=0.01, slipping_pushes=[0, 2]))
+    regions = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+    frictions = collect(ros, node, ContactFriction, "contact_friction", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("contact_friction"), what="the estimator")
+    core, half_planes = Estimator(load_object(NAME).support_points), HalfPlanes(TABLE_1[NAME].outline, 0.01)
+    for observation in DATA[:3]:
+        estimate, region = core.add(observation), half_planes.add(line_of_motion(observation))
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(frictions) == 3, what="mu_c")
+    ros.wait_for(lambda: regions and regions[-1].area == region.area, what="the region")
+    slipping = estimate.contact_friction[[0, 2]]
+    assert list(frictions[-1].slipping) == [slipping.min(), slipping.max()]
+    assert sum(frictions[-1].histogram) == 3
 
 
 def wrench_msg(stamp, force):

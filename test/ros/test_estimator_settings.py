@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.half_planes import RegionConfig
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros import offline
@@ -28,6 +29,8 @@ UNUSUAL = EstimatorSettings(
     EstimatorConfig(terms=("moment", "cone"), mu_bound=0.4, cor_radius=0.01, tie_break=False),
     TrajectoryConfig(window=7),
     (2, 5),
+    RegionConfig(region_margin=0.005),
+    (3,),
 )
 
 

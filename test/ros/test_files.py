@@ -7,11 +7,12 @@ import pytest
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
+from pushfric_core.push_plan import PlannedPush
 from pushfric_core.simulation import TABLE_1
 from pushfric_ros.cell_file import load_cell
 from pushfric_ros.object_file import load_object, read_points, save_object
 from pushfric_ros.observation_file import read_observations
-from pushfric_ros.plan_file import load_plan
+from pushfric_ros.plan_file import load_plan, save_plan
 
 TRIANGLE = "name: triangle\noutline: [[0, 0], [0.15, 0], [0, 0.15]]\n"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
@@ -151,6 +152,18 @@ def test_bad_support_points_are_refused(write, text, error):
 def test_a_plan_is_read(write):
     plan = load_plan(str(write("pushes: [{edge: 0, offset: 0.02}, {edge: 2, angle_deg: -30}]")), load_object("wood_rect4"))
     assert plan == [(0, 0.02, 0.0), (2, 0.0, pytest.approx(math.radians(-30)))]
+
+
+def test_a_plan_survives_its_file(tmp_path):
+    pushes = [PlannedPush(0, -0.03175), PlannedPush(3, 0.012, math.radians(-20.5)), PlannedPush(2, 0.0)]
+    save_plan(pushes, tmp_path / "plan.yaml")
+    again = load_plan(str(tmp_path / "plan.yaml"), load_object("wood_rect4"))
+    assert [tuple(push) for push in again] == [pytest.approx(tuple(push), abs=1e-15) for push in pushes]
+
+
+def test_a_plan_that_cannot_be_written_says_so(tmp_path):
+    with pytest.raises(InvalidInput, match=r"nowhere/plan\.yaml: cannot be written"):
+        save_plan([PlannedPush(0, 0.0)], tmp_path / "nowhere/plan.yaml")
 
 
 def test_without_a_file_the_plan_is_the_papers(write):

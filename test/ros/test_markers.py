@@ -12,10 +12,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.estimator import Estimator
+from pushfric_core.half_planes import HalfPlane, HalfPlanes
 from pushfric_core.planar import Pose
 from pushfric_core.simulation import TABLE_1
-from pushfric_ros.conversions import OBJECT, TABLE, estimate_to_msg, pose_to_msg, stamp_from_msg
-from pushfric_ros.markers import DISC_SHARE, estimate_to_markers
+from pushfric_ros.conversions import OBJECT, TABLE, estimate_to_msg, pose_to_msg, region_to_msg, stamp_from_msg
+from pushfric_ros.markers import DISC_SHARE, estimate_to_markers, region_to_markers
 from pushfric_ros.object_file import load_object
 from pushfric_ros.transforms import TransformBroadcaster, pose_to_transform
 
@@ -69,7 +70,7 @@ def test_the_areas_of_the_discs_are_proportional_to_the_weights(estimate):
 
 
 def test_outline_center_and_text_are_those_of_the_estimate(estimate):
-    estimate.contact_friction.p90, estimate.contact_friction.max = 0.43, math.inf
+    estimate.contact_friction.p90, estimate.contact_friction.max, estimate.confidence = 0.43, math.inf, []
     found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
     corners = points(found["outline"][0])
     np.testing.assert_array_equal(corners, [*OUTLINE.vertices, OUTLINE.vertices[0]])
@@ -99,6 +100,31 @@ def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
     start, end = points(found["contact_normal"][0])
     np.testing.assert_array_equal(start, contact)
     assert (end - start) @ normal == pytest.approx(np.linalg.norm(end - start))
+
+
+def region_markers(*half_planes):
+    region = HalfPlanes(OUTLINE)
+    region.add(half_planes)
+    return region_to_markers(region_to_msg(region.region(), region.next_pushes(), 7, NAME), OUTLINE)
+
+
+def test_the_border_of_the_region_is_closed_and_an_arrow_shows_the_next_push():
+    border, arrow = region_markers(HalfPlane((-1.0, 0.0), 0.02))  # x <= -20 mm
+    assert [marker.ns for marker in (border, arrow)] == ["center_of_friction_region", "next_push"]
+    corners = points(border)
+    np.testing.assert_array_equal(corners[0], corners[-1])
+    assert corners.min(axis=0) == pytest.approx((-0.0635, -0.032))
+    assert corners.max(axis=0) == pytest.approx((-0.02, 0.032))
+    start, end = points(arrow)
+    assert end == pytest.approx((0.0635, 0.0))  # from the right, at half its height
+    assert start[0] > end[0]
+    assert start[1] == pytest.approx(0.0)
+    for marker in (border, arrow):
+        assert (marker.header.frame_id, stamp_from_msg(marker.header.stamp), marker.frame_locked) == (OBJECT, 7, True)
+
+
+def test_a_collapsed_region_has_no_markers():
+    assert region_markers(HalfPlane((0.0, 1.0), 0.1)) == []
 
 
 POSE = PoseWithCovarianceStamped()

@@ -22,6 +22,12 @@ def pushfric(*arguments):
     ("arguments", "error"),
     [
         (["demo", "--object", "brick"], "no object 'brick' in the simulated cell; expected one of delrin_square3"),
+        (["demo", "--plan", "none.yaml"], "none.yaml: cannot be read"),
+        (["region"], "give a bag, or --object OBJ.yaml or one of delrin_square3"),
+        (
+            ["estimate", "good.csv", "--object", "rubber_rect4", "--figure", "x.abc"],
+            "x.abc: not an image's name; expected one that ends",
+        ),
         (["demo", "--json", "/nowhere/x.json"], "/nowhere/x.json: its folder does not exist"),
         (["replay", "nothing"], "nothing: no such file; expected a bag or a CSV"),
         (["replay", "nothing", "--rate", "0"], "--rate must lie in [0.01, 1000], got 0"),
@@ -111,7 +117,8 @@ def test_an_existing_bag_is_not_overwritten(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["demo"], ["run"], ["replay"], ["estimate"], ["import"], ["doctor"], ["recognize"], ["calibrate"]]
+    "command",
+    [[], ["demo"], ["run"], ["replay"], ["estimate"], ["region"], ["import"], ["doctor"], ["recognize"], ["calibrate"]],
 )
 def test_help_teaches(command):
     run = pushfric(*command, "--help")

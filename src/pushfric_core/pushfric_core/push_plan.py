@@ -7,7 +7,7 @@ import numpy as np
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, rotation, wrap
+from pushfric_core.planar import Array, Pose, rotation, wrap
 
 
 class PlannedPush(NamedTuple):
@@ -35,6 +35,13 @@ def even_pushes(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
     ]
 
 
+def planned_contact(outline: Outline, push: PlannedPush) -> tuple[Array, Array]:
+    """The point (2,) of the outline that a push is to touch [m], and its direction (2,), a unit vector; object frame."""
+    along = 0.5 + push.offset / outline.lengths[push.edge]
+    point = outline.vertices[push.edge] + along * outline.edges[push.edge]
+    return point, rotation(push.angle) @ -outline.normals[push.edge]
+
+
 def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: float) -> Pose:
     """The pose in the table frame at which the tip, at stroke `position` [m], touches the planned point at the planned angle.
 
@@ -48,11 +55,8 @@ def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: 
         raise ValueError(f"offset must lie within {half:g} m of the middle of edge {push.edge}, got {push.offset:g} m")
     if not abs(push.angle) < np.pi / 2:
         raise ValueError(f"angle must lie within 90 degrees of the inward normal, got {np.rad2deg(push.angle):g} degrees")
-    normal = outline.normals[push.edge]
-    direction = rotation(push.angle) @ -normal  # of the push, in the object frame
+    contact, direction = planned_contact(outline, push)
     theta = float(np.arctan2(line.direction[1], line.direction[0]) - np.arctan2(direction[1], direction[0]))
-    middle = outline.vertices[push.edge] + outline.edges[push.edge] / 2
-    contact = middle + push.offset * outline.edges[push.edge] / outline.lengths[push.edge]
     tip = np.asarray(line.origin) + position * np.asarray(line.direction)
-    x, y = tip - rotation(theta) @ (contact + line.tip_radius * normal)
+    x, y = tip - rotation(theta) @ (contact + line.tip_radius * outline.normals[push.edge])
     return Pose(float(x), float(y), wrap(theta))

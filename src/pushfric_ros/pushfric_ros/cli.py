@@ -1,5 +1,6 @@
 """The command line: one function for each command, which does nothing but connect the rooms of this package."""
 
+import dataclasses
 import os
 import pathlib
 import sys
@@ -11,6 +12,7 @@ from rich.console import Console
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import LOSSES, Estimator, EstimatorConfig
+from pushfric_core.half_planes import RegionConfig
 from pushfric_core.recognition import Recognizer
 from pushfric_core.simulation import TABLE_1
 from pushfric_ros import bag as bags
@@ -22,6 +24,8 @@ from pushfric_ros.doctor import examine, findings, passed, table
 from pushfric_ros.estimator_settings import EstimatorSettings
 from pushfric_ros.figures import summary_figure
 from pushfric_ros.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
+from pushfric_ros.plan_file import load_plan, save_plan
+from pushfric_ros.region import narrowed, region_report
 from pushfric_ros.report import recognition_report, report, to_json, truth
 from pushfric_ros.reproduce import reproduce
 from pushfric_ros.settings_options import with_settings
@@ -71,6 +75,7 @@ def demo(
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
     ] = None,
+    plan: Annotated[pathlib.Path | None, typer.Option(help="Push plan YAML.", show_default="the paper's pushes")] = None,
 ) -> None:
     """Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal, an operator."""
     if object_name not in TABLE_1:
@@ -82,7 +87,9 @@ def demo(
         raise InvalidInput(f"{json}: is a folder; expected the name of a file to write")
     if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
         raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
-    last, ended = demonstration.run_demo(console, object_name, seed, bag, live=console.is_terminal and not headless)
+    file = str(plan) if plan is not None else ""
+    load_plan(file, load_object(object_name))  # what is wrong with it is said before all starts
+    last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, file)
     if ended.code or last is None:
         raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
     demonstration.print_summary(console, object_name, last)
@@ -152,16 +159,26 @@ def estimate(
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
+    figure: Annotated[
+        pathlib.Path | None, typer.Option(help="Draw pushes, w, mu_c and p_CF there (.png, .svg, .pdf).", show_default=False)
+    ] = None,
     json: JsonFlag = False,
 ) -> None:
     """Estimate from a bag or a CSV, as fast as it goes."""
     model, _ = _object_of(source, object_name)
     model = _with_support(model, grid, support_points)
     data = offline.observations(source, model, settings, _warn)
-    result = offline.estimate(Estimator(model.support_points, settings.estimator), data, _warn)
+    estimator = Estimator(model.support_points, settings.estimator)
+    course = list(offline.estimates(estimator, data, _warn))
+    if not course:
+        raise InvalidInput("no data point could be used, expected at least one")
+    result = course[-1]
     if result.contradiction is not None:
         _warn(result.contradiction)
-    _print_result(report(estimate_to_msg(result, model.name)), json, settings.estimator.loss)
+    if figure is not None:
+        summary_figure(figure, model.outline, course, estimator.observations, None, settings.slipping)
+    slipping = [observation.push_id in settings.slipping for observation in estimator.observations]
+    _print_result(report(estimate_to_msg(result, model.name, slipping)), json, settings.estimator.loss)
 
 
 app.command("estimate")(with_settings(estimate))
@@ -189,6 +206,53 @@ def recognize(
 
 
 app.command("recognize")(with_settings(recognize, without=("tie_break",)))
+
+
+@app.command()
+def region(
+    source: Annotated[
+        pathlib.Path | None, typer.Argument(help="Bag (folder or .mcap), or CSV of observations; none: before any push.")
+    ] = None,
+    object_name: ObjectOption = "",
+    region_margin: Annotated[
+        float | None,
+        typer.Option(
+            help="How far data points may err (m); 0: not at all.",
+            show_default=f"as recorded, or {RegionConfig().region_margin}",
+        ),
+    ] = None,
+    exclude_push: Annotated[
+        list[int] | None, typer.Option(help="Leave out this push; may be given again.", show_default=False)
+    ] = None,
+    plan: Annotated[
+        pathlib.Path | None, typer.Option(help="Write a push plan there that shrinks the region fastest.", show_default=False)
+    ] = None,
+    pushes: Annotated[int, typer.Option(help="Of that plan.", min=1, max=20)] = 10,
+    json: JsonFlag = False,
+) -> None:
+    """Where p_CF can lie, without support points (section 6.2), and which pushes would narrow that down."""
+    if source is None and not object_name:
+        raise InvalidInput(f"give a bag, or --object OBJ.yaml or one of {', '.join(TABLE_1)}")
+    model = load_object(object_name) if source is None else _object_of(source, object_name)[0]
+    settings = offline.recorded_settings(source) if source is not None else EstimatorSettings()
+    try:
+        config = settings.region if region_margin is None else RegionConfig(region_margin)
+    except ValueError as error:
+        raise InvalidInput(str(error)) from error
+    settings = dataclasses.replace(settings, excluded=tuple(sorted({*settings.excluded, *(exclude_push or [])})))
+    data = offline.observations(source, model, settings, _warn) if source is not None else []
+    half_planes = narrowed(model.outline, data, config.region_margin, _warn)
+    planned = half_planes.plan(pushes) if plan is not None else []
+    if plan is not None and not planned:
+        raise InvalidInput("the data points contradict each other: no push is worth planning; try a larger --region-margin")
+    if plan is not None:
+        save_plan([push for push, _ in planned], plan)
+    figures = region_report(half_planes.region(), half_planes.next_pushes())
+    figures |= {"object": model.name, "data_points": len(data), "pushes": len({one.push_id for one in data})}
+    _print_region(figures, json)
+    if plan is not None:
+        area = f"{planned[-1].expected_area * 1e4:.3g} cm^2"
+        console.print(f"plan: {plan}, {len(planned)} pushes; they leave {area}, by expectation", markup=False)
 
 
 @app.command("reproduce")
@@ -288,7 +352,9 @@ def _print_result(figures: dict[str, Any], as_json: bool, loss: str = EstimatorC
     output = Console(highlight=False)
     trust = f"; off by at most {figures['confidence'] * 1e3:.2f} mm with 90 %" if "confidence" in figures else ""
     output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm{trust}")
-    output.print(f"mu_c   {figures['mu_c']['p90']:.3f} (90 %), {figures['mu_c']['max']:.3f} (100 %)")
+    mu = figures["mu_c"]
+    slipping = ", {:.3f} to {:.3f} (slipping)".format(*mu["slipping"]) if "slipping" in mu else ""
+    output.print(f"mu_c   {mu['p90']:.3f} (90 %), {mu['max']:.3f} (100 %){slipping}")
     if "total_friction" in figures:
         output.print(f"total  {figures['total_friction']:.3f} N of support friction")
     squares = loss == LOSSES[1]
@@ -308,6 +374,22 @@ def _print_ranking(figures: dict[str, Any], as_json: bool) -> None:
         fit = f"fit {hypothesis['fit_error']:.4g}, ratio {hypothesis['ratio']:.3f}"
         output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")
     output.print(f"best: {figures['best'] or 'none is feasible'}")
+
+
+def _print_region(figures: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(to_json(figures))
+        return
+    x, y = (1e3 * value for value in figures["center_of_friction"])
+    size = f"{figures['area'] * 1e4:.3g} cm^2"
+    contradicted = f"collapsed: the data points contradict each other, by {figures['violation'] * 1e3:.2f} mm in all"
+    output = Console(highlight=False, markup=False)
+    output.print(f"region {contradicted if figures['collapsed'] else size}")
+    output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}")
+    for push in figures["next_pushes"]:
+        where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
+        output.print(f"next   {where}: would leave {push['expected_area'] * 1e4:.3g} cm^2, by expectation")
+    output.print(f"from   {figures['data_points']} data points of {figures['pushes']} pushes")
 
 
 def _warn(line: str) -> None:

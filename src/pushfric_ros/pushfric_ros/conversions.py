@@ -1,25 +1,43 @@
 """Core types <-> ROS messages, one pair of functions each; no rclpy."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion, Vector3, WrenchStamped
+from geometry_msgs.msg import Point, Point32, PoseWithCovarianceStamped, Quaternion, Vector3, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMsg
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.estimator import Estimate
+from pushfric_core.half_planes import RankedPush, Region
 from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Pose, Twist
 from pushfric_core.recognition import Ranking
 from pushfric_core.sensed_force import ForceSample
 from pushfric_core.trajectory import PoseSample, PusherSample
-from pushfric_msgs.msg import ContactFriction, FrictionEstimate, Hypothesis, PusherState, Recognition, SupportFriction
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    FrictionEstimate,
+    Hypothesis,
+    PusherState,
+    Recognition,
+    SupportFriction,
+    TestPush,
+)
 from pushfric_msgs.msg import Observation as ObservationMsg
 
 TABLE = "table"
 OBJECT = "object"
+
+BIN_WIDTH = 0.05
+"""Of the histogram of lower bounds on mu_c; about that of Figures 7 and 8."""
+
+BINS = 41
+"""The last one counts what lies beyond 2."""
 
 STATUS_TO_MSG = {
     Status.OPTIMAL: FrictionEstimate.STATUS_OPTIMAL,
@@ -129,8 +147,20 @@ def observation_from_msg(msg: ObservationMsg) -> Observation:
     )
 
 
-def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
-    """An estimate that rests on at least one data point."""
+def histogram(lower_bounds: npt.ArrayLike) -> np.ndarray:
+    """How many lower bounds on mu_c (m,) lie in each bin; (BINS,)."""
+    bins = np.minimum(np.asarray(lower_bounds, dtype=float) / BIN_WIDTH, BINS - 1)
+    return np.bincount(bins.astype(int), minlength=BINS)
+
+
+def estimate_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[bool] = ()) -> FrictionEstimate:
+    """An estimate that rests on at least one data point.
+
+    Args:
+        estimate: of all data points.
+        object_name: of the object.
+        slipping: of each data point, whether its contact is known to have slipped; empty: of none.
+    """
     msg = FrictionEstimate(object=object_name)
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
     msg.status = STATUS_TO_MSG[estimate.status]
@@ -145,8 +175,12 @@ def estimate_to_msg(estimate: Estimate, object_name: str) -> FrictionEstimate:
         object=object_name,
         p90=estimate.mu_c_p90,
         max=estimate.mu_c_max,
-        lower_bounds=estimate.contact_friction,
+        bin_width=BIN_WIDTH,
+        histogram=histogram(estimate.contact_friction).tolist(),
     )
+    if any(slipping):
+        bounds = estimate.contact_friction[np.asarray(slipping)]
+        msg.contact_friction.slipping = [bounds.min(), bounds.max()]
     msg.objective, msg.lower_bound, msg.gap = estimate.solution.objective, estimate.solution.lower_bound, estimate.solution.gap
     if estimate.confidence is not None:
         msg.confidence = [estimate.confidence]
@@ -171,6 +205,24 @@ def recognition_to_msg(ranking: Ranking) -> Recognition:
         Hypothesis(name=ranked.name, fit_error=ranked.fit_error, ratio=ranked.ratio, feasible=ranked.feasible)
         for ranked in ranking.hypotheses
     ]
+    return msg
+
+
+def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int, object_name: str) -> CenterOfFrictionRegion:
+    """Where p_CF can lie.
+
+    Args:
+        region: after some data points, or before the first one.
+        next_pushes: what shrinks it, best first; none once it has collapsed.
+        stamp: of the newest data point [ns]; 0 before the first one.
+        object_name: of the object.
+    """
+    msg = CenterOfFrictionRegion(object=object_name, area=region.area, collapsed=region.collapsed, violation=region.violation)
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), OBJECT
+    msg.polygon.header = msg.header
+    msg.polygon.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in region.corners]
+    msg.center_of_friction = _point(region.center)
+    msg.next_pushes = [TestPush(expected_area=area, **push._asdict()) for push, area in next_pushes]
     return msg
 
 

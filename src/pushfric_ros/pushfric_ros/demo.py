@@ -15,7 +15,7 @@ from pushfric_core.simulation import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros import graph, offline
 from pushfric_ros.camera import Camera, save_camera
-from pushfric_ros.cell_file import CameraEntry, CellFile, PusherEntry
+from pushfric_ros.cell_file import CameraEntry, CellFile, PlanEntry, PusherEntry
 from pushfric_ros.monitor import Monitor
 from pushfric_ros.object_file import OBJECT_FILE, load_object
 from pushfric_ros.supervisor import Ended, Supervisor
@@ -44,11 +44,11 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
 
 
 def run_demo(
-    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool
+    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool, plan: str
 ) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; returns the last estimate published, and how the run ended."""
     with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
-        cell = demo_cell(object_name, pathlib.Path(scratch))
+        cell = demo_cell(object_name, pathlib.Path(scratch)).model_copy(update={"plan": PlanEntry(file=plan)})
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
         ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live)

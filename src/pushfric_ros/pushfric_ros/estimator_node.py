@@ -13,12 +13,20 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.half_planes import HalfPlanes, RegionConfig, line_of_motion
 from pushfric_core.observation import Observation
 from pushfric_core.recognition import Recognizer
 from pushfric_core.sensed_force import SensedForce
 from pushfric_core.settings import setting
 from pushfric_core.trajectory import Trajectory, TrajectoryConfig
-from pushfric_msgs.msg import ContactFriction, FrictionEstimate, PusherState, Recognition, SupportFriction
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    FrictionEstimate,
+    PusherState,
+    Recognition,
+    SupportFriction,
+)
 from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.conversions import (
@@ -30,11 +38,12 @@ from pushfric_ros.conversions import (
     pose_sample_from_msg,
     pusher_sample_from_msg,
     recognition_to_msg,
+    region_to_msg,
 )
 from pushfric_ros.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.estimator_settings import EstimatorSettings
-from pushfric_ros.markers import estimate_to_markers
+from pushfric_ros.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.object_file import ObjectModel, load_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.process import run_node
@@ -54,6 +63,7 @@ class EstimatorNodeConfig:
     object: str = setting("", "name of an object of Table 1, or path of an object YAML")
     source: str = setting("poses", "poses: data points from object_pose and pusher_state; observations: from that topic")
     exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
+    slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
 
     def __post_init__(self) -> None:
         if self.source not in SOURCES:
@@ -66,8 +76,9 @@ class EstimatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("estimator", **kwargs)
         config = declare(self, EstimatorNodeConfig)
-        trajectory = declare(self, TrajectoryConfig)
-        self._settings = EstimatorSettings(declare(self, EstimatorConfig), trajectory, config.exclude_pushes)
+        trajectory, estimator = declare(self, TrajectoryConfig), declare(self, EstimatorConfig)
+        region = declare(self, RegionConfig)
+        self._settings = EstimatorSettings(estimator, trajectory, config.exclude_pushes, region, config.slipping_pushes)
         self._select(load_object(config.object))
         self._estimator.estimate()  # loads the compiled solver now, not with the first data point
         self._observations_out = None
@@ -87,8 +98,10 @@ class EstimatorNode(Node):
         self._estimate_out = topics.advertise(FrictionEstimate, "friction_estimate", LATCHED)
         self._recognition_out = topics.advertise(Recognition, "recognition", LATCHED)
         self._markers_out = topics.advertise(MarkerArray, "markers", LATCHED)
+        self._region_out = topics.advertise(CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
         self._publish_settings()
+        self._publish_region()
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
@@ -105,6 +118,7 @@ class EstimatorNode(Node):
         self._sensed_force = SensedForce() if self._settings.with_forces else None
         self._estimator = Estimator(model.support_points, settings.estimator)
         self._recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
+        self._half_planes = HalfPlanes(model.outline, settings.region.region_margin)
         self._estimate: Estimate | None = None
         self._problem: str | None = None
         self._refused = 0
@@ -163,6 +177,8 @@ class EstimatorNode(Node):
             except PushfricError as error:
                 self._refuse("observation", error)
                 continue
+            self._narrow(observation)
+            self._publish_region()
             self._publish(self._estimate)
             self._recognize(observation)
 
@@ -176,16 +192,32 @@ class EstimatorNode(Node):
         else:
             self._recognition_out.publish(recognition_to_msg(ranking))
 
+    def _narrow(self, observation: Observation) -> None:
+        try:
+            self._half_planes.add(line_of_motion(observation))
+        except PushfricError as error:
+            self._refuse("observation, for the region of p_CF,", error)
+
+    def _publish_region(self) -> None:
+        stamp = self._estimate.stamp if self._estimate is not None else 0
+        pushes = self._half_planes.next_pushes()
+        self._region = region_to_msg(self._half_planes.region(), pushes, stamp, self._object.name)
+        self._region_out.publish(self._region)
+
     def _publish(self, estimate: Estimate) -> None:
         contradiction = estimate.contradiction
         if contradiction is not None and self._problem is None:
             self.get_logger().error(contradiction)
         self._problem = contradiction
-        msg = estimate_to_msg(estimate, self._object.name)
+        data, slipping = self._estimator.observations, self._settings.slipping
+        slips = [observation.push_id in slipping for observation in data] if slipping else ()
+        msg = estimate_to_msg(estimate, self._object.name, slips)
         self._estimate_out.publish(msg)
         if contradiction is None:
             self._publish_parts(msg)
-            self._markers_out.publish(estimate_to_markers(msg, self._object.outline, self._estimator.observations[-1]))
+            markers = estimate_to_markers(msg, self._object.outline, data[-1])
+            markers.markers += region_to_markers(self._region, self._object.outline)
+            self._markers_out.publish(markers)
         else:
             self._take_back_parts()
 
@@ -213,6 +245,7 @@ class EstimatorNode(Node):
         self._select(model)
         self._publish_settings()
         self._take_back()
+        self._publish_region()
 
     def _refuse(self, what: str, error: Exception) -> None:
         """Say once, not at camera rate, that input was refused; the estimate stays as it was."""
@@ -246,6 +279,10 @@ class EstimatorNode(Node):
         response.success = True
         response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are left"
         self._estimate = estimate if estimate.data_points else None
+        self._half_planes = HalfPlanes(self._object.outline, self._settings.region.region_margin)
+        for observation in self._estimator.observations:
+            self._narrow(observation)
+        self._publish_region()
         if self._estimate is None:
             self._take_back()
         else:

@@ -9,11 +9,12 @@ from typing import Any, TypeVar
 import pydantic
 
 from pushfric_core.estimator import FORCE_TERMS, EstimatorConfig
+from pushfric_core.half_planes import RegionConfig
 from pushfric_core.settings import AUTO
 from pushfric_core.trajectory import TrajectoryConfig
 
 TOPIC = "estimator_settings"
-EXCLUDED = "exclude_pushes"
+EXCLUDED, SLIPPING = "exclude_pushes", "slipping_pushes"
 
 Config = TypeVar("Config")
 
@@ -25,6 +26,8 @@ class EstimatorSettings:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     excluded: tuple[int, ...] = ()  # pushes whose data points are left out
+    region: RegionConfig = field(default_factory=RegionConfig)
+    slipping: tuple[int, ...] = ()  # pushes whose contact is known to slip
 
     @property
     def with_forces(self) -> bool:
@@ -40,14 +43,18 @@ class EstimatorSettings:
         """
         rest = {name: None if value == AUTO else value for name, value in values.items()}
         estimator, trajectory = _taken_from(rest, EstimatorConfig), _taken_from(rest, TrajectoryConfig)
-        excluded = pydantic.TypeAdapter(tuple[int, ...]).validate_python(rest.pop(EXCLUDED, ()))
+        region = _taken_from(rest, RegionConfig)
+        numbers = pydantic.TypeAdapter(tuple[int, ...])
+        excluded, slipping = (numbers.validate_python(rest.pop(name, ())) for name in (EXCLUDED, SLIPPING))
         if rest:
             raise ValueError(f"the estimator has no parameter {', '.join(rest)}")
-        return cls(estimator, trajectory, excluded)
+        return cls(estimator, trajectory, excluded, region, slipping)
 
     def parameters(self, names: Iterable[str] | None = None) -> dict[str, Any]:
         """All or those named, as a node's parameters are: a list for a tuple, left out where empty, and `auto` for None."""
-        values = dataclasses.asdict(self.estimator) | dataclasses.asdict(self.trajectory) | {EXCLUDED: self.excluded}
+        values = {EXCLUDED: self.excluded, SLIPPING: self.slipping}
+        for config in (self.estimator, self.trajectory, self.region):
+            values |= dataclasses.asdict(config)
         wanted = values if names is None else {name: values[name] for name in names}
         plain = {n: AUTO if v is None else list(v) if isinstance(v, tuple) else v for n, v in wanted.items()}
         return {name: value for name, value in plain.items() if value != []}

@@ -6,20 +6,22 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import Point, Vector3
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.contact import friction_cone
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
-from pushfric_msgs.msg import FrictionEstimate
+from pushfric_core.push_plan import PlannedPush, planned_contact
+from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate
 
 WHITE = ColorRGBA(r=0.9, g=0.9, b=0.9, a=1.0)
 GREY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=1.0)
 BLUE = ColorRGBA(r=0.15, g=0.4, b=0.75, a=0.8)
 RED = ColorRGBA(r=0.8, g=0.25, b=0.05, a=1.0)
 GREEN = ColorRGBA(r=0.2, g=0.6, b=0.3, a=1.0)
+YELLOW = ColorRGBA(r=0.85, g=0.65, b=0.1, a=1.0)
 
 DISC_SHARE = 0.1
 """The discs of all support points together cover this much of the outline's area."""
@@ -59,20 +61,37 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
         _at("center_of_friction", Marker.SPHERE, center, _cube(3 * DOT * size), RED),
         *(_line("confidence", _circle(center, radius), LINE * size, RED) for radius in estimate.confidence),
         _at("contact", Marker.SPHERE, contact, _cube(2 * DOT * size), GREEN),
-        Marker(
-            ns="contact_normal",
-            type=Marker.ARROW,
-            points=_points((contact, contact + SYMBOL * size * normal)),
-            scale=Vector3(x=LINE * size, y=3 * LINE * size),
-            color=GREEN,
-        ),
+        _arrow("contact_normal", (contact, contact + SYMBOL * size * normal), size, GREEN),
         _line("friction_cone", (contact + reach * edges[0], contact, contact + reach * edges[1]), LINE * size, GREEN),
         _at("mu_c", Marker.TEXT_VIEW_FACING, above, Vector3(z=TEXT * size), WHITE, text=words),
     ]
+    return MarkerArray(markers=[Marker(header=estimate.header, action=Marker.DELETEALL), *_on_object(markers, estimate.header)])
+
+
+def region_to_markers(region: CenterOfFrictionRegion, outline: Outline) -> list[Marker]:
+    """Where p_CF can lie, and the push that would shrink that most, to be shown beside the markers of an estimate.
+
+    Their namespaces: center_of_friction_region, its border; next_push, an arrow that ends at its contact. There are none once
+    the region has collapsed.
+
+    Args:
+        region: of the object.
+        outline: the same.
+    """
+    size = float(np.hypot(*outline.size))
+    corners = [(point.x, point.y) for point in region.polygon.polygon.points]
+    markers = [_line("center_of_friction_region", [*corners, corners[0]], LINE * size, YELLOW)] if corners else []
+    for push in region.next_pushes[:1]:
+        contact, direction = planned_contact(outline, PlannedPush(push.edge, push.offset, push.angle))
+        markers.append(_arrow("next_push", (contact - 2 * SYMBOL * size * direction, contact), size, YELLOW))
+    return _on_object(markers, region.header)
+
+
+def _on_object(markers: list[Marker], header: Header) -> list[Marker]:
     for marker in markers:
-        marker.header = estimate.header
+        marker.header = header
         marker.frame_locked = True  # a viewer moves them with the object, which does not lie still after the data point
-    return MarkerArray(markers=[Marker(header=estimate.header, action=Marker.DELETEALL), *markers])
+    return markers
 
 
 def _discs(points: Array, weights: Iterable[float], area: float, smallest: float) -> list[Marker]:
@@ -97,6 +116,12 @@ def _at(
     marker = Marker(ns=namespace, id=number, type=kind, scale=scale, color=color, text=text)
     (marker.pose.position,) = _points(np.reshape(place, (1, 2)))
     return marker
+
+
+def _arrow(namespace: str, ends: npt.ArrayLike, size: float, color: ColorRGBA) -> Marker:
+    """From the first of its ends (2, 2) to the second, on an object of this diameter [m]."""
+    scale = Vector3(x=LINE * size, y=3 * LINE * size)
+    return Marker(ns=namespace, type=Marker.ARROW, points=_points(ends), scale=scale, color=color)
 
 
 def _line(namespace: str, course: npt.ArrayLike, width: float, color: ColorRGBA) -> Marker:

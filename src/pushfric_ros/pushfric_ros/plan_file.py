@@ -2,8 +2,10 @@
 
 import math
 import pathlib
+from collections.abc import Iterable
 
 import pydantic
+import yaml
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
@@ -52,3 +54,16 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
             raise InvalidInput(f"{path}: pushes.{index}: {error}") from error
         pushes.append(push)
     return pushes
+
+
+def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:
+    """Write a plan file.
+
+    Raises:
+        InvalidInput: it cannot be written.
+    """
+    entries = [{"edge": push.edge, "offset": push.offset, "angle_deg": math.degrees(push.angle)} for push in pushes]
+    try:
+        path.write_text(yaml.safe_dump({"pushes": entries}, sort_keys=False))
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error}") from error

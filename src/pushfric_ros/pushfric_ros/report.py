@@ -33,6 +33,8 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
         "pushes": msg.pushes,
         "status": STATUS_NAMES[msg.status],
     }
+    if msg.contact_friction.slipping:
+        figures["mu_c"]["slipping"] = list(msg.contact_friction.slipping)
     if friction.total_friction:
         figures["total_friction"] = friction.total_friction[0]
     if msg.confidence:

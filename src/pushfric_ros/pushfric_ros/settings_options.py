@@ -17,11 +17,11 @@ from pushfric_core.settings import AUTO
 from pushfric_ros import offline
 from pushfric_ros.estimator_settings import EstimatorSettings
 
-EXCLUDE = "exclude_push"
+EXCLUDE, SLIPPING = "exclude_push", "slipping_push"
 
 
 def with_settings(command: Callable[..., None], without: Collection[str] = ()) -> Callable[..., None]:
-    """The command with an option for each field of EstimatorConfig, and --exclude-push, in place of its parameter `settings`.
+    """The command with an option for each field of EstimatorConfig, --exclude-push and --slipping-push, in place of `settings`.
 
     Args:
         command: its first parameter is `source`, the bag or CSV.
@@ -31,7 +31,8 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
     hints = typing.get_type_hints(EstimatorConfig)
     options = {field.name: _option(field, hints[field.name]) for field in fields}
     leave_out = typer.Option("--exclude-push", help="Leave out this push; may be given again.", show_default=False)
-    options[EXCLUDE] = Annotated[list[int] | None, leave_out]
+    slips = typer.Option("--slipping-push", help="Its contact slips, which gives mu_c; may be given again.", show_default=False)
+    options |= {EXCLUDE: Annotated[list[int] | None, leave_out], SLIPPING: Annotated[list[int] | None, slips]}
 
     def run(source: pathlib.Path, **given: Any) -> None:
         chosen = {name: given.pop(name) for name in options}
@@ -71,7 +72,7 @@ def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings
     if not source.exists():
         raise InvalidInput(f"{source}: no such file; expected a bag or a CSV of observations")
     recorded = offline.recorded_settings(source)
-    excluded = tuple(chosen.pop(EXCLUDE) or ())
+    excluded, slipping = (chosen.pop(name) or () for name in (EXCLUDE, SLIPPING))
     given = {name: value for name, value in chosen.items() if value is not None}
     if "terms" in given:
         given["terms"] = tuple(given["terms"].split(","))
@@ -81,7 +82,8 @@ def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings
         config = dataclasses.replace(recorded.estimator, **given)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
-    return dataclasses.replace(recorded, estimator=config, excluded=tuple(sorted({*recorded.excluded, *excluded})))
+    excluded, slipping = tuple(sorted({*recorded.excluded, *excluded})), tuple(sorted({*recorded.slipping, *slipping}))
+    return dataclasses.replace(recorded, estimator=config, excluded=excluded, slipping=slipping)
 
 
 def _radius(text: str) -> float | None:
