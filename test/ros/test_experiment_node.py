@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
 from rclpy.parameter import Parameter
@@ -11,12 +11,17 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
+from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose
+from pushfric_core.push_plan import PlannedPush, placement
+from pushfric_core.simulation import TABLE_1
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import PlanProgress, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
+from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_ros.actuator_node import ActuatorNode
 from pushfric_ros.conversions import TABLE, pose_from_msg, pose_to_msg
+from pushfric_ros.estimator_node import SETTLED
 from pushfric_ros.experiment_node import ExperimentNode
 from pushfric_ros.grbl_firmware import SimulatedGrbl
 from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -53,6 +58,7 @@ class Table:
         self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._node.create_timer(0.02, self._show)
         self.well = ["/cell/estimator"]
+        self.settled = 0  # as the estimator says [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
                  "awaits": ["estimator"]}  # fmt: skip
@@ -73,7 +79,8 @@ class Table:
         self.progress.append(msg)
 
     def _show(self) -> None:
-        status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name) for name in self.well]
+        settled = [KeyValue(key=SETTLED, value=str(self.settled))]
+        status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name, values=settled) for name in self.well]
         self._health_out.publish(DiagnosticArray(status=status))
         if not self.visible:
             return
@@ -135,6 +142,30 @@ def test_a_plan_is_carried_out(ros, controller, tmp_path):
     # edge 0 of a rectangle about its origin faces -y: the object lies beyond the tip, its gap and the tip's radius
     assert table.wanted[0].theta == pytest.approx(0.0)
     assert table.wanted[0].x == pytest.approx(0.0)
+
+
+def test_pushes_are_chosen_one_by_one_from_what_is_known_of_all_before(ros, controller, tmp_path):
+    region = ros.node("region", namespace="/cell").create_publisher(
+        CenterOfFrictionRegion, "center_of_friction_region", LATCHED
+    )
+    table = Table(ros, tmp_path, choose=3)
+    table.wait_for_message("waiting for: the region of p_CF")
+    choices = [PlannedPush(1, 0.01), PlannedPush(2, -0.02)]
+    for number, choice in enumerate(choices):
+        region.publish(CenterOfFrictionRegion(next_pushes=[Candidate(**choice._asdict()), Candidate(edge=3)]))
+        table.settled = time.time_ns()
+        table.wait_for_message(f"push {number + 1} of 3: place the object at")
+        ros.wait_for(lambda number=number: len(table.wanted) == number + 1, what="the placement")
+        wanted = placement(TABLE_1["wood_rect4"].outline, choice, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
+        assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
+        # the estimator still has to deal with the last push
+        table.wait_for_message("waiting for: the region of p_CF", 30.0)
+    region.publish(CenterOfFrictionRegion(collapsed=True))
+    ros.wait_for(lambda: table.node._region.collapsed, what="the collapse")
+    table.settled = time.time_ns()
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted, last.count) == (2, 0, 3)
+    assert last.message == "2 of 3 pushes done"
 
 
 def test_the_plan_waits_for_those_who_listen(ros, controller, tmp_path):

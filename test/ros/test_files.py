@@ -200,6 +200,7 @@ def test_a_cell_finds_its_files_beside_it(write, tmp_path):
         (CELL.replace("port: /dev/ttyUSB0, ", ""), "pusher.port: Field required"),
         (CELL.replace("stroke: 0.06", "stroke: -1"), "pusher.stroke: Input should be greater than 0, got '-1'"),
         (CELL + "table: 3", "table: Extra inputs are not permitted"),
+        (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: .*give file or choose, not both"),
     ],
 )
 def test_bad_cells_are_refused(write, text, error):

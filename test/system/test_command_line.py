@@ -23,6 +23,7 @@ def pushfric(*arguments):
     [
         (["demo", "--object", "brick"], "no object 'brick' in the simulated cell; expected one of delrin_square3"),
         (["demo", "--plan", "none.yaml"], "none.yaml: cannot be read"),
+        (["demo", "--plan", "plan.yaml", "--choose", "5"], "give --plan or --choose, not both"),
         (["region"], "give a bag, or --object OBJ.yaml or one of delrin_square3"),
         (
             ["estimate", "good.csv", "--object", "rubber_rect4", "--figure", "x.abc"],

@@ -41,8 +41,16 @@ class PlanEntry(Strict):
     """What is pushed where, and how."""
 
     file: str = ""  # path of a push plan; empty: a few pushes along each edge
+    # this many pushes are chosen one by one instead, to shrink the region of p_CF fastest; 0: those of the file
+    choose: Annotated[int, pydantic.Field(ge=0, le=1000)] = 0
     distance: Annotated[float, pydantic.Field(gt=0)] = 0.05  # [m]
     speed: Annotated[float, pydantic.Field(gt=0)] = 0.02  # [m/s]
+
+    @pydantic.model_validator(mode="after")
+    def _one_way(self) -> "PlanEntry":
+        if self.file and self.choose:
+            raise ValueError("give file or choose, not both")
+        return self
 
 
 class CellFile(Strict):

@@ -18,7 +18,7 @@ from pushfric_core.simulation import TABLE_1
 from pushfric_ros import bag as bags
 from pushfric_ros import calibrate_cli, graph, offline, zhou2015
 from pushfric_ros import demo as demonstration
-from pushfric_ros.cell_file import load_cell
+from pushfric_ros.cell_file import PlanEntry, load_cell
 from pushfric_ros.conversions import estimate_to_msg, recognition_to_msg
 from pushfric_ros.doctor import examine, findings, passed, table
 from pushfric_ros.estimator_settings import EstimatorSettings
@@ -76,6 +76,10 @@ def demo(
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
     ] = None,
     plan: Annotated[pathlib.Path | None, typer.Option(help="Push plan YAML.", show_default="the paper's pushes")] = None,
+    choose: Annotated[
+        int,
+        typer.Option(help="Instead choose so many pushes one by one, to shrink the region of p_CF fastest.", min=0, max=1000),
+    ] = 0,
 ) -> None:
     """Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal, an operator."""
     if object_name not in TABLE_1:
@@ -87,9 +91,11 @@ def demo(
         raise InvalidInput(f"{json}: is a folder; expected the name of a file to write")
     if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
         raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
-    file = str(plan) if plan is not None else ""
-    load_plan(file, load_object(object_name))  # what is wrong with it is said before all starts
-    last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, file)
+    if plan is not None and choose:
+        raise InvalidInput("give --plan or --choose, not both")
+    pushes = PlanEntry(file=str(plan) if plan is not None else "", choose=choose)
+    load_plan(pushes.file, load_object(object_name))  # what is wrong with it is said before all starts
+    last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
     if ended.code or last is None:
         raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
     demonstration.print_summary(console, object_name, last)

@@ -44,11 +44,11 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
 
 
 def run_demo(
-    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool, plan: str
+    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool, plan: PlanEntry
 ) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; returns the last estimate published, and how the run ended."""
     with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
-        cell = demo_cell(object_name, pathlib.Path(scratch)).model_copy(update={"plan": PlanEntry(file=plan)})
+        cell = demo_cell(object_name, pathlib.Path(scratch)).model_copy(update={"plan": plan})
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
         ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live)

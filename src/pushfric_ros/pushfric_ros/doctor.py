@@ -493,7 +493,7 @@ def check_plan(plan: PlanEntry, pusher: PusherEntry, model: ObjectModel) -> Chec
         pushes = load_plan(plan.file, model)
     except InvalidInput as error:
         return Check("plan", Level.FAILED, str(error), "docs/files.md shows a plan")
-    finding = f"{len(pushes)} pushes of {1e3 * plan.distance:g} mm at {1e3 * plan.speed:g} mm/s"
+    finding = f"{plan.choose or len(pushes)} pushes of {1e3 * plan.distance:g} mm at {1e3 * plan.speed:g} mm/s"
     if plan.distance > pusher.stroke or plan.speed > pusher.max_speed:
         finding += f"; the pusher's stroke is {1e3 * pusher.stroke:g} mm, its greatest speed {1e3 * pusher.max_speed:g} mm/s"
         return Check("plan", Level.FAILED, finding, "shorten plan.distance, lower plan.speed")

@@ -17,12 +17,13 @@ from rclpy.task import Future
 from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, wrap
-from pushfric_core.push_plan import placement
+from pushfric_core.push_plan import PlannedPush, placement
 from pushfric_core.settings import setting
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import PlanProgress, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
 from pushfric_ros.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg
 from pushfric_ros.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.estimator_node import SETTLED
 from pushfric_ros.object_file import load_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.plan_file import load_plan
@@ -48,6 +49,9 @@ class ExperimentConfig:
 
     object: str = setting("", "name of an object of Table 1, or path of an object YAML")
     plan: str = setting("", "path of a push plan; empty: the paper's plan, or a few pushes along each edge")
+    choose: int = setting(
+        0, "this many pushes are chosen one by one, to shrink the region of p_CF fastest; 0: those of the plan", 0, 1000
+    )
     start: int = setting(1, "push of the plan to begin with, to go on with one that was interrupted", 1, 2**31)
     distance: float = setting(0.05, "length of a push [m]", 0.001, 10.0)
     speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
@@ -70,14 +74,17 @@ class ExperimentNode(Node):
         super().__init__("experiment", **kwargs)
         self._config = declare(self, ExperimentConfig)
         self._object = load_object(self._config.object)
-        self._plan = load_plan(self._config.plan, self._object)
-        if self._config.start > len(self._plan):
+        self._plan = [] if self._config.choose else load_plan(self._config.plan, self._object)
+        self._count = self._config.choose or len(self._plan)
+        if self._config.start > self._count:
             where = f"{self.get_fully_qualified_name()}: parameter start"
-            raise InvalidInput(f"{where} must be at most {len(self._plan)}, the pushes of the plan; got {self._config.start}")
+            raise InvalidInput(f"{where} must be at most {self._count}, the pushes of the plan; got {self._config.start}")
+        self._region: CenterOfFrictionRegion | None = None
+        self._settled = self._pushed = -1  # what the estimator has dealt with; when the last push ended [ns]
         self._diagnostics = topics = Diagnostics(self, self._health)
         self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
-        self._progress = PlanProgress(count=len(self._plan), push_id=self._config.start - 1)
+        self._progress = PlanProgress(count=self._count, push_id=self._config.start - 1)
         self._awaited = {f"{self.get_namespace()}/{name}".replace("//", "/") for name in self._config.awaits if name}
         self._well: set[str] = set()
         self._action = ActionClient(self, Push, "push")
@@ -88,6 +95,8 @@ class ExperimentNode(Node):
         self._condition: tuple[Callable[[], bool], Future] | None = None
         topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+        if self._config.choose:
+            topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self.create_timer(0.05, self._check_condition)
         # its own group: the plan waits in its callback while the others run
@@ -98,15 +107,20 @@ class ExperimentNode(Node):
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         # not only are they running: they hear those they need, so that nothing of the first push is missed
         await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
-        for push_id in range(self._config.start - 1, len(self._plan)):
+        for push_id in range(self._config.start - 1, self._count):
             self._progress.push_id = push_id
-            problem = await self._withdraw() or await self._place_and_push(push_id)
+            push = await self._choose() if self._config.choose else self._plan[push_id]
+            if push is None:
+                self.get_logger().warning("the region of p_CF has collapsed: no push would shrink it")
+                break
+            problem = await self._withdraw() or await self._place_and_push(push_id, push)
+            self._pushed = self.get_clock().now().nanoseconds
             if problem is None:
                 self._progress.completed += 1
             else:
                 self._progress.aborted += 1
                 self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
-        self._report(PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {len(self._plan)} pushes done")
+        self._report(PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {self._count} pushes done")
         await self._until(self._progress_out.wait_for_all_acked)
         raise SystemExit(0)
 
@@ -122,12 +136,12 @@ class ExperimentNode(Node):
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         return None if problem is None else f"the pusher could not be brought back: {problem}"
 
-    async def _place_and_push(self, push_id: int) -> str | None:
+    async def _place_and_push(self, push_id: int, planned: PlannedPush) -> str | None:
         """Have the object placed and push it; what went wrong, if anything."""
-        push = f"push {push_id + 1} of {len(self._plan)}"
+        push = f"push {push_id + 1} of {self._count}"
         assert self._pusher is not None
         line: PushingLine = pusher_sample_from_msg(self._pusher).line
-        wanted = placement(self._object.outline, self._plan[push_id], line, self._pusher.position + self._config.gap)
+        wanted = placement(self._object.outline, planned, line, self._pusher.position + self._config.gap)
         self._progress.placement = pose_to_msg(wanted)
         msg = PoseStamped(pose=self._progress.placement)
         msg.header.frame_id, msg.header.stamp = TABLE, self.get_clock().now().to_msg()
@@ -140,6 +154,16 @@ class ExperimentNode(Node):
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
         return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
+
+    async def _choose(self) -> PlannedPush | None:
+        """The push that shrinks the region of p_CF most, once the estimator knows all of the last one; None: none does."""
+
+        def missing() -> str | None:
+            return None if self._region is not None and self._settled >= self._pushed else "the region of p_CF"
+
+        await self._until_well(missing, PlanProgress.PHASE_WAITING, "waiting for")
+        assert self._region is not None
+        return next((PlannedPush(one.edge, one.offset, one.angle) for one in self._region.next_pushes), None)
 
     async def _carry(self, goal: Push.Goal) -> str | None:
         """Have the pusher carry out a goal; what went wrong, if anything."""
@@ -264,6 +288,11 @@ class ExperimentNode(Node):
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
+        for value in (value for status in msg.status for value in status.values if value.key == SETTLED):
+            self._settled = int(value.value)
+
+    def _on_region(self, msg: CenterOfFrictionRegion) -> None:
+        self._region = msg
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         try:

@@ -69,6 +69,7 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
     plan = {
         "object": file.object,
         "plan": file.plan.file,
+        "choose": file.plan.choose,
         "distance": file.plan.distance,
         "speed": file.plan.speed,
         "start": start,
