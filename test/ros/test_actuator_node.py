@@ -405,6 +405,8 @@ def test_a_limit_in_mid_push_aborts_it_until_a_person_resets(ros, controller, tm
     assert result.status == GoalStatus.STATUS_ABORTED
     assert (result.result.outcome, result.result.message) == (Push.Result.OUTCOME_ABORTED, "ALARM:1 Hard limit")
     cell.wait_for_mode(PusherState.MODE_ALARM)
+    alarmed = next(state for state in cell.states if state.mode == PusherState.MODE_ALARM)
+    assert (alarmed.push_id, alarmed.speed) == (PusherState.NO_PUSH, 0.0)  # told at once, with nothing of the push left
     assert not cell.send(0.01).accepted
     ros.wait_for(lambda: cell.health and "ALARM:1 Hard limit" in cell.health[-1].message, what="the diagnostic")
     assert cell.health[-1].level == DiagnosticStatus.ERROR

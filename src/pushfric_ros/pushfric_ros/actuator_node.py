@@ -248,6 +248,9 @@ class ActuatorNode(LifecycleNode):
             self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
             self._retry_at = time.monotonic() + self._retry_after
             self._retry_after = min(2 * self._retry_after, LAST_RETRY)
+        else:  # the controller may be silent for a while now
+            self._push_id = PusherState.NO_PUSH
+            self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
 
     def _stop(self) -> None:
         try:

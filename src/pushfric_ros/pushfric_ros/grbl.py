@@ -52,6 +52,7 @@ HOMING_TIMEOUT = 180.0
 ASK_EVERY = 0.05  # while a script waits for reports
 ASK_AGAIN = 0.25
 SILENCE = 2.0
+RESET_AGAIN = 1.0
 CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
 REPORTS_UNTIL_WCO = 31  # the offset comes with every 30th report at the latest
@@ -132,15 +133,21 @@ class Grbl:
 
     @property
     def limits(self) -> Limits:
-        travel = self._axis_setting(130) * MM if self._settings.get(20, "0") != "0" else math.inf
+        travel = math.inf
+        if self._settings.get(20, "0") != "0":
+            # homing ends this far inside the travel, and that is stroke position 0
+            travel = (self._axis_setting(130) - (self._setting(27, 0.0) if self._home else 0.0)) * MM
         return Limits(travel, self._axis_setting(110) * MM_PER_MINUTE, self._axis_setting(120) * MM)
 
     def _axis_setting(self, first: int) -> float:
         """Infinite where firmware keeps it elsewhere."""
+        return self._setting(first + self._index, math.inf)
+
+    def _setting(self, number: int, otherwise: float) -> float:
         try:
-            return float(self._settings[first + self._index])
+            return float(self._settings[number])
         except (KeyError, ValueError):
-            return math.inf
+            return otherwise
 
     def connect(self) -> None:
         if self._port is not None:
@@ -191,6 +198,8 @@ class Grbl:
         if self._script is not None:
             self._script.close()
         self._moving = False
+        # from now on, and for good if this fails: then there is nothing left but to leave the port
+        self._halting = True
         self._script = self._stopping(at_once)
 
     def send(self, command: RealTime) -> None:
@@ -256,7 +265,7 @@ class Grbl:
             self._status = Status("Alarm")
             self._trouble = Alarm(int(alarm[1]))
         elif (greeting := GREETING.search(line)) is not None:
-            self._greeted, self._version = True, f"Grbl {greeting[1]}"
+            self._greeted, self._version = True, self._version or f"Grbl {greeting[1]}"  # $I told more
             self._trouble = NotConnected(f"the controller at {self._path} restarted")
         elif (build := BUILD.match(line)) is not None:
             self._version = f"Grbl {build[1]}"
@@ -356,10 +365,10 @@ class Grbl:
 
     def _greeting(self) -> Script:
         """A board that boots when its port is opened greets; a running one greets after a reset, or answers `?` only."""
-        yield from self._until_greeted()
+        yield from self._until_greeted(self._greeting_timeout)
         if not self._greeted:
             self.send(RealTime.RESET)
-            yield from self._until_greeted()
+            yield from self._until_greeted(self._greeting_timeout)
         if not self._greeted:
             try:
                 yield from self._report()
@@ -368,8 +377,8 @@ class Grbl:
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
 
-    def _until_greeted(self) -> Script:
-        deadline = time.monotonic() + self._greeting_timeout
+    def _until_greeted(self, patience: float) -> Script:
+        deadline = time.monotonic() + patience
         while not self._greeted and time.monotonic() < deadline:
             yield
 
@@ -417,7 +426,6 @@ class Grbl:
         return max(0.02, 1 / self._axis_setting(100)) * MM
 
     def _stopping(self, at_once: bool) -> Script:
-        self._halting = True  # and remains so if this fails: then there is nothing left but to leave the port
         if not at_once:
             yield from self._resting()
         yield from self._reset()
@@ -429,10 +437,11 @@ class Grbl:
         try:
             self._greeted = False
             self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
-            for _ in range(2):  # GRBL drops a reset that comes while it still reports its alarm
+            # GRBL drops a reset that comes while it still reports its alarm, for half a second
+            for patience in (RESET_AGAIN, self._greeting_timeout):
                 if not self._greeted:
                     self.send(RealTime.RESET)
-                    yield from self._until_greeted()
+                    yield from self._until_greeted(patience)
             yield from self._report()
         finally:
             self._resetting = False
