@@ -140,11 +140,12 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
             contact = transform(o.pose, o.contact_point) + (shift - left, 0)
             axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
         shift += right - left + 0.02
-    axes.set(
-        title=f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point",
-        xlabel="mm",
-        ylabel="mm",
-    )
+    title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point"
+    if not shown:  # data points that do not tell where the object was: their contacts, in its frame
+        axes.plot(*(np.vstack((outline.vertices, outline.vertices[:1])).T * MILLIMETRE), color=INK, lw=1)
+        axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=BLUE, ms=3.5, alpha=0.6)
+        title = "Object and contact of each data point"
+    axes.set(title=title, xlabel="mm", ylabel="mm")
     axes.set_aspect("equal")
 
 
@@ -202,7 +203,8 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
     if truth is None:
-        axes.plot(counts, centers * MILLIMETRE, label=("x", "y"))
+        for course, color, label in zip(centers.T * MILLIMETRE, (BLUE, RED), ("x", "y"), strict=True):
+            axes.plot(counts, course, color=color, label=label)
         axes.set(title="Centre of friction", xlabel="data points", ylabel="mm")
     else:
         percent = 100 * np.abs(centers - truth.support.center_of_friction) / outline.size
