@@ -112,16 +112,10 @@ class Supervisor:
         return len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN
 
     def stop(self) -> None:
-        """End all processes: asked politely first, by force last."""
-        for number, seconds in PATIENCE:
-            alive = [process for process in self._processes.values() if process.poll() is None]
-            for process in alive:
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(process.pid, number)
-            deadline = time.monotonic() + seconds
-            for process in alive:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    process.wait(max(0.0, deadline - time.monotonic()))
+        """End all processes: the first node last, as the others may rest upon it."""
+        started = [self._processes[spec.name] for spec in self._specs if spec.name in self._processes]
+        for processes in (started[1:], started[:1]):
+            _end(processes)
         for listener in self._listeners:
             listener.join(1.0)
         for caught, handler in self._handlers.items():
@@ -154,6 +148,19 @@ class Supervisor:
         with process.stdout as lines:
             for line in lines:
                 self._say(name, line.rstrip())
+
+
+def _end(processes: Sequence["subprocess.Popen[str]"]) -> None:
+    """Asked politely first, by force last."""
+    for number, seconds in PATIENCE:
+        alive = [process for process in processes if process.poll() is None]
+        for process in alive:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, number)
+        deadline = time.monotonic() + seconds
+        for process in alive:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
 
 
 def lock(namespace: str) -> TextIO:
