@@ -6,6 +6,7 @@ all pushes have in common, as a wrong outline or camera, it cannot tell.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
 
@@ -45,19 +46,22 @@ class Halves:
     def __init__(self, support_points: Array, make: Callable[[], Program]) -> None:
         self._points = support_points
         self._halves = [_Half(make()) for _ in range(2 * SPLITS)]
-        self._numbers: dict[int, int] = {}  # of pushes, in order of arrival
+        self._homes: dict[int, list[_Half]] = {}  # of each push, in order of arrival: its half of each split
         self._pushes: dict[int, int] = {}  # of groups
 
     def add(self, group: int, push_id: int, rows: ConstraintRows) -> None:
         """Take a data point."""
         self._pushes[group] = push_id
-        for half in self._with_push(self._numbers.setdefault(push_id, len(self._numbers))):
-            half.add(group, rows)
+        if push_id not in self._homes:
+            self._homes[push_id] = self._drawn(len(self._homes))
+        for half in self._homes[push_id]:
+            half.add(group, push_id, rows)
 
     def remove(self, group: int) -> None:
         """Take a data point out again."""
-        for half in self._with_push(self._numbers[self._pushes.pop(group)]):
-            half.remove(group)
+        push_id = self._pushes.pop(group)
+        for half in self._homes[push_id]:
+            half.remove(group, push_id)
 
     def radius(self, center: Array) -> float | None:
         """Of the circle about p_CF that holds the truth with 90 % [m]; None from fewer than FEWEST_PUSHES pushes.
@@ -65,12 +69,12 @@ class Halves:
         Args:
             center: p_CF (2,) from all pushes [m].
         """
-        pushes = set(self._pushes.values())
-        if len(pushes) < FEWEST_PUSHES:
+        pushes = sum(len(half.pushes) for half in self._halves[:2])  # any split holds them all
+        if pushes < FEWEST_PUSHES:
             return None
         shifts = []
         for half in self._halves:
-            share = len({self._pushes[group] for group in half.groups}) / len(pushes)
+            share = len(half.pushes) / pushes
             if 0 < share < 1:
                 shifts.append((half.center(self._points) - center) * math.sqrt(share / (1 - share)))
         scatter = np.array(shifts)
@@ -78,8 +82,8 @@ class Halves:
         # the circle about the ellipse of a normal distribution that holds so much of it
         return math.sqrt(-2 * math.log(1 - SHARE) * max(largest, 0.0))
 
-    def _with_push(self, number: int) -> "list[_Half]":
-        """The half of each split that a push belongs to."""
+    def _drawn(self, number: int) -> "list[_Half]":
+        """The half of each split for a push, by its number in order of arrival."""
         pair, second = divmod(number, 2)
         swapped = np.random.default_rng(pair).integers(0, 2, SPLITS)  # a fixed choice for each pair
         return [self._halves[2 * split + (second ^ int(swap))] for split, swap in enumerate(swapped)]
@@ -91,17 +95,22 @@ class _Half:
     def __init__(self, program: Program) -> None:
         self._program = program
         self._added = 0
-        self.groups: dict[int, int] = {}  # the estimator's number of each data point -> the program's
+        self._groups: dict[int, int] = {}  # the estimator's number of each data point -> the program's
+        self.pushes: Counter[int] = Counter()  # data points of each
         self._center: Array | None = None
 
-    def add(self, group: int, rows: ConstraintRows) -> None:
+    def add(self, group: int, push_id: int, rows: ConstraintRows) -> None:
         self._program.add(rows)
-        self.groups[group] = self._added
+        self._groups[group] = self._added
         self._added += 1
+        self.pushes[push_id] += 1
         self._center = None
 
-    def remove(self, group: int) -> None:
-        self._program.remove(self.groups.pop(group))
+    def remove(self, group: int, push_id: int) -> None:
+        self._program.remove(self._groups.pop(group))
+        self.pushes[push_id] -= 1
+        if not self.pushes[push_id]:
+            del self.pushes[push_id]
         self._center = None
 
     def center(self, support_points: Array) -> Array:

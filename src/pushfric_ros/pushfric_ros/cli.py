@@ -1,10 +1,10 @@
 """The command line: one function for each command, which does nothing but connect the rooms of this package."""
 
-import dataclasses
 import os
 import pathlib
 import sys
 import time
+from collections import deque
 from typing import Annotated, Any
 
 import typer
@@ -156,7 +156,7 @@ def replay(
     if last is None or last.data_points < len(data):
         arrived = 0 if last is None else last.data_points
         raise RunFailed(1, f"the live graph made {arrived} data points of the {len(data)} in the bag; try a lower --rate")
-    _print_result(report(last), json)
+    _print_result(report(last), json, settings.estimator.loss)
 
 
 def estimate(
@@ -175,10 +175,9 @@ def estimate(
     model = _with_support(model, grid, support_points)
     data = offline.observations(source, model, settings, _warn)
     estimator = Estimator(model.support_points, settings.estimator)
-    course = list(offline.estimates(estimator, data, _warn))
-    if not course:
-        raise InvalidInput("no data point could be used, expected at least one")
-    result = course[-1]
+    # only the figure shows how the last estimate came about
+    course = deque(offline.taken(estimator.add, data, _warn), maxlen=None if figure is not None else 1)
+    result = offline.last(course)
     if result.contradiction is not None:
         _warn(result.contradiction)
     if figure is not None:
@@ -245,7 +244,7 @@ def region(
         config = settings.region if region_margin is None else RegionConfig(region_margin)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
-    settings = dataclasses.replace(settings, excluded=tuple(sorted({*settings.excluded, *(exclude_push or [])})))
+    settings = settings.without(exclude_push or ())
     data = offline.observations(source, model, settings, _warn) if source is not None else []
     half_planes = narrowed(model.outline, data, config.region_margin, _warn)
     planned = half_planes.plan(pushes) if plan is not None else []

@@ -104,7 +104,7 @@ def course_of(bag: pathlib.Path, console: Console) -> tuple[list[Estimate], tupl
     settings = offline.recorded_settings(bag)
     data = offline.observations(bag, model, settings, warn)
     estimator = Estimator(model.support_points, settings.estimator)
-    return list(offline.estimates(estimator, data, warn)), estimator.observations
+    return list(offline.taken(estimator.add, data, warn)), estimator.observations
 
 
 def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:

@@ -1,8 +1,9 @@
 """The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -52,6 +53,12 @@ from pushfric_ros.transforms import TransformBroadcaster
 
 SETTLED = "settled until [ns]"
 """Diagnostics: all poses up to this stamp have become data points, or never will."""
+
+
+def settled_in(msg: DiagnosticArray) -> int | None:
+    """What a report says under SETTLED [ns]; None where it is another node's."""
+    return next((int(value.value) for status in msg.status for value in status.values if value.key == SETTLED), None)
+
 
 SOURCES = ("poses", "observations")
 
@@ -238,8 +245,7 @@ class EstimatorNode(Node):
         self._recognition_out.publish(Recognition())
 
     def _publish_settings(self) -> None:
-        settings = replace(self._settings, excluded=tuple(sorted(self._excluded)))
-        self._settings_out.publish(String(data=settings.to_text()))
+        self._settings_out.publish(String(data=self._settings.without(self._excluded).to_text()))
 
     def _start_afresh(self, model: ObjectModel) -> None:
         self._select(model)

@@ -34,6 +34,10 @@ class EstimatorSettings:
         """Whether one of the terms needs measured forces."""
         return not set(self.estimator.terms).isdisjoint(FORCE_TERMS)
 
+    def without(self, pushes: Iterable[int]) -> "EstimatorSettings":
+        """The same, with these pushes left out as well."""
+        return dataclasses.replace(self, excluded=tuple(sorted({*self.excluded, *pushes})))
+
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "EstimatorSettings":
         """From node parameters, any of them; `auto` stands for None.

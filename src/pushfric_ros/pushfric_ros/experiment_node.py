@@ -23,7 +23,7 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
 from pushfric_ros.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg
 from pushfric_ros.diagnostics import Diagnostics, Health, Level
-from pushfric_ros.estimator_node import SETTLED
+from pushfric_ros.estimator_node import settled_in
 from pushfric_ros.object_file import load_object
 from pushfric_ros.parameters import declare
 from pushfric_ros.plan_file import load_plan
@@ -288,8 +288,8 @@ class ExperimentNode(Node):
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
-        for value in (value for status in msg.status for value in status.values if value.key == SETTLED):
-            self._settled = int(value.value)
+        if (settled := settled_in(msg)) is not None:
+            self._settled = settled
 
     def _on_region(self, msg: CenterOfFrictionRegion) -> None:
         self._region = msg

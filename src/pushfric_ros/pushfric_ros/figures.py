@@ -135,14 +135,14 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
         right = max(transform(o.pose, outline.vertices)[:, 0].max() for o in course if o.pose)
         for age, o in enumerate(course):
             assert o.pose is not None
-            corners = transform(o.pose, np.vstack((outline.vertices, outline.vertices[:1]))) + (shift - left, 0)
+            corners = transform(o.pose, _closed(outline.vertices)) + (shift - left, 0)
             axes.plot(*(corners.T * MILLIMETRE), color=color, lw=1, alpha=0.3 + 0.7 * (age + 1) / len(course))
             contact = transform(o.pose, o.contact_point) + (shift - left, 0)
             axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
         shift += right - left + 0.02
     title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point"
     if not shown:  # data points that do not tell where the object was: their contacts, in its frame
-        axes.plot(*(np.vstack((outline.vertices, outline.vertices[:1])).T * MILLIMETRE), color=INK, lw=1)
+        axes.plot(*(_closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
         axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=BLUE, ms=3.5, alpha=0.6)
         title = "Object and contact of each data point"
     axes.set(title=title, xlabel="mm", ylabel="mm")
@@ -151,7 +151,7 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
 
 def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, truth: TableObject | None) -> None:
     """w as dots of proportional area, an x where it is zero."""
-    corners = np.vstack((outline.vertices, outline.vertices[:1])) * MILLIMETRE
+    corners = _closed(outline.vertices) * MILLIMETRE
     axes.plot(*corners.T, color=INK, lw=1)
     points = estimate.support_points * MILLIMETRE
     zero = estimate.w < 1e-3

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from pushfric_core.estimator import FORCE_TERMS
 from pushfric_ros import estimator_settings
 from pushfric_ros.cell_file import CellFile
 from pushfric_ros.estimator_settings import EstimatorSettings
@@ -64,7 +63,7 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         bag: folder of the bag to record.
         start: number of the push of the plan to begin with.
     """
-    topics = [*TOPICS, WRENCH] if set(file.estimator.get("terms", ())) & set(FORCE_TERMS) else TOPICS
+    topics = [*TOPICS, WRENCH] if EstimatorSettings.from_parameters(file.estimator).with_forces else TOPICS
     pusher = file.pusher.model_dump() | {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
     plan = {
         "object": file.object,

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.conversions import stamp_from_msg
-from pushfric_ros.estimator_node import SETTLED
+from pushfric_ros.estimator_node import settled_in
 from pushfric_ros.qos import LATCHED, RELIABLE
 from pushfric_ros.supervisor import Ended, Supervisor
 
@@ -110,8 +110,8 @@ class Monitor:
             self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else msg.push_id)
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        for value in (value for status in msg.status for value in status.values if value.key == SETTLED):
-            self._settled = int(value.value)
+        if (settled := settled_in(msg)) is not None:
+            self._settled = settled
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)

@@ -3,7 +3,7 @@
 import pathlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import FORCE_TERMS, Estimate, Estimator
@@ -19,6 +19,8 @@ from pushfric_ros.object_file import OBJECT_FILE, ObjectModel
 from pushfric_ros.observation_file import read_observations
 
 Warn = Callable[[str], None]
+
+Taken = TypeVar("Taken")
 
 POSES, OBSERVATIONS, WRENCH = ("object_pose", "pusher_state"), ("observation",), "wrench"
 """Topics that data points are made from, the one of data points themselves, and the one their forces are made from."""
@@ -141,39 +143,32 @@ def _recorded(path: pathlib.Path, source: Source, model: ObjectModel, warn: Warn
             yield observation
 
 
-def estimates(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Iterator[Estimate]:
-    """Let the estimator take the data points one by one, as a live one does; `warn` gets a line for each that it refuses."""
+def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], warn: Warn) -> Iterator[Taken]:
+    """What comes of each data point, one by one, as in a live node; `warn` gets a line for each that is refused."""
     for observation in data:
         try:
-            yield estimator.add(observation)
+            yield take(observation)
         except PushfricError as error:
             warn(f"data point of push {observation.push_id} refused: {error}")
+
+
+def last(results: Iterable[Taken]) -> Taken:
+    """What comes of all the data points.
+
+    Raises:
+        InvalidInput: all of them were refused.
+    """
+    newest = deque(results, maxlen=1)
+    if not newest:
+        raise InvalidInput("no data point could be used, expected at least one")
+    return newest[0]
 
 
 def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
-    """The estimate after the last data point.
-
-    Raises:
-        InvalidInput: all of them were refused.
-    """
-    last = deque(estimates(estimator, data, warn), maxlen=1)
-    if not last:
-        raise InvalidInput("no data point could be used, expected at least one")
-    return last[0]
+    """The estimate after the last data point; raises and warns as `taken` and `last`."""
+    return last(taken(estimator.add, data, warn))
 
 
 def recognize(recognizer: Recognizer, data: Iterable[Observation], warn: Warn) -> Ranking:
-    """The ranking after the last data point; `warn` gets a line for each that is refused.
-
-    Raises:
-        InvalidInput: all of them were refused.
-    """
-    ranking = None
-    for observation in data:
-        try:
-            ranking = recognizer.add(observation)
-        except PushfricError as error:
-            warn(f"data point of push {observation.push_id} refused: {error}")
-    if ranking is None:
-        raise InvalidInput("no data point could be used, expected at least one")
-    return ranking
+    """The ranking after the last data point; raises and warns as `taken` and `last`."""
+    return last(taken(recognizer.add, data, warn))

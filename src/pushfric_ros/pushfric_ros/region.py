@@ -3,21 +3,17 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pushfric_core.errors import PushfricError
 from pushfric_core.half_planes import HalfPlanes, RankedPush, Region, line_of_motion
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
-from pushfric_ros.offline import Warn
+from pushfric_ros.offline import Warn, taken
 
 
 def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn: Warn) -> HalfPlanes:
     """The half-planes of the data points' lines of motion, as a live estimator takes them; `warn` is told of those refused."""
     half_planes = HalfPlanes(outline, margin)
-    for observation in data:
-        try:
-            half_planes.add(line_of_motion(observation))
-        except PushfricError as error:
-            warn(f"data point of push {observation.push_id} refused: {error}")
+    for _ in taken(lambda observation: half_planes.add(line_of_motion(observation)), data, warn):
+        pass
     return half_planes
 
 

@@ -82,8 +82,8 @@ def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings
         config = dataclasses.replace(recorded.estimator, **given)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
-    excluded, slipping = tuple(sorted({*recorded.excluded, *excluded})), tuple(sorted({*recorded.slipping, *slipping}))
-    return dataclasses.replace(recorded, estimator=config, excluded=excluded, slipping=slipping)
+    slipping = tuple(sorted({*recorded.slipping, *slipping}))
+    return dataclasses.replace(recorded.without(excluded), estimator=config, slipping=slipping)
 
 
 def _radius(text: str) -> float | None:
