@@ -184,9 +184,10 @@ class EstimatorNode(Node):
             except PushfricError as error:
                 self._refuse("observation", error)
                 continue
+            msg = self._publish(self._estimate)
             self._narrow(observation)
             self._publish_region()
-            self._publish(self._estimate)
+            self._draw(msg)
             self._recognize(observation)
 
     def _recognize(self, observation: Observation) -> None:
@@ -211,7 +212,8 @@ class EstimatorNode(Node):
         self._region = region_to_msg(self._half_planes.region(), pushes, stamp, self._object.name)
         self._region_out.publish(self._region)
 
-    def _publish(self, estimate: Estimate) -> None:
+    def _publish(self, estimate: Estimate) -> FrictionEstimate:
+        """The estimate, before all that planners do not wait for."""
         contradiction = estimate.contradiction
         if contradiction is not None and self._problem is None:
             self.get_logger().error(contradiction)
@@ -220,28 +222,29 @@ class EstimatorNode(Node):
         slips = [observation.push_id in slipping for observation in data] if slipping else ()
         msg = estimate_to_msg(estimate, self._object.name, slips)
         self._estimate_out.publish(msg)
-        if contradiction is None:
-            self._publish_parts(msg)
-            markers = estimate_to_markers(msg, self._object.outline, data[-1])
-            markers.markers += region_to_markers(self._region, self._object.outline)
-            self._markers_out.publish(markers)
-        else:
-            self._take_back_parts()
+        # w, p_CF and mu_c have no status of their own
+        self._publish_parts(msg if contradiction is None else nothing_known(self._object.name))
+        return msg
+
+    def _draw(self, msg: FrictionEstimate) -> None:
+        if msg.status in (msg.STATUS_NO_DATA, msg.STATUS_INFEASIBLE):
+            self._markers_out.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            return
+        markers = estimate_to_markers(msg, self._object.outline, self._estimator.observations[-1])
+        markers.markers += region_to_markers(self._region, self._object.outline)
+        self._markers_out.publish(markers)
 
     def _publish_parts(self, msg: FrictionEstimate) -> None:
         self._support_friction_out.publish(msg.support_friction)
         self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
         self._contact_friction_out.publish(msg.contact_friction)
 
-    def _take_back_parts(self) -> None:
-        """What was published of w, p_CF and mu_c, which have no status of their own, holds no longer."""
-        self._publish_parts(nothing_known(self._object.name))
-        self._markers_out.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
-
     def _take_back(self) -> None:
         """Without data points, nothing that was published holds any longer."""
-        self._estimate_out.publish(nothing_known(self._object.name))
-        self._take_back_parts()
+        msg = nothing_known(self._object.name)
+        self._estimate_out.publish(msg)
+        self._publish_parts(msg)
+        self._draw(msg)
         self._recognition_out.publish(Recognition())
 
     def _publish_settings(self) -> None:
@@ -292,7 +295,7 @@ class EstimatorNode(Node):
         if self._estimate is None:
             self._take_back()
         else:
-            self._publish(self._estimate)
+            self._draw(self._publish(self._estimate))
         # recognition may have refused all of that push
         if self._recognizer is not None and any(o.push_id == request.push_id for o in self._recognizer.observations):
             ranking = self._recognizer.exclude(request.push_id)
