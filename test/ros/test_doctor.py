@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 import sys
+import tempfile
 import time
 
 import cv2
@@ -16,7 +17,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose
-from pushfric_ros import discovery, doctor, grbl_firmware, supervisor
+from pushfric_ros import cli, discovery, doctor, grbl_firmware, supervisor
 from pushfric_ros.camera import Camera, save_camera
 from pushfric_ros.cell_file import CameraEntry, PlanEntry, PusherEntry
 from pushfric_ros.conversions import stamp_to_msg
@@ -101,7 +102,7 @@ def test_a_good_cell_passes_and_its_pusher_is_told_nothing_that_moves_it(tmp_pat
     assert checks["camera"].finding.startswith(f"{tmp_path}/camera.avi: 640 x 480 px, ")
     assert checks["calibration"].finding == "a pixel is 0.40 mm, 100 % of the pushing line are in the picture"
     assert checks["object"].finding.startswith("rubber_rect4 is seen at (20, 50) mm, edges fit to 0.")
-    assert checks["limits"].finding == "travel 100 mm, 100 mm/s, 500 mm/s^2"
+    assert checks["limits"].finding == "travel 99 mm, 100 mm/s, 500 mm/s^2"  # 100 mm, less the pull-off of homing
     assert doctor.passed(list(checks.values()))
 
 
@@ -126,12 +127,31 @@ def machine_is_well(monkeypatch):
         monkeypatch.setattr(doctor, f"check_{name}", lambda name=name: Check(name, OK, ""))
 
 
+@pytest.mark.parametrize("content", [None, "object: brick\n", ": :"])
+def test_a_wrong_cell_file_is_refused_before_any_check(tmp_path, content):
+    if content is not None:
+        (tmp_path / "cell.yaml").write_text(content)
+    with pytest.raises(InvalidInput, match="cell.yaml: "):
+        next(doctor.examine(tmp_path / "cell.yaml", tmp_path / "runs", lambda _: None))
+
+
 @pytest.mark.usefixtures("machine_is_well")
-def test_a_wrong_cell_file_is_a_finding(tmp_path):
-    (tmp_path / "cell.yaml").write_text("object: brick\n")
-    last = list(examined(tmp_path / "cell.yaml", tmp_path).values())[-1]
-    assert (last.name, last.level) == ("cell", FAILED)
-    assert "cell.yaml: camera: Field required" in last.finding
+def test_the_lock_of_the_cell_is_given_back(tmp_path, monkeypatch):
+    path = cell_file(tmp_path, "/dev/pushfric-none")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    assert examined(path, tmp_path)["cell"].level is OK
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize(("level", "code"), [(OK, 0), (WARNING, 0), (FAILED, 1)])
+def test_the_exit_code_says_whether_a_check_failed(monkeypatch, capsys, level, code):
+    monkeypatch.setattr(cli, "examine", lambda *_: [Check("port", level, "as it is")])
+    monkeypatch.setattr(sys, "argv", ["pushfric", "doctor", "--json"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert (ended.value.code or 0) == code
+    assert json.loads(capsys.readouterr().out)["passed"] is (code == 0)
 
 
 @pytest.mark.usefixtures("machine_is_well")
@@ -292,13 +312,15 @@ def test_stamps_of_another_clock_or_out_of_order_fail():
     assert "not in order" in doctor.check_stamps(frames(NOISE)[::-1]).finding
 
 
-def test_frames_of_a_topic_are_judged_as_those_of_a_device(ros, monkeypatch):
+@pytest.mark.parametrize("encoding", ["mono8", "yuv422_yuy2"])
+def test_frames_of_a_topic_are_judged_as_those_of_a_device(ros, encoding):
     node = ros.node("camera_driver", namespace="/cell")
     out = node.create_publisher(Image, "image_raw", SENSOR_DATA)
     image = iter(NOISE * 100)
 
     def send():
-        msg = Image(height=240, width=320, encoding="mono8", step=320, data=next(image).tobytes())
+        pixels = next(image) if encoding == "mono8" else np.dstack((next(image), np.full((240, 320), 128, np.uint8)))
+        msg = Image(height=240, width=320, encoding=encoding, step=pixels[0].nbytes, data=pixels.tobytes())
         msg.header.stamp = stamp_to_msg(time.time_ns() - 2 * SECOND)
         out.publish(msg)
 
@@ -417,6 +439,14 @@ def test_a_controller_without_homing_is_idle_where_it_stands():
 )
 def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, level):
     assert doctor.judge(mode, position, "", pusher(home=home)).level is level
+
+
+def test_with_homing_the_advice_tells_what_the_travel_is():
+    limits = Limits(0.059, 0.1, 0.5)
+    expected = "shorten pusher.stroke, 60 mm, or set $131 to the axis's travel"
+    assert doctor.check_limits(pusher(axis="Y"), PlanEntry(), limits).advice == expected
+    homing = doctor.check_limits(pusher(axis="Y", home=True), PlanEntry(), limits)
+    assert homing.advice == f"{expected}; with homing, the travel is $131 less the pull-off $27"
 
 
 @pytest.mark.parametrize(
