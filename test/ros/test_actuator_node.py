@@ -31,6 +31,9 @@ from pushfric_ros.pusher import Mode
 from pushfric_ros.qos import RELIABLE
 
 NUMBERS = itertools.count()
+UNKNOWN = "where the pusher stands is not known: "
+UNHOMED = UNKNOWN + "see that it is free to move, then call actuator/reset, which homes"
+UNVOUCHED = UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset"
 LINE = {"line_origin": [0.1, -0.2], "line_direction": [0.0, 2.0], "tip_radius": 0.004, "stroke": 0.08, "max_speed": 0.08}
 
 
@@ -130,6 +133,17 @@ class Cell:
         handle = self.send(**{"distance": 0.08, "speed": 0.004} | goal)
         self.ros.wait_for(lambda: controller.position() > 0.001, what="the motion")
         return handle
+
+    def refuses(self, controller: SimulatedGrbl, capfd, why: str) -> None:
+        """It is in alarm, takes no goal, says why, and does not move."""
+        rest = controller.position()
+        self.wait_for_mode(PusherState.MODE_ALARM)
+        self.ros.wait_for(lambda: self.health and self.health[-1].message == f"alarm: {why}", what="the diagnostic")
+        assert self.health[-1].level == DiagnosticStatus.ERROR
+        capfd.readouterr()
+        assert not self.send(0.01, push_id=8).accepted
+        assert f"push 8 rejected: the pusher must be idle, it is alarm: {why}\n" in capfd.readouterr().err
+        assert controller.position() == rest
 
     def comes_to_rest(self, controller: SimulatedGrbl) -> float:
         """Where the pusher rests, short of where it was sent."""
@@ -428,12 +442,89 @@ def test_an_unplugged_controller_is_found_again_and_not_moved(ros, controller, t
     assert "lost " in result.result.message
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
     plug_in(controller, tmp_path / "port")
-    cell.wait_for_mode(PusherState.MODE_IDLE)
+    cell.wait_for_mode(PusherState.MODE_ALARM)  # where it stands is uncertain: see below
     rest = controller.position()
     cell.states.clear()
     ros.wait_for(lambda: len(cell.states) > 5, what="more states")
     assert controller.position() == rest
     assert cell.states[-1].push_id == PusherState.NO_PUSH
+
+
+def test_a_controller_unplugged_at_rest_pushes_on(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.result(cell.send(0.03))
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    controller.unplug()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    plug_in(controller, tmp_path / "port")
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(0.04)
+
+
+def test_after_a_power_cut_in_mid_push_nothing_moves_until_a_person_vouches(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    controller.reset()
+    result = cell.result(handle)
+    assert result.result.outcome == Push.Result.OUTCOME_ABORTED
+    assert result.result.message.endswith("restarted")
+    cell.refuses(controller, capfd, UNVOUCHED)
+    assert cell.states[-1].position == 0.0  # so the controller says
+    assert controller.position() > 0.001
+    # what the message asks for; the restart alone does not do
+    controller.unplug()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    controller._carriage = 0.0
+    controller.reset()
+    plug_in(controller, tmp_path / "port")
+    cell.refuses(controller, capfd, UNVOUCHED)
+    assert cell.reset().success
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(0.02)
+
+
+def test_after_a_power_cut_at_the_very_beginning_of_a_push_nothing_moves(ros, capfd):
+    clock = HeldClock()
+    with SimulatedGrbl(clock) as controller:
+        cell = Cell(ros, controller.port).ready()
+        handle = cell.send(0.06)
+        ros.wait_for(lambda: controller._motion is not None, what="the motion")
+        controller.reset()
+        assert cell.result(handle).result.outcome == Push.Result.OUTCOME_ABORTED
+        cell.refuses(controller, capfd, UNVOUCHED)
+
+
+def test_after_a_power_cut_at_rest_away_from_zero_nothing_moves(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.result(cell.send(0.0005))
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    controller.reset()
+    ros.wait_for(lambda: "when the connection was lost" in capfd.readouterr().err, 20.0, what="the complaint")
+    cell.refuses(controller, capfd, UNVOUCHED)
+    assert cell.reset().success
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+
+
+def test_a_power_cut_at_rest_at_zero_loses_nothing(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    controller.reset()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(0.02)
+
+
+def test_an_alarm_is_not_forgotten_with_the_connection(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    controller.hit_limit()
+    cell.wait_for_mode(PusherState.MODE_ALARM)
+    ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
+    controller.unplug()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    plug_in(controller, tmp_path / "port")
+    cell.refuses(controller, capfd, UNVOUCHED)
 
 
 def test_a_port_that_appears_later_is_connected(ros, tmp_path, capfd):
@@ -479,6 +570,63 @@ def test_homing(ros, tmp_path):
         assert controller.position() == pytest.approx(0.02)
         assert cell.reset().message == "homing"
         ros.wait_for(lambda: abs(controller.position()) < 1e-9, what="homing")
+
+
+def test_after_a_power_cut_a_pusher_that_homes_must_home_though_it_is_unlocked(ros, tmp_path, capfd):
+    """By somebody at a terminal, or by the firmware: grblHAL boots unlocked unless it is told otherwise."""
+    with SimulatedGrbl(time.monotonic, homing=True) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        cell = Cell(ros, tmp_path / "port", home=True).ready()
+        cell.result(cell.send(0.02))
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+        controller.unplug()
+        cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+        controller.reset()
+        controller._system("$X")
+        plug_in(controller, tmp_path / "port")
+        cell.refuses(controller, capfd, UNHOMED)
+        assert cell.reset().success
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+        assert controller.position() == pytest.approx(0.0)
+        assert cell.states[-1].position == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_pusher_that_cannot_home_does_not_push(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port", home=True)  # but $22=0
+    cell.refuses(controller, capfd, f'"$H" refused: error:5 Setting disabled: {UNHOMED}')
+
+
+class Strict(SimulatedGrbl):
+    """As grblHAL with $22=5: nothing unlocks it but homing."""
+
+    def _system(self, line: str) -> None:
+        if line == "$X":
+            self._respond(46)
+        else:
+            super()._system(line)
+
+
+def test_a_lock_that_only_homing_opens_is_named(ros, capfd):
+    with Strict(time.monotonic, homing=True) as controller:
+        cell = Cell(ros, controller.port)
+        cell.refuses(controller, capfd, '"$X" refused: error:46 Homing required (grblHAL)')
+
+
+def test_a_homing_that_was_stopped_is_made_up_for(ros):
+    clock = HeldClock()
+    with SimulatedGrbl(clock, homing=True) as controller:
+        cell = Cell(ros, controller.port, home=True)
+        cell.wait_for_mode(PusherState.MODE_HOMING)
+        ros.wait_for(lambda: controller._state == "Home", what="homing")
+        assert cell.change(Transition.TRANSITION_DEACTIVATE)
+        cell.wait_for_mode(PusherState.MODE_ALARM)
+        ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
+        controller._system("$X")
+        cell.wait_for_mode(PusherState.MODE_HOLD)
+        assert cell.change(Transition.TRANSITION_ACTIVATE)
+        cell.wait_for_mode(PusherState.MODE_HOMING)
+        clock.release()
+        cell.ready()
 
 
 def test_garbage_and_lost_bytes_do_not_disturb_a_push(ros, controller, tmp_path):

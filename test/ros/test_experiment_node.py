@@ -28,6 +28,7 @@ from pushfric_ros.qos import LATCHED, RELIABLE, SENSOR_DATA
 
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
+ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
 STILL = 0.15
 """How long the object must lie still [s]; short, to be quick."""
 
@@ -212,7 +213,7 @@ def test_an_alarm_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, con
     table = Table(ros, tmp_path)
     ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
     controller.hit_limit()
-    waiting = table.wait_for_message("it is in alarm: see that it is free to move, then call the service actuator/reset")
+    waiting = table.wait_for_message(ALARM)
     assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
     rest = controller.position()
     assert rest > 0.005
@@ -231,8 +232,29 @@ def test_a_pusher_unplugged_in_mid_push_costs_one_push(ros, controller, tmp_path
     controller.start()
     (tmp_path / "port").unlink()
     (tmp_path / "port").symlink_to(controller.port)
+    table.wait_for_message(ALARM)
+    assert table.call("actuator/reset")
     last = table.wait_for_end()
     assert (last.completed, last.aborted) == (2, 1)
+
+
+def test_a_power_cut_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
+    table = Table(ros, tmp_path)
+    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    controller.reset()
+    waiting = table.wait_for_message(ALARM)
+    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
+    assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
+    assert controller.position() > 0.005
+    controller._carriage = 0.0  # the operator's hand
+    controller.reset()
+    table.wait_for_message("no controller answers")
+    table.wait_for_message(ALARM)
+    assert controller.position() == 0.0
+    assert table.call("actuator/reset")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (2, 1)
+    assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
 def test_an_object_lost_in_mid_push_stops_the_pusher(ros, controller, tmp_path, capfd):

@@ -385,6 +385,21 @@ def test_an_axis_that_runs_backwards(peer):
     assert peer.heard == b"G1 Y-20.000 F600.000\n"
 
 
+@pytest.mark.parametrize(("x", "position"), [("0.000", 0.0), ("-0.000", 0.0), ("12.345", -0.012345)])
+def test_the_zero_of_an_axis_that_runs_backwards_has_no_sign(peer, x, position):
+    pusher = connect(peer, axis="-X")
+    peer.status = f"<Idle|MPos:{x},0.000,0.000|FS:0,0>"
+    assert str(report_now(pusher, peer).position) == str(position)
+
+
+def test_home_is_zero_to_the_last_digit(peer):
+    pusher = connect(peer, home=True)
+    peer.status = "<Idle|MPos:-255.907,0.000,0.000|FS:0,0>"  # of which floating point makes -3e-17 m
+    pusher.recover()
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert str(report_now(pusher, peer).position) == "0.0"
+
+
 def test_the_work_offset_is_waited_for_and_remembered(peer):
     late = Grbl(peer.port)
     late.connect()
@@ -425,6 +440,20 @@ def test_without_a_feed_field_positions_and_stamps_give_the_speed(peer):
         peer.status = f"<Run|MPos:{x}.000,0.000,0.000>"
         report = report_now(pusher, peer, stamp)
     assert report.speed == pytest.approx(0.004)
+
+
+@pytest.mark.parametrize("feed", ["FS:0,0", "FS:1200,0"])
+@pytest.mark.parametrize("state", ["Hold", "Door"])
+def test_the_feed_is_not_believed_in_a_hold(peer, state, feed):
+    """GrblHAL reports none while it brakes, and the programmed one at rest."""
+    pusher = connect(peer)
+    begin_move(pusher, peer)
+    peer.status = f"<{state}:1|MPos:6.000,0.000,0.000|{feed}>"
+    report_now(pusher, peer, 10**9)
+    peer.status = f"<{state}:1|MPos:8.000,0.000,0.000|{feed}>"
+    assert report_now(pusher, peer, 2 * 10**9) == (0.008, pytest.approx(0.002), Mode.HOLD, 2 * 10**9)
+    peer.status = f"<{state}:0|MPos:8.000,0.000,0.000|{feed}>"
+    assert report_now(pusher, peer, 3 * 10**9) == (0.008, 0.0, Mode.HOLD, 3 * 10**9)
 
 
 def test_idle_right_after_ok_is_no_arrival(peer):
@@ -484,6 +513,8 @@ def test_a_refused_line_stops_and_is_named(peer):
 
 
 def test_an_error_of_other_firmware_is_named_as_such():
+    assert str(CommandRefused("$X", 46)) == '"$X" refused: error:46 Homing required (grblHAL)'
+    assert str(Alarm(11)) == "ALARM:11 Homing required (grblHAL)"
     assert str(CommandRefused("$H", 79)) == '"$H" refused: error:79 (not of GRBL 1.1)'
     assert str(Alarm(17)) == "ALARM:17 (not of GRBL 1.1)"
     assert str(Alarm(None)) == "ALARM"
@@ -569,10 +600,11 @@ def test_an_alarm_whose_line_was_lost_is_seen_in_the_reports(peer):
     assert pusher.mode is Mode.ALARM
 
 
-def test_a_restart_in_mid_push_ends_the_connection(peer):
+@pytest.mark.parametrize("also", ["", "ALARM:11\r\n[MSG:Homing cycle required]\r\n"])  # grblHAL, $22=5
+def test_a_restart_in_mid_push_ends_the_connection(peer, also):
     pusher = connect(peer)
     begin_move(pusher, peer)
-    peer.say(GREETING)
+    peer.say(GREETING + also)
     fail(pusher, NotConnected, "the controller at .* restarted", peer)
     assert pusher.mode is Mode.DISCONNECTED
 
@@ -674,6 +706,22 @@ def test_a_lost_ok_is_not_waited_for_for_ever(simulated):
     assert pusher.mode is Mode.IDLE
     assert simulated.position() < 0.08
     pusher.close()
+
+
+def test_a_homing_that_is_stopped_was_not_silent(monkeypatch):
+    """Questions stay unanswered while GRBL homes, for longer than is allowed at any other time."""
+    monkeypatch.setattr("pushfric_ros.grbl.SILENCE", 1.0)
+    with SimulatedGrbl(lambda: 0.0, homing=True) as simulated:
+        pusher = Grbl(simulated.port, home=True)
+        pusher.connect()
+        drive(pusher, lambda: not pusher.busy)
+        pusher.recover()
+        drive(pusher, lambda: pusher._silent_since is not None and time.monotonic() - pusher._silent_since > 1.0)
+        assert pusher.mode is Mode.HOMING
+        pusher.stop()
+        drive(pusher, lambda: not pusher.busy)
+        assert pusher.mode is Mode.ALARM
+        pusher.close()
 
 
 class Terminal:

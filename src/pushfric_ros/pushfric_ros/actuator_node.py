@@ -37,13 +37,24 @@ FIRST_RETRY, LAST_RETRY = 0.5, 5.0
 GRACE = 3.0  # a port may appear this late before anybody is told
 RETRACT_FASTER = 5.0  # than the push was, where max_speed allows
 ROUNDING = 1e-5  # of positions [m]
-RESTART_JUMP = 1e-3  # a position that changed by more while disconnected is reported [m]
+KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
+UNKNOWN = "where the pusher stands is not known: "
+REMEDIES = {
+    False: UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset",
+    True: UNKNOWN + "see that it is free to move, then call actuator/reset, which homes",
+}
+"""What a person does about it, without and with homing."""
 
 
 class ActuatorNode(LifecycleNode):
     """Serves `push`, one goal at a time: a goal that arrives while another runs is rejected, neither queued nor preferred.
 
     A lost connection is made again by itself, without a motion. After an alarm, `~/reset` unlocks or homes, as configured.
+
+    It takes goals only while it knows where the pusher stands. It does not before homing, where that is configured, nor once a
+    connection was lost in mid-motion or comes back at another position: a controller that restarts counts from wherever the
+    pusher happens to stand. Such a pusher is published as in alarm. `~/reset` ends that, too: it homes; or else the person who
+    calls it vouches for the position that is reported.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -54,11 +65,12 @@ class ActuatorNode(LifecycleNode):
         except ValueError as error:
             raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
         self._line = pushing_line(config.line_origin, config.line_direction, config.tip_radius)
-        self._configured = self._active = self._home_due = False
+        self._configured = self._active = self._recovering = False
+        self._located = not config.home  # whether the pusher stands where the controller says it does
         self._start_due = config.autostart
         self._report = PusherReport(0.0, 0.0, Mode.DISCONNECTED, None)  # the last one
-        self._problem: str | None = None
-        self._lost_at: float | None = None  # position when the connection was lost
+        self._problem: PusherError | None = None
+        self._lost_at: float | None = None  # where it rested when the connection was lost; nan: it did not rest
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
         self._quiet_until = time.monotonic() + GRACE
         self._told: str | None = None  # the last problem that was logged
@@ -110,22 +122,22 @@ class ActuatorNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From now on the controller is connected, as soon as its port is there."""
-        self._configured, self._home_due = True, self._config.home
+        self._configured, self._located = True, self._located and not self._config.home
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take goals; the first time, home before that where so configured. Refused until the controller has answered."""
+        """Take goals; where so configured, home before that unless it has been. Refused until the controller has answered."""
         if self._pusher.mode is Mode.DISCONNECTED or self._pusher.busy:
             self.get_logger().error(f"cannot be activated yet: {self._problem or 'the controller is being connected'}")
             return TransitionCallbackReturn.FAILURE
-        if self._home_due:
+        if self._config.home and not self._located:
             try:
-                self._pusher.recover()
+                self._recover()
             except PusherError as error:
                 self._fail(error)
                 return TransitionCallbackReturn.FAILURE
-        self._active, self._home_due = True, False
+        self._active = True
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -164,8 +176,7 @@ class ActuatorNode(LifecycleNode):
     def _leave(self, why: str) -> None:
         self._configured = self._active = False
         self._pusher.close()
-        self._lost_at = self._report.position if self._report.mode is not Mode.DISCONNECTED else self._lost_at
-        self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
+        self._lose()
         if self._arrival is not None:
             self._arrival.set_exception(NotConnected(why))
 
@@ -211,6 +222,10 @@ class ActuatorNode(LifecycleNode):
             return
         if self._arrival is not None:
             self._arrival.set_result(None)
+        if self._recovering:
+            self._recovering = False
+            if pusher.mode is Mode.IDLE:
+                self._located, self._problem = True, None
         if self._start_due and pusher.mode is not Mode.DISCONNECTED:
             self._start_due = False
             self.trigger_activate()
@@ -225,41 +240,66 @@ class ActuatorNode(LifecycleNode):
 
     def _on_connected(self, report: PusherReport) -> None:
         self.get_logger().info(f"connected to {self._pusher.name}")
-        if self._lost_at is not None and abs(report.position - self._lost_at) > RESTART_JUMP:
-            self.get_logger().warning(
-                f"position {self._lost_at:.4f} m when the connection was lost, {report.position:.4f} m now: "
-                "if the controller restarted meanwhile, restart it with the pusher at its home end, or home it"
-            )
-        self._lost_at, self._problem, self._told, self._retry_after = None, None, None, FIRST_RETRY
+        if self._lost_at is not None and not abs(report.position - self._lost_at) <= KEPT:
+            self._located = False
+            before = "not idle" if math.isnan(self._lost_at) else f"at {self._lost_at:.4f} m"
+            what = f"{before} when the connection was lost, said to be at {report.position:.4f} m now"
+            self.get_logger().error(f"{what}: {REMEDIES[self._config.home]}")
+        if isinstance(self._problem, NotConnected):
+            self._problem = None
+        self._lost_at, self._told, self._retry_after = None, None, FIRST_RETRY
         self._quiet_until = 0.0
 
     def _fail(self, error: PusherError) -> None:
         """End the stroke under way, say once what happened, and connect again later where the connection is gone."""
+        self._recovering = False
         if self._arrival is not None:
             self._arrival.set_exception(error)
         lost = self._pusher.mode is Mode.DISCONNECTED
-        self._problem = str(error)
-        if not lost or (self._problem != self._told and time.monotonic() >= self._quiet_until):
+        self._problem = error
+        if not lost or (str(error) != self._told and time.monotonic() >= self._quiet_until):
             self.get_logger().error(f"{error}, retrying" if lost else str(error))
-            self._told = self._problem
+            self._told = str(error)
         if lost:
-            if self._report.mode is not Mode.DISCONNECTED:
-                self._lost_at = self._report.position
-            self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
+            self._lose()
             self._retry_at = time.monotonic() + self._retry_after
             self._retry_after = min(2 * self._retry_after, LAST_RETRY)
         else:  # the controller may be silent for a while now
             self._push_id = PusherState.NO_PUSH
             self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
 
+    def _lose(self) -> None:
+        """The connection is gone; remember where the pusher rested."""
+        if self._report.mode is not Mode.DISCONNECTED:
+            rests = self._report.mode is Mode.IDLE and self._goal is None
+            self._lost_at = self._report.position if rests else math.nan
+        self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
+
+    def _recover(self) -> None:
+        self._pusher.recover()
+        # a homing that is not completed leaves the pusher anywhere
+        self._recovering, self._located = True, self._located and not self._config.home
+
     def _stop(self) -> None:
+        self._recovering = False
         try:
             self._pusher.stop()
         except PusherError as error:
             self._fail(error)
 
+    def _shown(self, mode: Mode) -> Mode:
+        """To others, idle means ready to move."""
+        if mode is not Mode.IDLE or (self._active and self._located):
+            return mode
+        return Mode.ALARM if self._active else Mode.HOLD
+
+    def _explained(self, mode: Mode) -> str:
+        """A mode with what went wrong, and what to do where the position is not known; for people."""
+        remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and self._active and not self._located else None
+        return ": ".join(str(text) for text in (mode.value, self._problem, remedy) if text is not None)
+
     def _publish(self, report: PusherReport) -> None:
-        mode = Mode.HOLD if report.mode is Mode.IDLE and not self._active else report.mode  # idle means ready to move
+        mode = self._shown(report.mode)
         stamp = self.get_clock().now().nanoseconds if report.stamp is None else report.stamp
         (x, y), (along_x, along_y), radius = self._line
         msg = PusherState(
@@ -279,7 +319,7 @@ class ActuatorNode(LifecycleNode):
             response.message = "a push is under way, cancel it first" if self._goal else self._not_active
             return response
         try:
-            self._pusher.recover()
+            self._recover()
         except PusherError as error:
             response.message = str(error)
         else:
@@ -287,9 +327,9 @@ class ActuatorNode(LifecycleNode):
         return response
 
     def _health(self) -> Health:
-        mode = self._pusher.mode
+        mode = self._shown(self._pusher.mode) if self._active else self._pusher.mode
         level = {Mode.DISCONNECTED: Level.ERROR, Mode.ALARM: Level.ERROR, Mode.HOLD: Level.WARN}.get(mode, Level.OK)
-        message = mode.value if level is Level.OK or self._problem is None else f"{mode.value}: {self._problem}"
+        message = mode.value if level is Level.OK else self._explained(mode)
         if not self._active and (not self._configured or level is Level.OK):
             level, message = Level.WARN, self._not_active
         values = {"state": self._lifecycle_state, "port": self._config.port, "controller": self._pusher.name,
@@ -309,13 +349,13 @@ class ActuatorNode(LifecycleNode):
         """Why a goal is rejected; None for a good one."""
         config = self._config
         # the first report after a connection says where the pusher is
-        mode = Mode.DISCONNECTED if self._report.mode is Mode.DISCONNECTED else self._pusher.mode
+        mode = Mode.DISCONNECTED if self._report.mode is Mode.DISCONNECTED else self._shown(self._pusher.mode)
         if self._goal is not None:
             return f"push {self._goal.request.push_id} is under way"
         if not self._active:
             return self._not_active
         if mode is not Mode.IDLE:
-            return f"the pusher's mode is {mode.value}, expected idle"
+            return f"the pusher must be idle, it is {self._explained(mode)}"
         if push.push_id < 0:
             return f"push_id must be 0 or more, got {push.push_id}"
         if push.distance == 0 or not math.isfinite(push.distance):

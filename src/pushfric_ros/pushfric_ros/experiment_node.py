@@ -38,7 +38,9 @@ HINDRANCES = {
     PusherState.MODE_HOMING: "it seeks its home switch",
     PusherState.MODE_RUNNING: "",  # for a moment only
     PusherState.MODE_HOLD: "it is held: release it at the controller, or activate the actuator",
-    PusherState.MODE_ALARM: "it is in alarm: see that it is free to move, then call the service actuator/reset",
+    PusherState.MODE_ALARM: (
+        "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+    ),
 }
 """Why a pusher in this mode cannot push, and what the operator does about it."""
 

@@ -263,7 +263,7 @@ class Grbl:
                 self._pending = None
         elif (alarm := ALARM.fullmatch(line)) is not None:
             self._status = Status("Alarm")
-            self._trouble = Alarm(int(alarm[1]))
+            self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
         elif (greeting := GREETING.search(line)) is not None:
             self._greeted, self._version = True, self._version or f"Grbl {greeting[1]}"  # $I told more
             self._trouble = NotConnected(f"the controller at {self._path} restarted")
@@ -282,8 +282,11 @@ class Grbl:
             position = tuple(m - o for m, o in zip(status.machine_position, offset, strict=False))
         if position is None or len(position) <= self._index:
             return
-        here = self._sign * (position[self._index] * self._unit - self._zero) * MM
-        self._fresh = self._last = PusherReport(here, self._speed(here, status.feed, stamp), self.mode, stamp)
+        # to the nanometre, far below a report's last digit: nothing that would be shown as -0.000
+        here = round(self._sign * (position[self._index] * self._unit - self._zero) * MM, 9) + 0.0
+        # in these, grblHAL reports no feed while it brakes, and the programmed one at rest
+        feed = None if status.state in ("Hold", "Door") else status.feed
+        self._fresh = self._last = PusherReport(here, self._speed(here, feed, stamp), self.mode, stamp)
 
     def _speed(self, position: float, feed: float | None, stamp: int | None) -> float:
         """The controller says how fast, the positions say which way; both, where the controller says nothing."""

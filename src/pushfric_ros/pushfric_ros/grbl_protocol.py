@@ -12,10 +12,11 @@ ERRORS = {
     11: "Line overflow", 12: "Step rate > 30kHz", 13: "Check Door", 14: "Line length exceeded", 15: "Travel exceeded",
     16: "Invalid jog command", 17: "Setting disabled", 20: "Unsupported command", 21: "Modal group violation",
     22: "Undefined feed rate", **{code: f"Invalid gcode ID:{code}" for code in range(23, 39)},
+    46: "Homing required (grblHAL)",
 }  # fmt: skip
 ALARMS = {
     1: "Hard limit", 2: "Soft limit", 3: "Abort during cycle", 4: "Probe fail", 5: "Probe fail", 6: "Homing fail",
-    7: "Homing fail", 8: "Homing fail", 9: "Homing fail",
+    7: "Homing fail", 8: "Homing fail", 9: "Homing fail", 11: "Homing required (grblHAL)",
 }  # fmt: skip
 
 
