@@ -57,6 +57,7 @@ def bench(
 
     A solver is left out ("-") where one solve takes, or from its last M must be expected to take, more than 20 s of CPU time.
     All solvers take each data point in turn, so that what disturbs one disturbs all, each other's caches included.
+    highs_warm is HiGHS kept warm: at each M and N the better of its primal and dual form.
     """
     points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))

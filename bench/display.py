@@ -16,10 +16,10 @@ Figures = dict[str, Any]
 
 
 def updates_table(updates: Sequence[Figures]) -> Table:
-    """One line per M and N; "-" where a contender was too slow to be waited for."""
+    """One row per M and N; "-" where a contender was too slow to be waited for."""
     row_of = {(row["N"], row["M"], row["contender"]): row for row in updates}
-    title = "CPU ms of one new data point: median, 99th percentile, median over pushfric's"
-    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False)
+    legend = "In each cell: median, 99th percentile, and the median as a multiple of pushfric's."
+    table = Table(title="CPU ms of one new data point", caption=legend, box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("N", "M", *(name.replace("_", "\n") for name in CONTENDERS)):
         table.add_column(heading, justify="right", overflow="fold")
     last = None
@@ -41,7 +41,7 @@ def updates_table(updates: Sequence[Figures]) -> Table:
 
 
 def verdict_table(verdicts: Iterable[Verdict]) -> Table:
-    table = Table(title="Targets")
+    table = Table(title="Targets", caption="highs_warm: HiGHS kept warm, the better of its primal and dual form.")
     for heading in ("target", "asked", "measured", ""):
         table.add_column(heading, justify="left" if heading == "target" else "right")
     for target, asked, measured, met in verdicts:
@@ -128,7 +128,8 @@ def plot(updates: Sequence[Figures], path: pathlib.Path) -> None:
             own = name == "pushfric"
             (line,) = axis.loglog(m, median, marker="o", markersize=3, linewidth=2.5 if own else 1, label=name)
             if own:
-                axis.fill_between(m, median, [row["p99_cpu_ms"] for row in rows], color=line.get_color(), alpha=0.2)
+                tail = [row["p99_cpu_ms"] for row in rows]
+                axis.fill_between(m, median, tail, color=line.get_color(), alpha=0.2, label="to its 99th percentile")
         axis.set(title=f"{n} supports", xlabel="data points before")
         axis.grid(alpha=0.3)
     axes[0, 0].set_ylabel("CPU time of one new data point [ms]")

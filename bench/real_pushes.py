@@ -52,7 +52,7 @@ def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, 
             progress(f"real pushes: {support}, {rule}")
             pooled: dict[int, list[float]] = {count: [] for count in PUSHES}
             for index, (log, pushes) in enumerate(logs.items()):
-                points = _points(log, support)
+                points = support_points(log, support)
                 if points is None:
                     continue
                 by_log.append({"log": log, "support": support, "rule": rule, "error_m": _error(pushes, points, config)})
@@ -73,8 +73,8 @@ def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, 
     return {"logs": by_log, "curve": curve}
 
 
-def _points(log: str, support: str) -> Array | None:
-    """The support points of an object; None where they are not known: the flat one's."""
+def support_points(log: str, support: str) -> Array | None:
+    """The support points of an object (n, 2) [m]: a grid, or the true ones; None where these are not known: the flat one's."""
     if support != TRUE:
         return GRIDS[support]
     digits = [int(part) for part in log.split("__")[0].split("_") if part.isdigit()]

@@ -217,9 +217,13 @@ def test_a_measured_direction_within_its_cone_costs_nothing(rng):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"terms": ("moments",)}, "moment, frictionless, cone, force, force_angle, got moments"),
-        ({"terms": ()}, "got none"),
-        ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, 100.0\], got -1.0"),
+        (
+            {"terms": ("moment", "moments", "x")},
+            "terms must be of moment, frictionless, cone, force, force_angle, got the unknown 'moments', 'x'",
+        ),
+        ({"terms": ()}, "terms must name at least one of moment, .*, got none"),
+        ({"terms": ("moment", "cone")}, "the term cone needs a mu_bound, the known upper bound on mu_c, got none"),
+        ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, inf\], got -1.0"),
         ({"half_width": float("nan")}, "half_width must lie"),
         ({"loss": "l3"}, "loss must be one of l1, l2, got 'l3'"),
         ({"solver": "highs"}, "solver must be one of simplex, osqp, got 'highs'"),
@@ -293,7 +297,7 @@ def test_a_tie_with_rows_of_zeros_is_broken(settings):
     "settings",
     [
         {"pull_penalty": 0.0},
-        {"terms": ("cone",), "force_weight": 0.0},
+        {"terms": ("cone",), "mu_bound": 1.0, "force_weight": 0.0},
         {"terms": ("frictionless",), "force_weight": 0.0},
         {"terms": ("force_angle",), "nonnegative_force": False, "loss": "l2"},
         {"terms": ("force_angle",), "nonnegative_force": False, "solver": "osqp"},

@@ -399,7 +399,8 @@ def test_what_contradicts_itself_is_not_told_without_its_status(ros):
         ({"object": NAME, "mu_bound": 1}, "parameter mu_bound must be a number with a point"),
         ({"object": NAME, "mu_bound": math.nan}, "mu_bound"),
         ({"object": NAME, "window": 4}, "window must be odd"),
-        ({"object": NAME, "terms": ["forces"]}, "terms must name at least one of"),
+        ({"object": NAME, "terms": ["forces"]}, "terms must be of moment, .*, got the unknown 'forces'"),
+        ({"object": NAME, "terms": ["moment", "cone"]}, "the term cone needs a mu_bound"),
         ({"object": NAME, "half_width": math.inf}, "half_width must"),
     ],
 )

@@ -76,7 +76,12 @@ def test_parameters_are_as_ros_wants_them():
 
 @pytest.mark.parametrize(
     ("text", "error"),
-    [("[1]", "must be a JSON object"), ('{"colour": 1}', "no parameter colour"), ('{"window": 4}', "window must be odd")],
+    [
+        ("[1]", "must be a JSON object"),
+        ('{"colour": 1}', "expected any of the estimator's parameters .*, got colour$"),
+        ('{"window": 4}', "window must be odd"),
+        ('{"window": "wide"}', "^window: expected a whole number, got 'wide'$"),
+    ],
 )
 def test_other_texts_are_refused(text, error):
     with pytest.raises(ValueError, match=error):
@@ -103,6 +108,16 @@ def test_options_outvote_what_was_recorded(tmp_path):
     assert estimated(bag, *options)["w"] == estimated(plain, *excluded)["w"]
 
 
+def test_a_bound_on_mu_c_that_the_run_did_not_use_is_not_taken_for_known(tmp_path):
+    recorded = EstimatorSettings(EstimatorConfig(mu_bound=1.0))  # as older bags say
+    bag = bag_of(tmp_path / "bag", recorded.to_text())
+    run = CliRunner().invoke(app, ["estimate", str(bag), "--object", NAME, "--terms", "moment,cone"])
+    assert "the term cone needs a mu_bound" in str(run.exception)
+    plain = bag_of(tmp_path / "plain", None)
+    given = ["--terms", "moment,cone", "--mu-bound", "0.4"]
+    assert estimated(bag, *given) == estimated(plain, *given)
+
+
 def test_a_bag_that_says_nothing_was_recorded_with_the_defaults(tmp_path):
     assert offline.recorded_settings(bag_of(tmp_path / "bag", None)) == EstimatorSettings()
 
@@ -110,6 +125,6 @@ def test_a_bag_that_says_nothing_was_recorded_with_the_defaults(tmp_path):
 def test_settings_that_are_not_understood_are_refused(tmp_path):
     bag = bag_of(tmp_path / "bag", '{"colour": 1}')
     with pytest.raises(
-        InvalidInput, match="bag: /cell/estimator_settings is not understood: the estimator has no parameter colour"
+        InvalidInput, match=r"bag: /cell/estimator_settings is not understood: expected any of the .*, got colour$"
     ):
         offline.recorded_settings(bag)

@@ -65,6 +65,15 @@ def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, est
     assert labels(axes)[:2] == [f"90 %: {last.mu_c_p90:.2f}", f"100 %: {last.mu_c_max:.2f}"]
 
 
+@pytest.mark.parametrize("count", [1, 2, 12])
+def test_data_points_are_counted_in_whole_numbers(drawn, estimates, tmp_path, count):
+    summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates[:count], DATA[:count], None)
+    for axis in (panel(drawn[0], "Lower bounds").yaxis, panel(drawn[0], "Centre of friction").xaxis):
+        ticks = axis.get_majorticklocs()
+        assert len(ticks)
+        assert (ticks == np.round(ticks)).all()
+
+
 def test_slipping_pushes_are_shown_apart(drawn, estimates, tmp_path):
     summary_figure(tmp_path / "figure.svg", KNOWN.outline, estimates, DATA, None, slipping=(1, 2, 5))
     axes = panel(drawn[0], "Lower bounds")

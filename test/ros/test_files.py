@@ -66,16 +66,37 @@ def test_an_object_survives_its_file(write, tmp_path):
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("name: x\n", "outline: Field required"),
-        ("name: x\noutline: [[0, 0], [1, 0]]", "outline: List should have at least 3 items"),
+        ("name: x\n", "file.yaml: outline: expected a value, got only name$"),
+        ("name: x\noutline: here", "file.yaml: outline: expected a list, got 'here'$"),
+        (
+            "name: x\noutline: [[0, 0], [1, 0]]",
+            r"file.yaml: outline: expected a list of at least 3, got \[\[0, 0\], \[1, 0\]\]$",
+        ),
+        ("name: x\noutline: [[0, 0], [1], [0, 1]]", r"file.yaml: outline.1: expected a longer list, got \[1\]$"),
+        (
+            "name: x\noutline: [[0, 0], [1, 2, 3], [0, 1]]",
+            r"file.yaml: outline.1: expected a list of at most 2, got \[1, 2, 3\]$",
+        ),
+        ("name: x\noutline: [[0, 0], [1, 2 cm], [0, 1]]", "file.yaml: outline.1.1: expected a number, got '2 cm'$"),
         ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
-        ("name: x\noutline: [[0, 0], [1, .nan], [0, 1]]", "finite number"),
+        ("name: x\noutline: [[0, 0], [1, .nan], [0, 1]]", "outline.1.1: expected a finite number, got nan$"),
+        (TRIANGLE.replace("triangle", "5"), "name: expected a text, in quotes where it looks like a number, got 5$"),
+        (TRIANGLE.replace("triangle", "''"), "name: expected a text that is not empty, got ''$"),
+        (TRIANGLE + "height:", "height: expected a number, got nothing$"),
+        (TRIANGLE + "height: -1", "height: expected at least 0, got -1$"),
+        (TRIANGLE + "support: {grid: [4.5, 4]}", "support.grid.0: expected a whole number, got 4.5$"),
+        (TRIANGLE + "support: 3", "support: expected keys with values, got 3$"),
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
         (TRIANGLE + "support: {spacing: -1}", "spacing must be positive"),
-        (TRIANGLE + "supports: 3", "supports: Extra inputs are not permitted"),
+        (
+            TRIANGLE + "supports: 3",
+            "the file: expected any of the keys name, outline, support, height, hypotheses, got supports$",
+        ),
+        (TRIANGLE + f"support: {list(range(99))}", r"support: expected keys with values, got \[0, 1, .*, 2\.\.\.$"),
         (": : :", "not YAML"),
-        ("42", "the file: Input should be a valid dictionary"),
+        ("", "the file: expected keys with values, got nothing$"),
+        ("42", "the file: expected keys with values, got 42$"),
     ],
 )
 def test_bad_objects_are_refused_in_one_line(write, text, error):
@@ -131,6 +152,21 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
         read_observations(tmp_path / "data.csv", OUTLINE)
 
 
+@pytest.mark.parametrize(
+    "read",
+    [
+        load_cell,
+        lambda path: load_plan(str(path), load_object("wood_rect4")),
+        read_points,
+        lambda p: read_observations(p, OUTLINE),
+    ],
+)
+def test_a_file_that_is_missing_is_named_once(tmp_path, read):
+    with pytest.raises(InvalidInput) as refusal:
+        read(tmp_path / "none.yaml")
+    assert str(refusal.value) == f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
+
+
 def test_support_points_are_read(write):
     assert read_points(write("x,y\n0.01,0.02\n0.03,0.04\n", "points.csv")).tolist() == [[0.01, 0.02], [0.03, 0.04]]
 
@@ -175,7 +211,8 @@ def test_without_a_file_the_plan_is_the_papers(write):
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("pushes: []", "at least 1 item"),
+        ("pushes: []", r"pushes: expected a list of at least 1, got \[\]$"),
+        ("pushes: [{edges: 1}]", "pushes.0: expected any of the keys edge, offset, angle_deg, got edges$"),
         ("pushes: [{edge: 4}]", r"pushes.0: edge must lie in \[0, 3\], got 4"),
         ("pushes: [{edge: 0}, {edge: 1, offset: 0.04}]", "pushes.1: offset must lie within 0.032 m of the middle of edge 1"),
         ("pushes: [{edge: 0, angle_deg: 95}]", "pushes.0: angle must lie within 90 degrees of the inward normal"),
@@ -197,9 +234,11 @@ def test_a_cell_finds_its_files_beside_it(write, tmp_path):
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        (CELL.replace("port: /dev/ttyUSB0, ", ""), "pusher.port: Field required"),
-        (CELL.replace("stroke: 0.06", "stroke: -1"), "pusher.stroke: Input should be greater than 0, got '-1'"),
-        (CELL + "table: 3", "table: Extra inputs are not permitted"),
+        (CELL.replace("port: /dev/ttyUSB0, ", ""), "pusher.port: expected a value, got only line_origin, line_d"),
+        (CELL.replace("stroke: 0.06", "stroke: -1"), "pusher.stroke: expected more than 0, got -1$"),
+        (CELL.replace("{calib", "{threshold: 256, calib"), "camera.threshold: expected at most 255, got 256$"),
+        (CELL.replace("{port", "{home: maybe, port"), "pusher.home: expected true or false, got 'maybe'$"),
+        (CELL + "table: 3", "the file: expected any of the keys namespace, .*, estimator, got table$"),
         (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: .*give file or choose, not both"),
     ],
 )
@@ -209,21 +248,24 @@ def test_bad_cells_are_refused(write, text, error):
 
 
 def test_a_cells_estimator_section_becomes_parameters(write):
-    text = CELL + "estimator: {cor_radius: auto, half_width: 0, window: 7, terms: [moment, cone]}\n"
+    text = CELL + "estimator: {cor_radius: auto, half_width: 0, window: 7, terms: [moment, cone], mu_bound: 1}\n"
     parameters = load_cell(write(text)).estimator
-    assert parameters == {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"]}
+    assert parameters == {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"], "mu_bound": 1.0}
     assert isinstance(parameters["half_width"], float)  # as a node wants it
 
 
 @pytest.mark.parametrize(
     ("section", "error"),
     [
-        ("{half_width: x}", "half_width"),
-        ("{window: 7.5}", "window"),
-        ("{tie_break: maybe}", "tie_break"),
-        ("{terms: 5}", "terms"),
-        ("{terms: [moments]}", "terms must name at least one of"),
-        ("{grid: 5}", "the estimator has no parameter grid"),
+        ("{half_width: x}", "estimator.half_width: expected a number, got 'x'$"),
+        ("{half_width: -1}", r"estimator: half_width must lie in \[0.0, 1.0\], got -1.0$"),
+        ("{window: 7.5}", "estimator.window: expected a whole number, got 7.5$"),
+        ("{tie_break: maybe}", "estimator.tie_break: expected true or false, got 'maybe'$"),
+        ("{terms: 5}", "estimator.terms: expected a list, got 5$"),
+        ("{terms: [moment, moments]}", "estimator: terms must be of moment, .*, force_angle, got the unknown 'moments'$"),
+        ("{terms: [moment, cone]}", "estimator: the term cone needs a mu_bound, .*, got none$"),
+        ("{exclude_pushes: [1, a]}", "estimator.exclude_pushes.1: expected a whole number, got 'a'$"),
+        ("{grid: 5}", "estimator: expected any of the estimator's parameters terms, .*, slipping_pushes, got grid$"),
     ],
 )
 def test_a_bad_estimator_section_is_refused_in_one_line(write, section, error):

@@ -65,8 +65,8 @@ def test_hypotheses_survive_their_file(load, tmp_path):
     ("hypotheses", "error"),
     [
         (["{name: a}", "{name: a, rotation_deg: 90}"], "hypotheses: .*expected names that differ, got a, a"),
-        (["{name: ''}"], "hypotheses.0.name: String should have at least 1 character"),
-        (["{rotation_deg: 90}"], "hypotheses.0.name: Field required"),
+        (["{name: ''}"], "hypotheses.0.name: expected a text that is not empty, got ''"),
+        (["{rotation_deg: 90}"], "hypotheses.0.name: expected a value, got only rotation_deg"),
         (["{name: a, rotation_deg: .nan}"], "hypotheses.0.rotation_deg: .*finite"),
         (["{name: a, support: {grid: [0, 1]}}"], "hypothesis 'a': a grid needs at least 1 column"),
     ],

@@ -294,7 +294,7 @@ def test_a_second_call_does_what_is_left_or_comes_from_other_code(seed, tmp_path
         (tmp_path / f"seeds/{index:04}.json").write_text(json.dumps(seed | {"seed": index, "code": code}))
     summary, report = reproduce.reproduce(tmp_path, 3, 1, None, said)
     assert sorted(calls) == [1, 2]
-    assert "1 seeds come from other code and are computed anew" in said.file.getvalue()
+    assert "seeds from other code, computed anew: 1\n" in said.file.getvalue()
     assert summary["table1"]["wood_rect4"]["data_points"]["seeds"] == 3
     assert report.is_file()
     assert not list(tmp_path.rglob(".*"))  # nothing half-written stays
@@ -339,6 +339,12 @@ def test_workers_end_with_a_killed_call(tmp_path):
         workers = [psutil.Process(int(call.stdout.readline())) for _ in range(2)]
         call.kill()
     assert not psutil.wait_procs(workers, timeout=20)[1]
+
+
+@pytest.mark.parametrize(("seeds", "said"), [(1, "1 seed of camera noise"), (2, "2 seeds of camera noise")])
+def test_the_report_says_how_many_seeds_it_rests_on(tmp_path, calls, seeds, said):
+    _, report = reproduce.reproduce(tmp_path, seeds, 1, None, QUIET)
+    assert f" {said} " in " ".join(report.read_text().split())
 
 
 def test_a_worker_with_other_code_is_refused(seed, tmp_path, monkeypatch):

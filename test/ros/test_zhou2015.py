@@ -3,6 +3,7 @@ import gzip
 import numpy as np
 import pytest
 
+from bench.real_pushes import support_points
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_ros import offline, zhou2015
@@ -43,6 +44,24 @@ def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_l
         assert len(data) == 50
         assert errors[0] == pytest.approx(reference, abs=0.1)
         assert errors[1] < 5  # with supports free near the centre of rotation
+
+
+@pytest.mark.parametrize("support", ["true", "grid_55"])
+def test_the_defaults_find_the_centre_of_friction_of_real_objects(real_pushes, support):
+    logs = zhou2015.read_push_points(real_pushes / "push_points.csv")
+    points = {log: support_points(log, support) for log in logs}
+
+    def errors(config):
+        return [
+            1e3 * np.hypot(*(offline.estimate(Estimator(points[log], config), data, refuse).center_of_friction - 0.05))
+            for log, data in logs.items()
+            if points[log] is not None
+        ]
+
+    found = errors(EstimatorConfig(confidence=False))
+    assert np.median(found) < 3
+    assert max(found) < 5
+    assert np.median(errors(EstimatorConfig(terms=("moment", "force"), confidence=False))) < 2.5
 
 
 def test_a_log_agrees_with_the_published_push_points(real_pushes):

@@ -54,7 +54,9 @@ def test_quick_run_writes_the_figures_it_shows(tmp_path):
     assert held["bytes"] >= 2 * 15 * 8  # the coefficients of two rows
     assert [target["asked"] for target in report["targets"]] == [">= 25", ">= 2", "<= 20"]
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-    assert "Targets" in run.stdout
+    said = " ".join(run.stdout.split())
+    assert "In each cell: median, 99th percentile, and the median as a multiple of pushfric's." in said
+    assert "highs_warm: HiGHS kept warm, the better of its primal and dual form." in said
 
 
 @pytest.mark.parametrize(
@@ -74,6 +76,20 @@ def test_wrong_input_gives_one_line_and_exit_code_2(contenders, monkeypatch, cap
         __main__.main()
     assert stop.value.code == 2
     assert capsys.readouterr().err == f"error: {error}\n"
+
+
+def test_the_plot_names_all_that_is_drawn(contenders, monkeypatch, tmp_path):
+    from matplotlib.figure import Figure
+
+    from bench import display
+
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    rows = [row(m, name, median, 3 * median) for m in (50, 100) for name, median in (("pushfric", 0.1), ("highs_dual", 0.4))]
+    display.plot(rows, tmp_path / "plot.png")
+    (axes,) = drawn[0].axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["pushfric", "to its 99th percentile", "highs_dual"]
+    assert len(axes.lines) + len(axes.collections) == 3
 
 
 def test_every_contender_follows_the_optimum(contenders, groups):

@@ -32,7 +32,7 @@ from pushfric_core.support import FreeRadii, center_of_friction, check_points, s
 
 TERMS = ("moment", "frictionless", "cone", "force", "force_angle")
 
-COR_SHARE = 0.5
+COR_SHARE = 0.55
 """How far the centre of rotation wanders in a step, as a share of the support's size: docs/estimation.md has the evidence."""
 
 FORCE_TERMS = ("force", "force_angle")
@@ -62,8 +62,10 @@ class EstimatorConfig:
     pull_penalty: float = setting(
         math.inf, "cost of a unit of force that pulls, beside a metre of moment [m]; inf: eq. 7 is hard", 0.0, math.inf
     )
-    mu_bound: float = setting(1.0, "known upper bound on mu_c, for the term cone (eqs 9 and 10)", 0.0, 100.0)
-    force_weight: float = setting(0.05, "cost of a unit of force beside a metre of moment [m]", 0.0, 100.0)
+    mu_bound: float = setting(
+        math.inf, "known upper bound on mu_c, which the term cone needs (eqs 9 and 10); inf: none is known", 0.0, math.inf
+    )
+    force_weight: float = setting(0.035, "cost of a unit of force beside a metre of moment [m]", 0.0, 100.0)
     force_half_angle: float = setting(
         0.0, "half the cone about a measured force that holds the true one, for the term force_angle [rad]", 0.0, 1.5
     )
@@ -77,8 +79,12 @@ class EstimatorConfig:
     def __post_init__(self) -> None:
         check_ranges(self)
         unknown = [term for term in self.terms if term not in TERMS]
-        if unknown or not self.terms:
-            raise ValueError(f"terms must name at least one of {', '.join(TERMS)}, got {', '.join(unknown) or 'none'}")
+        if unknown:
+            raise ValueError(f"terms must be of {', '.join(TERMS)}, got the unknown {', '.join(map(repr, unknown))}")
+        if not self.terms:
+            raise ValueError(f"terms must name at least one of {', '.join(TERMS)}, got none")
+        if "cone" in self.terms and self.mu_bound == math.inf:
+            raise ValueError("the term cone needs a mu_bound, the known upper bound on mu_c, got none")
         for name, known in (("loss", LOSSES), ("solver", SOLVERS)):
             if getattr(self, name) not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")

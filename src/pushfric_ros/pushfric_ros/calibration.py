@@ -298,7 +298,9 @@ def read_table_points(path: pathlib.Path) -> tuple[Array, Array]:
                     raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be numbers") from None
                 if not np.isfinite(values[-1]).all():
                     raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be finite")
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidInput(f"{path}: cannot be read: {error}") from error
     table = np.array(values).reshape(-1, 4)
     return table[:, :2], table[:, 2:]

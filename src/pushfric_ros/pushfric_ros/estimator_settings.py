@@ -12,6 +12,7 @@ from pushfric_core.estimator import FORCE_TERMS, EstimatorConfig
 from pushfric_core.half_planes import RegionConfig
 from pushfric_core.settings import AUTO
 from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_ros.object_file import complaint
 
 TOPIC = "estimator_settings"
 EXCLUDED, SLIPPING = "exclude_pushes", "slipping_pushes"
@@ -48,11 +49,12 @@ class EstimatorSettings:
         rest = {name: None if value == AUTO else value for name, value in values.items()}
         estimator, trajectory = _taken_from(rest, EstimatorConfig), _taken_from(rest, TrajectoryConfig)
         region = _taken_from(rest, RegionConfig)
-        numbers = pydantic.TypeAdapter(tuple[int, ...])
-        excluded, slipping = (numbers.validate_python(rest.pop(name, ())) for name in (EXCLUDED, SLIPPING))
+        pushes = pydantic.TypeAdapter(dict[str, tuple[int, ...]])
+        chosen = pushes.validate_python({name: rest.pop(name, ()) for name in (EXCLUDED, SLIPPING)})
         if rest:
-            raise ValueError(f"the estimator has no parameter {', '.join(rest)}")
-        return cls(estimator, trajectory, excluded, region, slipping)
+            known = (*cls().parameters(), EXCLUDED, SLIPPING)
+            raise ValueError(f"expected any of the estimator's parameters {', '.join(known)}, got {', '.join(map(str, rest))}")
+        return cls(estimator, trajectory, chosen[EXCLUDED], region, chosen[SLIPPING])
 
     def parameters(self, names: Iterable[str] | None = None) -> dict[str, Any]:
         """All or those named, as a node's parameters are: a list for a tuple, left out where empty, and `auto` for None."""
@@ -77,7 +79,10 @@ class EstimatorSettings:
         values = json.loads(text)
         if not isinstance(values, dict):
             raise ValueError(f"the estimator's settings must be a JSON object, got {text!r}")
-        return cls.from_parameters(values)
+        try:
+            return cls.from_parameters(values)
+        except pydantic.ValidationError as error:
+            raise ValueError(complaint(error)) from error
 
 
 def _taken_from(values: dict[str, Any], config: type[Config]) -> Config:

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimate
@@ -121,7 +122,7 @@ def _save(figure: Figure, path: pathlib.Path) -> None:
     try:
         figure.savefig(path, dpi=130)
     except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error}") from error
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:
@@ -189,6 +190,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
     marks += [("true", truth.mu_c, {"color": RED, "lw": 1.2})] if truth is not None else []
     for name, value, style in marks:
         axes.axvline(min(value, end + BIN_WIDTH / 2), label=f"{name}: {value:.2f}", **style)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     last = max(1.0, *(min(value, end) + BIN_WIDTH for _, value, _ in marks))
     axes.set(title="Lower bounds on $\\mu_c$", xlabel="$\\mu_c$", ylabel="data points", xlim=(0, last))
     if last > end:
@@ -212,4 +214,5 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
             axes.plot(counts, side, color=color, label=label)
         axes.axhline(2, color=GREY, ls=":", lw=1)
         axes.set(title="Error of $p_{CF}$", xlabel="data points", ylabel="% of the side", yscale="log", ylim=(0.01, None))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.legend()

@@ -4,7 +4,7 @@ import csv
 import math
 import pathlib
 from dataclasses import dataclass
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pydantic
@@ -26,7 +26,16 @@ Model = TypeVar("Model", bound=pydantic.BaseModel)
 class Strict(pydantic.BaseModel):
     """A part of a YAML file: unknown keys and numbers that are not finite are refused."""
 
-    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(frozen=True, allow_inf_nan=False)
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, content: Any) -> Any:
+        # pydantic's own check does not say which keys there are
+        unknown = [str(key) for key in content if key not in cls.model_fields] if isinstance(content, dict) else []
+        if unknown:
+            raise ValueError(f"expected any of the keys {', '.join(cls.model_fields)}, got {', '.join(unknown)}")
+        return content
 
 
 class SupportFile(Strict):
@@ -179,16 +188,61 @@ def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
         InvalidInput: cannot be read, is not YAML, or does not fit the model; one line naming file, field and expectation.
     """
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
         return model.model_validate(content)
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
         raise InvalidInput(f"{path}: cannot be read: {error}") from error
     except yaml.YAMLError as error:
         raise InvalidInput(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     except pydantic.ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"])) or "the file"
-        raise InvalidInput(f"{path}: {field}: {first['msg']}, got {str(first['input'])[:60]!r}") from error
+        raise InvalidInput(f"{path}: {complaint(error)}") from error
+
+
+EXPECTED = {
+    "model_type": "keys with values",
+    "dict_type": "keys with values",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "string_type": "a text, in quotes where it looks like a number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than_equal": "at most {le:g}",
+    "too_short": "a list of at least {min_length}",
+    "too_long": "a list of at most {max_length}",
+    "string_too_short": "a text that is not empty",
+}
+"""What pydantic's types of errors mean to who wrote the file."""
+
+LONGEST = 80
+"""So much of a wrong value is shown."""
+
+
+def complaint(error: pydantic.ValidationError) -> str:
+    """The first thing amiss in what was read, on one line: the path of its key, what was expected there, what was got."""
+    first = error.errors()[0]
+    kind, got = first["type"], "nothing" if first["input"] is None else repr(first["input"])
+    where = list(map(str, first["loc"])) or ["the file"]
+    if kind == "missing" and isinstance(first["input"], dict):
+        expected, got = "expected a value", f"only {', '.join(map(str, first['input'])) or 'an empty part'}"
+    elif kind == "missing":
+        expected = "expected a longer list"
+        where.pop()  # the index of the item that is not there
+    elif kind == "value_error":
+        expected = str(first["ctx"]["error"])
+    else:
+        expected = f"expected {EXPECTED[kind].format(**first.get('ctx', {}))}" if kind in EXPECTED else first["msg"]
+    said = f"{'.'.join(where)}: {expected}"
+    return said if ", got " in expected else f"{said}, got {got if len(got) <= LONGEST else f'{got[:LONGEST]}...'}"
 
 
 def read_points(path: pathlib.Path) -> Array:
@@ -203,7 +257,9 @@ def read_points(path: pathlib.Path) -> Array:
             if missing := [name for name in ("x", "y") if name not in (reader.fieldnames or [])]:
                 raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected x, y")
             points = [_point(row, f"{path}, line {reader.line_num}") for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidInput(f"{path}: cannot be read: {error}") from error
     if not points:
         raise InvalidInput(f"{path}: no support points; expected a row for each")

@@ -33,7 +33,9 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
             if ("force_x" in columns) != ("force_y" in columns):
                 raise InvalidInput(f"{path}: expected both of force_x and force_y, or neither")
             observations = [_observation(row, f"{path}, line {reader.line_num}", outline) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InvalidInput(f"{path}: cannot be read: {error}") from error
     if not observations:
         raise InvalidInput(f"{path}: no data points; expected a row for each")

@@ -26,12 +26,30 @@ POSES, OBSERVATIONS, WRENCH = ("object_pose", "pusher_state"), ("observation",),
 """Topics that data points are made from, the one of data points themselves, and the one their forces are made from."""
 
 
+BAG_FILES = ("metadata.yaml", "*.mcap")
+"""What a bag's folder holds, the one or the other at least."""
+
+
 class Source(NamedTuple):
     """What a bag's data points come from."""
 
     kind: str  # poses or observations: the estimator node's parameter `source`
     namespace: str  # of the cell that was recorded
     topics: tuple[str, ...]  # full names
+
+
+def check_source(path: pathlib.Path) -> None:
+    """Whether something is there that may hold data points.
+
+    Raises:
+        InvalidInput: there is nothing, or a folder of bags, of which one must be named.
+    """
+    if not path.exists():
+        raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
+    if path.is_dir() and not any(file for name in BAG_FILES for file in path.glob(name)):
+        bags = sorted({str(file.parent) for name in BAG_FILES for file in path.glob(f"*/{name}")})
+        if bags:
+            raise InvalidInput(f"{path}: is a folder of bags, expected one of them: {', '.join(bags)}")
 
 
 def object_beside(path: pathlib.Path) -> pathlib.Path | None:
@@ -86,8 +104,7 @@ def observations(path: pathlib.Path, model: ObjectModel, settings: EstimatorSett
     Raises:
         InvalidInput: the file cannot be read, or holds no data points, or not such as are needed.
     """
-    if not path.exists():
-        raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
+    check_source(path)
     if path.suffix == ".csv":
         found = read_observations(path, model.outline)
     else:

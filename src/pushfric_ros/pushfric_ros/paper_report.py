@@ -610,9 +610,9 @@ h3 { font-size: 1rem; margin: 1.6rem 0 .2rem; }
 {% endmacro %}
 <main>
 <h1>Estimating the friction parameters of pushed objects</h1>
-<p class="soft">The tables and figures of Lynch 1993 from simulated pushes of its six objects: {{ seeds }} seeds of camera
-noise and of the operator's hand, estimated by the paper's method. Each number of “this run” was computed in it: the median over
-the seeds, and the quartiles below.</p>
+<p class="soft">The tables and figures of Lynch 1993 from simulated pushes of its six objects: {{ seeds }}
+{{ 'seed' if seeds == 1 else 'seeds' }} of camera noise and of the operator's hand, estimated by the paper's method. Each
+number of “this run” was computed in it: the median over the seeds, and the quartiles below.</p>
 <div class="cards">
 {% for card in verdicts %}
 <div class="card"><b class="{{ card.tone }}">{{ card.text }}</b>{{ card.detail }}</div>

@@ -66,4 +66,4 @@ def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:
     try:
         path.write_text(yaml.safe_dump({"pushes": entries}, sort_keys=False))
     except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error}") from error
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error

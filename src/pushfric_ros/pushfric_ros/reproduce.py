@@ -50,7 +50,7 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
     kept = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
     results = {seed: found for seed, found in kept.items() if found["code"] == CODE}
     if len(results) < len(kept):
-        console.print(f"{out}: {len(kept) - len(results)} seeds come from other code and are computed anew", markup=False)
+        console.print(f"{out}: seeds from other code, computed anew: {len(kept) - len(results)}", markup=False)
     missing = [seed for seed in range(seeds) if seed not in results]
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
@@ -112,7 +112,9 @@ def _kept(out: pathlib.Path, seed: int) -> dict[str, Any] | None:
         result: dict[str, Any] = json.loads(path.read_text())
         if (result["seed"], type(result["code"])) != (seed, str):
             raise ValueError(f"it is not the result of seed {seed}")
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError) as error:
         raise InvalidInput(f"{path}: cannot be read: {error}; remove it to have it computed anew") from error
     return result
 

@@ -69,11 +69,12 @@ def _option(field: Any, hint: Any) -> Any:
 
 def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings:
     """Those of the recorded run, but for what was chosen."""
-    if not source.exists():
-        raise InvalidInput(f"{source}: no such file; expected a bag or a CSV of observations")
+    offline.check_source(source)
     recorded = offline.recorded_settings(source)
     excluded, slipping = (chosen.pop(name) or () for name in (EXCLUDE, SLIPPING))
     given = {name: value for name, value in chosen.items() if value is not None}
+    if "cone" not in recorded.estimator.terms:
+        given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # what the run did not use says nothing of mu_c
     if "terms" in given:
         given["terms"] = tuple(given["terms"].split(","))
     if "cor_radius" in given:

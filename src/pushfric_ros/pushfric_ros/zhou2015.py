@@ -86,7 +86,9 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
     logs: dict[str, list[Observation]] = {}
     try:
         text = path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
         raise InvalidInput(f"{path}: cannot be read: {error}") from error
     with io.StringIO(text, newline="") as stream:
         reader = csv.DictReader(stream)
