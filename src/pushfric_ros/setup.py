@@ -36,7 +36,7 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "pushfric = pushfric_ros.cli:main",
+            "pushfric = pushfric_ros.__main__:main",
             *(f"{name}_node = pushfric_ros.{name}_node:main" for name in NODES),
         ],
     },

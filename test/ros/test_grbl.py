@@ -174,8 +174,8 @@ def test_the_travel_counts_where_the_controller_enforces_it(peer):
 
 
 def test_homing_ends_inside_the_travel(peer):
-    peer.replies[b"$$"] = SETTINGS.replace("$20=0", "$20=1") + "$27=2.000\r\nok\r\n"
-    assert connect(peer, home=True).limits.travel == pytest.approx(0.198)  # the pull-off is lost
+    peer.replies[b"$$"] = SETTINGS.replace("$20=0", "$20=1") + "$22=1\r\n$27=2.000\r\nok\r\n"
+    assert connect(peer).limits.travel == pytest.approx(0.198)  # the pull-off is lost
 
 
 def test_a_controller_that_says_nothing_of_its_limits_has_none(peer):

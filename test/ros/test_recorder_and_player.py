@@ -500,6 +500,23 @@ def test_pause_holds_and_resumes(ros, tmp_path):
     ros.wait_for(lambda: node._bag_time() > held, what="time running on")
 
 
+def test_a_paused_player_waits_until_it_is_told_to_begin(ros, tmp_path):
+    make_bag(tmp_path / "bag")
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=[*NAMES, "/clock"], rate=1000.0, paused=True))
+    pause = listener.node.create_client(SetBool, "/cell/player/pause")
+    ros.wait_for(pause.service_is_ready, what="the pause service")
+    ros.wait_for(lambda: all(output.get_subscription_count() for output in node._awaited), what="subscribers")
+    for _ in range(3):
+        answer = pause.call_async(SetBool.Request(data=True))
+        ros.wait_for(answer.done, what="the answer")
+        assert answer.result().message == "paused at 1700000000.000 s"
+    assert (listener.heard, listener.clock, node.done) == ([], [], False)
+    pause.call_async(SetBool.Request(data=False))
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    assert listener.heard
+
+
 def test_offers_of_several_publishers_are_joined(ros, tmp_path):
     unknown_depth = QoSProfile(history=HistoryPolicy.UNKNOWN, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT)
     with BagWriter(tmp_path / "bag") as writer:

@@ -1,6 +1,8 @@
 """The supervisor with small programs in place of nodes."""
 
+import signal
 import sys
+import tempfile
 import time
 
 import pytest
@@ -72,5 +74,41 @@ def test_two_runs_of_one_name_are_refused():
     with (
         Supervisor([], NAME, print),
         pytest.raises(InvalidInput, match=f"a cell named {NAME} runs already"),
+        Supervisor([], NAME, print),
     ):
-        Supervisor([], NAME, print)
+        pass
+    with Supervisor([], NAME, print):  # that left the name free
+        pass
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """The folder of temporary files, empty."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def handlers():
+    return [signal.getsignal(caught) for caught in (signal.SIGINT, signal.SIGTERM)]
+
+
+@pytest.mark.usefixtures("run")
+@pytest.mark.parametrize("caught", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_interrupts_nothing_but_poll(temporary, caught):
+    before = handlers()
+    with Supervisor([node("other", WAITS)], NAME, print) as nodes:
+        signal.raise_signal(caught)
+        assert len(list(temporary.iterdir())) == 2  # what the nodes are given, and the lock
+        with pytest.raises(KeyboardInterrupt):
+            nodes.poll()
+    assert handlers() == before
+    assert list(temporary.iterdir()) == []
+
+
+@pytest.mark.usefixtures("run")
+def test_a_node_that_cannot_be_started_leaves_nothing(temporary):
+    before = handlers()
+    with pytest.raises(KeyError, match="program"), Supervisor([node("other", WAITS), NodeSpec("odd", {})], NAME, print):
+        pass
+    assert handlers() == before
+    assert list(temporary.iterdir()) == []

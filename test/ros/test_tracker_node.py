@@ -2,6 +2,7 @@
 
 import array
 import dataclasses
+import re
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from pushfric_ros.conversions import pose_from_msg, pose_to_msg, stamp_from_msg,
 from pushfric_ros.fiducial_tracker import load_fiducials
 from pushfric_ros.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.simulated_camera import SimulatedCamera
-from pushfric_ros.tracker_node import FROZEN_FRAMES, TrackerNode, grey_from_msg
+from pushfric_ros.tracker_node import FROZEN_FRAMES, TO_GREY, TrackerNode, grey_from_msg
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.000625, distortion=(-0.1, 0.02, 0.0, 0.0, 0.0))
 HALF_SIZE = np.array((0.0635, 0.032))
@@ -127,7 +128,8 @@ def test_every_frame_at_60_hz_gets_its_pose(cell):
 
 
 @pytest.mark.parametrize(
-    ("encoding", "channels"), [("bgr8", 3), ("rgb8", 3), ("bgra8", 4), ("rgba8", 4), ("bayer_rggb8", 1), ("bayer_grbg8", 1)]
+    ("encoding", "channels"),
+    [("bgr8", 3), ("rgb8", 3), ("bgra8", 4), ("rgba8", 4), ("bayer_rggb8", 1), ("bayer_grbg8", 1), ("yuyv", 2), ("mono16", 2)],
 )
 def test_colour_images(cell, encoding, channels):
     cell.send(np.dstack([cell.simulation.render(TRUTH)] * channels), encoding)
@@ -193,13 +195,16 @@ def test_a_clock_set_back_is_followed(cell):
     ("encoding", "fields", "reason"),
     [
         (
-            "mono16",
+            "32FC1",
             {},
-            "encoding must be mono8, bgr8, rgb8, bgra8, rgba8, "
-            "bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, got 'mono16'",
+            "encoding must be mono8, mono16, bgr8, rgb8, bgra8, rgba8, "
+            "bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, "
+            "yuyv, yuv422_yuy2, uyvy, yuv422, nv12, nv21, nv24, got '32FC1'",
         ),
-        ("mono8", {"step": 100}, "640 x 480 mono8 with step 100 does not fit 307200 bytes"),
-        ("bgr8", {}, "640 x 480 bgr8 with step 640 does not fit 307200 bytes"),
+        ("mono8", {"step": 100}, "640 x 480 mono8 must have a step of 640 or more, got 100"),
+        ("bgr8", {}, "640 x 480 bgr8 must have a step of 1920 or more, got 640"),
+        ("nv12", {}, "640 x 480 nv12 with step 640 must have 460800 bytes, got 307200"),
+        ("mono8", {"width": 0}, "an image must have pixels, got 0 x 480 mono8"),
         ("mono8", {"width": 320, "step": 640}, "the camera is calibrated for 640 x 480 px, the image has 320 x 480"),
     ],
 )
@@ -209,6 +214,94 @@ def test_unusable_frames_are_counted(cell, encoding, fields, reason):
     assert report.level == DiagnosticStatus.ERROR
     cell.see(TRUTH)
     assert len(cell.poses) == 1
+
+
+def picture():
+    """A smooth one in colour, (24, 32, 3) BGR; smooth, as colour is told by mosaics and YUV with fewer pixels than grey."""
+    row, column = np.mgrid[0:24, 0:32]
+    return np.stack((90 + 3 * column, 200 - 4 * row, 60 + 2 * row + 2 * column), axis=2).astype(np.uint8)
+
+
+def rows_of(bgr, encoding):
+    """A picture (height, width, 3) as the rows of bytes of its message."""
+    height, width = bgr.shape[:2]
+    grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
+    if encoding in ("yuyv", "yuv422_yuy2"):
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_YUY2).reshape(height, -1)
+    if encoding in ("uyvy", "yuv422"):
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_UYVY).reshape(height, -1)
+    if encoding in ("nv12", "nv21"):
+        planar = cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420)
+        u, v = planar[height:].reshape(2, height // 2, width // 2)
+        colours = (u, v) if encoding == "nv12" else (v, u)
+        return np.vstack((planar[:height], np.stack(colours, axis=2).reshape(height // 2, width)))
+    if encoding == "nv24":  # OpenCV does not make it; any colours will do
+        luminance = cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420)[:height]
+        return np.vstack((luminance, np.full((2 * height, width), 77, np.uint8)))
+    if encoding.startswith("bayer"):
+        mosaic = np.empty((height, width), np.uint8)
+        for number, colour in enumerate(encoding.removeprefix("bayer_")[:4]):
+            row, column = divmod(number, 2)
+            mosaic[row::2, column::2] = bgr[row::2, column::2, "bgr".index(colour)]
+        return mosaic
+    if encoding == "mono8":
+        return grey
+    bgra = np.dstack((bgr, np.full((height, width), 255, np.uint8)))
+    return bgra[..., ["bgra".index(colour) for colour in encoding[:-1]]].reshape(height, -1)
+
+
+def message(rows, height, width, encoding, padding=0, **fields):
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+    data = array.array("B", rows.tobytes())
+    return Image(height=height, width=width, encoding=encoding, step=rows.shape[1], data=data, **fields)
+
+
+EIGHT_BIT = [encoding for encoding in TO_GREY if encoding != "mono16"]
+
+
+@pytest.mark.parametrize("padding", [0, 6])
+@pytest.mark.parametrize("encoding", EIGHT_BIT)
+def test_every_encoding_gives_the_grey_picture(encoding, padding):
+    grey = cv2.cvtColor(picture(), cv2.COLOR_BGR2GRAY)
+    seen = grey_from_msg(message(rows_of(picture(), encoding), 24, 32, encoding, padding))
+    assert (seen.shape, seen.dtype) == (grey.shape, np.uint8)
+    if encoding.startswith(("yu", "uy", "nv")):
+        grey = 16 + grey * (219 / 255)  # luminance has the range of television, 16 to 235 (BT.601)
+    inner = np.s_[1:-1, 1:-1] if encoding.startswith("bayer") else np.s_[:]  # no neighbours beyond the rim
+    np.testing.assert_allclose(seen[inner].astype(float), grey[inner], atol=2 if encoding.startswith("bayer") else 1)
+
+
+@pytest.mark.parametrize("encoding", ["nv12", "nv21"])
+def test_the_planes_made_here_are_those_opencv_understands(encoding):
+    conversion = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}[encoding]
+    np.testing.assert_allclose(cv2.cvtColor(rows_of(picture(), encoding), conversion), picture(), atol=6)
+
+
+@pytest.mark.parametrize("padding", [0, 6])
+@pytest.mark.parametrize(("big", "order"), [(0, "<u2"), (1, ">u2")])
+def test_of_16_bits_the_upper_8_are_taken_in_either_order(big, order, padding):
+    values = np.arange(24 * 32).reshape(24, 32) * 80 + 123
+    rows = values.astype(order).view(np.uint8)
+    np.testing.assert_array_equal(grey_from_msg(message(rows, 24, 32, "mono16", padding, is_bigendian=big)), values // 256)
+
+
+@pytest.mark.parametrize("encoding", EIGHT_BIT)
+def test_images_cut_short_are_refused(encoding):
+    rows = rows_of(picture(), encoding)
+    msg = message(rows, 24, 32, encoding)
+    msg.data.pop()
+    text = f"32 x 24 {encoding} with step {rows.shape[1]} must have {rows.size} bytes, got {rows.size - 1}"
+    with pytest.raises(ValueError, match=re.escape(text)):
+        grey_from_msg(msg)
+    msg.step = 1
+    with pytest.raises(ValueError, match=f"32 x 24 {encoding} must have a step of {32 * TO_GREY[encoding][0]} or more, got 1"):
+        grey_from_msg(msg)
+
+
+def test_an_odd_number_of_rows_has_a_row_of_colours_more():
+    rows = rows_of(picture(), "nv12")
+    seen = grey_from_msg(message(np.vstack((rows[:23], rows[24:])), 23, 32, "nv12"))
+    np.testing.assert_array_equal(seen, rows[:23])
 
 
 def test_padded_rows_are_read_without_a_copy():
@@ -383,7 +476,7 @@ def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
         ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
         ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
         ({"calibration": ""}, "the tracker needs calibration, the path of the camera's calibration YAML"),
-        ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read as a camera YAML"),
+        ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read: "),
         ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
         ({"threshold": 300}, "threshold"),
         ({"object_height": -1.0}, "object_height"),

@@ -14,7 +14,7 @@ HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
 
 
 def pushfric(*arguments):
-    command = [sys.executable, "-m", "pushfric_ros.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "pushfric_ros", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
 
 
@@ -34,10 +34,27 @@ def pushfric(*arguments):
         (["replay", "nothing", "--rate", "0"], "--rate must lie in [0.01, 1000], got 0"),
         (["estimate", "nothing", "--object", "rubber_rect4"], "nothing: no such file"),
         (["estimate", "data.csv"], "data.csv does not say of what object it is; give --object"),
-        (["estimate", "data.csv", "--object", "no_outline.yaml"], "no_outline.yaml: outline: Field required"),
+        (["estimate", "data.csv", "--object", "no_outline.yaml"], "no_outline.yaml: outline: expected a value, got only name"),
         (["estimate", "data.csv", "--object", "rubber_rect4"], "data.csv, line 2: vx must be finite, got nan"),
         (["estimate", "columns.csv", "--object", "rubber_rect4"], "columns.csv: missing column omega; expected contact_x"),
-        (["estimate", "data.csv", "--object", "rubber_rect4", "--terms", "moments"], "terms must name at least one of moment"),
+        (
+            ["estimate", "data.csv", "--object", "rubber_rect4", "--terms", "moment,moments"],
+            "terms must be of moment, frictionless, cone, force, force_angle, got the unknown 'moments'",
+        ),
+        (
+            ["estimate", "data.csv", "--object", "rubber_rect4", "--terms", "moment,cone"],
+            "the term cone needs a mu_bound, the known upper bound on mu_c, got none",
+        ),
+        (["replay", "runs"], "runs: is a folder of bags, expected one of them: runs/cut, runs/whole"),
+        (["estimate", "runs"], "runs: is a folder of bags, expected one of them: runs/cut, runs/whole"),
+        (
+            ["region", "runs", "--object", "rubber_rect4"],
+            "runs: is a folder of bags, expected one of them: runs/cut, runs/whole",
+        ),
+        (
+            ["estimate", "empty", "--object", "rubber_rect4"],
+            "empty: is not a bag, expected metadata.yaml or an .mcap file in it",
+        ),
         (
             ["estimate", "data.csv", "--object", "rubber_rect4", "--half-width", "-1"],
             "half_width must lie in [0.0, 1.0], got -1.0",
@@ -60,9 +77,12 @@ def pushfric(*arguments):
         (["recognize", "good.csv", "--object", "rubber_rect4"], "rubber_rect4 names no hypotheses"),
         (["calibrate", "board", "board.pdf", "--columns", "1"], "a board must have 4 x 4 to 500 squares, got 1 x 6"),
         (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),
+        (["calibrate", "lens", "topic", "--out", "camera.yaml"], "the topic image_raw is calibrated from pictures"),
         (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
         (["import", "zhou2015", "none.csv", "--out", "bag"], "none.csv: no such file"),
         (["run", "none.yaml"], "none.yaml: cannot be read"),
+        (["doctor", "none.yaml"], "none.yaml: cannot be read"),
+        (["doctor", "no_outline.yaml", "--json"], "no_outline.yaml: "),
         (["demo", "--json", "."], ".: is a folder; expected the name of a file to write"),
         (
             ["estimate", "data.csv", "--object", "rubber_rect4", "--grid", "2000", "2000"],
@@ -81,6 +101,9 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, argum
     (tmp_path / "far.csv").write_text(HEADER + "0.05,-0.2,0,-1,0,0.02,0,0\n")
     (tmp_path / "columns.csv").write_text(HEADER.replace(",omega", "") + "0.05,0,0,-1,0,0.02,0\n")
     (tmp_path / "no_outline.yaml").write_text("name: x\n")
+    for name in ("runs/whole/metadata.yaml", "runs/cut/cut_0.mcap", "runs/bench.png", "empty/notes"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
     run = pushfric(*arguments)
     assert run.returncode == 2, run.stderr
     assert error in run.stderr
@@ -107,6 +130,11 @@ def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
     assert run.returncode == 2, run.stderr
     assert error in run.stderr
     assert "Traceback" not in run.stderr
+
+
+def test_the_doctor_says_what_its_exit_codes_mean():
+    said = " ".join(pushfric("doctor", "--help").stdout.split())
+    assert "Exit code 0: nothing failed; 1: a check failed; 2: wrong input" in said
 
 
 def test_an_existing_bag_is_not_overwritten(tmp_path):

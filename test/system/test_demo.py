@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -44,7 +45,7 @@ NODES = (
 
 def pushfric(*arguments, **options):
     """The command line in a process of its own, and what it said."""
-    command = [sys.executable, "-m", "pushfric_ros.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "pushfric_ros", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=240, stdin=subprocess.DEVNULL, **options)
 
 
@@ -145,7 +146,7 @@ class RunningDemo:
 
     def __init__(self, folder):
         self.marker = f"PUSHFRIC_TEST={folder.name}"
-        command = [sys.executable, "-m", "pushfric_ros.cli", "demo", "--headless", "--bag", str(folder / "bag")]
+        command = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(folder / "bag")]
         environment = os.environ | dict([self.marker.split("=")])
         self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         self._lines = []
@@ -203,12 +204,18 @@ def running(tmp_path):
     demo.clear_away()
 
 
-def test_ctrl_c_leaves_no_process_behind(running):
+def test_ctrl_c_leaves_no_process_behind_but_a_bag(running, tmp_path):
     running.await_first_push()
     assert len(running.nodes_alive()) == 6
     running.process.send_signal(signal.SIGINT)
     assert running.await_end() == 130
     assert running.nodes_alive() == []
+    said = re.search(
+        rf"^bag left in {tmp_path}/bag \(pushes: (\d+)\); ./pushfric (estimate {tmp_path}/bag) reads it$", running.output, re.M
+    )
+    assert "Traceback" not in running.output
+    read = pushfric(*said[2].split(), "--json")
+    assert (read.returncode, json.loads(read.stdout)["pushes"]) == (0, int(said[1]))
 
 
 def test_a_killed_command_line_takes_its_nodes_along(running):

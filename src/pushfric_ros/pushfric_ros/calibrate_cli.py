@@ -16,6 +16,7 @@ from pushfric_ros.calibration import (
     table_from_source,
 )
 from pushfric_ros.camera import load_lens, save_camera
+from pushfric_ros.tracker_node import TOPICS
 
 app = typer.Typer(help="Calibrate the camera: print a board, learn the lens, then where the table is.", no_args_is_help=True)
 console = Console(stderr=True, soft_wrap=True, highlight=False)
@@ -48,6 +49,7 @@ def lens(
     square: Square = Board.square,
 ) -> None:
     """Learn the lens from views of the board: near and far, tilted, in all parts of the image."""
+    _check_no_topic(source)
     found = lens_from_source(source, _board(columns, rows, square), _say)
     save_camera(found.lens, out)
     console.print(
@@ -80,6 +82,7 @@ def table(
     if source.endswith(".csv"):
         found = calibrate_table(known, *read_table_points(pathlib.Path(source)))
     else:
+        _check_no_topic(source)
         found = table_from_source(source, _board(columns, rows, square), known, _say)
     save_camera(found.camera, camera)
     console.print(
@@ -87,6 +90,11 @@ def table(
         f" worst {1e3 * found.errors.max():.3f} mm",
         markup=False,
     )
+
+
+def _check_no_topic(source: str) -> None:
+    if source in TOPICS:
+        raise InvalidInput(f"a camera behind the topic {TOPICS[source]} is calibrated from pictures: give a folder of them")
 
 
 def _board(columns: int, rows: int, square: float) -> Board:

@@ -95,7 +95,11 @@ def demo(
         raise InvalidInput("give --plan or --choose, not both")
     pushes = PlanEntry(file=str(plan) if plan is not None else "", choose=choose)
     load_plan(pushes.file, load_object(object_name))  # what is wrong with it is said before all starts
-    last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
+    try:
+        last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
+    except KeyboardInterrupt:
+        console.print(demonstration.left_behind(bag, console), markup=False)
+        raise
     if ended.code or last is None:
         raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
     demonstration.print_summary(console, object_name, last)
@@ -127,7 +131,11 @@ def run(
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}", markup=False)
 
     live = console.is_terminal and not headless
-    ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
+    try:
+        ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
+    except KeyboardInterrupt:
+        console.print(demonstration.left_behind(bag, console), markup=False)
+        raise
     if ended.code:
         raise RunFailed(ended.code, ended.reason)
     console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it", markup=False)
@@ -148,7 +156,7 @@ def replay(
     settings = offline.recorded_settings(bag)
     data = offline.observations(bag, model, settings, _warn)
     source = offline.source_of(bag, settings.with_forces)
-    specs = graph.replay(str(bag), object_file, source, rate, settings)
+    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True)
     live = console.is_terminal and not headless
     ended, last = demonstration.watch(console, specs, source.namespace, f"replaying {bag.name}", live, replayed=data)
     if ended.code:
@@ -284,7 +292,10 @@ def doctor(
     ] = None,
     json: JsonFlag = False,
 ) -> None:
-    """Look at all that a cell needs, without moving anything, and say what to do about what is amiss."""
+    """Look at all that a cell needs, without moving anything, and say what to do about what is amiss.
+
+    Exit code 0: nothing failed; 1: a check failed; 2: wrong input, such as a cell file that cannot be read or is no cell's.
+    """
     with console.status("") as status:
         checks = list(examine(cell, RUNS, lambda what: status.update(f"looking at the {what}")))
     if json:
@@ -327,8 +338,7 @@ class RunFailed(PushfricError):
 
 def _object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
     """The object given, or the one that lies beside the bag; and where it came from."""
-    if not path.exists():
-        raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
+    offline.check_source(path)
     beside = offline.object_beside(path)
     if not name and beside is None:
         raise InvalidInput(f"{path} does not say of what object it is; give --object OBJ.yaml or one of {', '.join(TABLE_1)}")
@@ -406,7 +416,7 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not 
 
 
 def main() -> None:
-    """Entry point. Unusable input ends with one line and exit code 2."""
+    """The command line. Unusable input ends with one line and exit code 2."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         sys.exit(app(prog_name="pushfric", standalone_mode=False))
@@ -425,7 +435,3 @@ def main() -> None:
 def _fail(line: str, code: int) -> None:
     console.print(f"error: {line}", highlight=False, markup=False)
     sys.exit(code)
-
-
-if __name__ == "__main__":
-    main()

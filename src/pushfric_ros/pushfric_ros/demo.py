@@ -1,5 +1,6 @@
 """The demonstration: the whole graph on a simulated cell, then a summary beside the truth."""
 
+import contextlib
 import pathlib
 import tempfile
 from collections.abc import Callable, Sequence
@@ -9,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimate, Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.simulation import TABLE_1
@@ -16,8 +18,10 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros import graph, offline
 from pushfric_ros.camera import Camera, save_camera
 from pushfric_ros.cell_file import CameraEntry, CellFile, PlanEntry, PusherEntry
+from pushfric_ros.estimator_settings import EstimatorSettings
+from pushfric_ros.interrupt import end_at_once
 from pushfric_ros.monitor import Monitor
-from pushfric_ros.object_file import OBJECT_FILE, load_object
+from pushfric_ros.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_ros.supervisor import Ended, Supervisor
 
 SPEED = 5.0
@@ -64,7 +68,7 @@ def watch(
     replayed: Sequence[Observation] | None = None,
     unfinished: Callable[[int], None] | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
-    """Run a graph under the eyes of a monitor until it ends and its last estimate is there.
+    """Run a graph under the eyes of a monitor until it ends and its last estimate is there; Ctrl-C after it ends the process.
 
     Args:
         specs: the nodes.
@@ -75,36 +79,57 @@ def watch(
         unfinished: an operator watches, who is prompted; told with which push of the plan to go on, if the run ends before.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
-    monitor = Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)
 
     def say(name: str, line: str) -> None:
         # a node's information is for its log; what it warns of, and the one line of a failed start, is for the operator
         if "[INFO]" not in line and "[DEBUG]" not in line:
             console.print(f"{name}: {line}", highlight=False, markup=False)
 
-    def all_replayed() -> bool:
-        return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
+    def watched(supervisor: Supervisor) -> tuple[Ended, FrictionEstimate | None]:
+        def all_replayed() -> bool:
+            return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
+
+        # here, where the supervisor holds signals back, none interrupts its making or its end
+        with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
+            try:
+                return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
+            finally:
+                if unfinished is not None and monitor.next_push is not None:
+                    unfinished(monitor.next_push)
 
     try:
         with Supervisor(specs, namespace, say) as supervisor:
-            return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
+            return watched(supervisor)
     finally:
-        monitor.close()
-        if unfinished is not None and monitor.next_push is not None:
-            unfinished(monitor.next_push)
+        end_at_once()
+
+
+def left_behind(bag: pathlib.Path, console: Console) -> str:
+    """What a run that was interrupted has left, for people."""
+    if not bag.exists():
+        return "interrupted before there was a bag"
+    try:
+        _, _, data = _recorded(bag, console)
+    except InvalidInput as error:
+        return f"bag left in {bag}, which gives no estimate: {error}"
+    return f"bag left in {bag} (pushes: {len({point.push_id for point in data})}); ./pushfric estimate {bag} reads it"
 
 
 def course_of(bag: pathlib.Path, console: Console) -> tuple[list[Estimate], tuple[Observation, ...]]:
     """The estimates after each data point, and the data points, from what the bag recorded; for figures."""
-    model = load_object(str(bag / OBJECT_FILE))
-
-    def warn(line: str) -> None:
-        console.print(f"warning: {line}", highlight=False, markup=False)
-
-    settings = offline.recorded_settings(bag)
-    data = offline.observations(bag, model, settings, warn)
+    model, settings, data = _recorded(bag, console)
     estimator = Estimator(model.support_points, settings.estimator)
-    return list(offline.taken(estimator.add, data, warn)), estimator.observations
+    return list(offline.taken(estimator.add, data, _warner(console))), estimator.observations
+
+
+def _recorded(bag: pathlib.Path, console: Console) -> tuple[ObjectModel, EstimatorSettings, list[Observation]]:
+    """Of a bag: its object, how the estimator estimated, and the data points."""
+    model, settings = load_object(str(bag / OBJECT_FILE)), offline.recorded_settings(bag)
+    return model, settings, offline.observations(bag, model, settings, _warner(console))
+
+
+def _warner(console: Console) -> Callable[[str], None]:
+    return lambda line: console.print(f"warning: {line}", highlight=False, markup=False)
 
 
 def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:

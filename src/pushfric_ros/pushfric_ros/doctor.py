@@ -106,7 +106,10 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
         path: of the cell's file; None: only what does not depend on a cell.
         bags: folder in which bags will be recorded.
         progress: is told what is looked at now.
+    Raises:
+        InvalidInput: the cell's file cannot be read, or describes no cell; before any check.
     """
+    cell = load_cell(path) if path is not None else None
     progress("environment")
     yield check_ros()
     yield check_packages()
@@ -116,15 +119,14 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
     progress("discovery")
     yield check_discovery()
     yield check_multicast()
-    if path is None:
+    if cell is None:
         return
-    try:
-        cell = load_cell(path)
-        claim = supervisor.lock(cell.namespace)
-    except InvalidInput as error:
-        yield Check("cell", Level.FAILED, str(error), "docs/cell.md lists the keys; end a run before you look at its parts")
-        return
-    with claim:
+    with contextlib.ExitStack() as claim:
+        try:
+            claim.enter_context(supervisor.lock(cell.namespace))
+        except InvalidInput as error:
+            yield Check("cell", Level.FAILED, str(error), "end that run before you look at its parts")
+            return
         yield Check("cell", Level.OK, f"{path}: {cell.namespace}")
         yield from _examine_cell(cell, progress)
 
@@ -557,6 +559,7 @@ def check_limits(entry: PusherEntry, plan: PlanEntry, limits: Limits) -> Check:
     finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
     if entry.stroke > limits.travel + ROUNDING:
         advice = f"shorten pusher.stroke, {1e3 * entry.stroke:g} mm, or set ${130 + axis} to the axis's travel"
+        advice += "; where it homes ($22), the pull-off $27 counts as lost"
         return Check("limits", Level.FAILED, finding, advice)
     if plan.speed > limits.max_speed:
         return Check("limits", Level.FAILED, finding, f"lower plan.speed, {1e3 * plan.speed:g} mm/s, or raise ${110 + axis}")

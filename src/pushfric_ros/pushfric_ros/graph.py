@@ -108,7 +108,9 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
     return [NodeSpec("simulated_cell", simulation), *specs]
 
 
-def replay(bag: str, object_name: str, source: Source, rate: float, settings: EstimatorSettings) -> list[NodeSpec]:
+def replay(
+    bag: str, object_name: str, source: Source, rate: float, settings: EstimatorSettings, paused: bool = False
+) -> list[NodeSpec]:
     """A bag played into a live estimator.
 
     Args:
@@ -117,9 +119,12 @@ def replay(bag: str, object_name: str, source: Source, rate: float, settings: Es
         source: what its data points come from.
         rate: multiple of the recorded speed.
         settings: how it is estimated.
+        paused: whoever watches lets the player begin.
     """
     topics = list(source.topics)
-    player = NodeSpec("player", {"bag": bag, "rate": rate, "topics": topics, "wait_for": topics}, ends_run=True)
+    player = NodeSpec(
+        "player", {"bag": bag, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}, ends_run=True
+    )
     live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **settings.parameters()})
     return [with_simulated_time(live), player]
 

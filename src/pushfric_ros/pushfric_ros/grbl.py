@@ -135,8 +135,9 @@ class Grbl:
     def limits(self) -> Limits:
         travel = math.inf
         if self._settings.get(20, "0") != "0":
-            # homing ends this far inside the travel, and that is stroke position 0
-            travel = (self._axis_setting(130) - (self._setting(27, 0.0) if self._home else 0.0)) * MM
+            # homing ends this far inside the travel
+            pull_off = self._setting(27, 0.0) if self._settings.get(22, "0") != "0" else 0.0
+            travel = (self._axis_setting(130) - pull_off) * MM
         return Limits(travel, self._axis_setting(110) * MM_PER_MINUTE, self._axis_setting(120) * MM)
 
     def _axis_setting(self, first: int) -> float:

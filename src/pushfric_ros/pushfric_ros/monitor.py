@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from std_srvs.srv import SetBool
 
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.conversions import stamp_from_msg
@@ -58,9 +59,11 @@ class Monitor:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, args=[])
         self._node = Node("monitor", namespace=namespace, context=self._context)
-        self._node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED)
+        self._estimates = self._node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED)
         self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, LATCHED)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+        # a player waits: before the two have found each other, which may take seconds, estimates would go unseen
+        self._pause = None if steps is None else self._node.create_client(SetBool, "player/pause")
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
 
@@ -77,9 +80,13 @@ class Monitor:
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
             while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
                 self._executor.spin_once(timeout_sec=0.05)
+                if self._pause is not None and self._estimates.get_publisher_count() and self._pause.service_is_ready():
+                    self._pause.call_async(SetBool.Request(data=False))
+                    self._pause = None
                 view.update(self._view())
-                if ended is None and (ended := supervisor.poll()) is not None:
-                    deadline = time.monotonic() + PATIENCE
+                now = supervisor.poll()  # which also ends the waiting at Ctrl-C
+                if ended is None and now is not None:
+                    ended, deadline = now, time.monotonic() + PATIENCE
         if not self._live and self.estimate is not None:
             self._console.print(line_of(self.estimate))
         return ended

@@ -52,6 +52,7 @@ class PlayerConfig:
     exclude_topics: tuple[str, ...] = setting(("",), "topics not to play")
     clock: bool = setting(True, "publish the bag's time on /clock, 100 times in a second of the bag")
     wait_for: tuple[str, ...] = setting(("",), "topics that must have a subscriber before the first message")
+    paused: bool = setting(False, "begin paused, until ~/pause says otherwise")
     exit_when_done: bool = setting(True, "end the process when all is played and acknowledged")
 
     def __post_init__(self) -> None:
@@ -89,7 +90,7 @@ class PlayerNode(Node):
         self._awaited = [self._outputs[name] for name in self._names("wait_for", config.wait_for, self._outputs)]
         self._clock_period_ns = max(CLOCK_PERIOD_NS, round(SHORTEST_CLOCK_PERIOD_NS * config.rate))
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._paused = False
+        self._paused = config.paused
         self._done = False
         self._count = 0
         self._next: BagMessage | None = None
@@ -135,7 +136,7 @@ class PlayerNode(Node):
         return names
 
     def _await_subscribers(self) -> None:
-        if all(output.get_subscription_count() for output in self._awaited):
+        if not self._paused and all(output.get_subscription_count() for output in self._awaited):
             self._rewind()
             self._call_in(0, self._play)
 

@@ -13,8 +13,8 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TextIO
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from ament_index_python.packages import get_package_prefix
 
@@ -43,39 +43,40 @@ class Ended(NamedTuple):
 class Supervisor:
     """The processes of one graph, each a group of its own; use as a context manager and call `poll` often.
 
+    Within it SIGINT and SIGTERM interrupt nothing but `poll`.
+
     Args:
         specs: the nodes.
         namespace: of all of them.
         say: gets (node name, line) for all they print; called from threads.
     Raises:
-        InvalidInput: a cell of this name runs already.
+        InvalidInput: on entry; a cell of this name runs already.
     """
 
     def __init__(self, specs: Sequence[NodeSpec], namespace: str, say: Callable[[str, str], None]) -> None:
         self._specs, self._namespace, self._say = list(specs), namespace, say
-        self._lock = lock(namespace)
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._listeners: list[threading.Thread] = []
         self._due: dict[str, float] = {}  # when a node is started again
         self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
-        self._files = tempfile.TemporaryDirectory(prefix="pushfric-")
         self._interrupted = False
-        self._handlers: dict[signal.Signals, Any] = {}
+        self._leaving = contextlib.ExitStack()  # undoes, last first, what was done on entry
 
     def __enter__(self) -> "Supervisor":
-        # an exception could strike anywhere, even in a fork: a flag waits for `poll`
-        for caught in (signal.SIGINT, signal.SIGTERM):
-            self._handlers[caught] = signal.signal(caught, self._on_signal)
-        try:
+        with self._leaving as leaving:
+            # an exception could strike anywhere, even in a fork: a flag waits for `poll`
+            for caught in (signal.SIGINT, signal.SIGTERM):
+                leaving.callback(signal.signal, caught, signal.signal(caught, self._on_signal))
+            leaving.enter_context(lock(self._namespace))
+            self._folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
+            leaving.callback(self._end_all)
             for spec in self._specs:
                 self._start(spec)
-        except BaseException:
-            self.stop()
-            raise
+            self._leaving = leaving.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.stop()
+        self._leaving.close()
 
     def poll(self) -> Ended | None:
         """Look after the processes; returns how the run ended once a node that may end it has.
@@ -111,25 +112,20 @@ class Supervisor:
         deaths.append(time.monotonic())
         return len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN
 
-    def stop(self) -> None:
-        """End all processes: the first node last, as the others may rest upon it."""
+    def _end_all(self) -> None:
+        """The first node last, as the others may rest upon it."""
         started = [self._processes[spec.name] for spec in self._specs if spec.name in self._processes]
         for processes in (started[1:], started[:1]):
             _end(processes)
         for listener in self._listeners:
             listener.join(1.0)
-        for caught, handler in self._handlers.items():
-            signal.signal(caught, handler)
-        os.unlink(self._lock.name)
-        self._lock.close()
-        self._files.cleanup()
 
     def _on_signal(self, *_: Any) -> None:
         self._interrupted = True
 
     def _start(self, spec: NodeSpec) -> None:
         process = subprocess.Popen(
-            command(spec, self._namespace, pathlib.Path(self._files.name)),
+            command(spec, self._namespace, self._folder),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -163,23 +159,26 @@ def _end(processes: Sequence["subprocess.Popen[str]"]) -> None:
                 process.wait(max(0.0, deadline - time.monotonic()))
 
 
-def lock(namespace: str) -> TextIO:
-    """Claim a cell's name on this machine's ROS domain; the claim ends with the file, however the process ends.
+@contextlib.contextmanager
+def lock(namespace: str) -> Iterator[None]:
+    """Claim a cell's name on this machine's ROS domain; the claim ends with the process, if not before.
 
     Raises:
         InvalidInput: another run holds it; two would take each other's messages for their own.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     name = f"pushfric-{os.getuid()}-{domain}{namespace.replace('/', '-')}.lock"
-    file = (pathlib.Path(tempfile.gettempdir()) / name).open("w")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.close()
-        raise InvalidInput(
-            f"a cell named {namespace} runs already on ROS domain {domain}; end it, or set another ROS_DOMAIN_ID"
-        ) from None
-    return file
+    with (pathlib.Path(tempfile.gettempdir()) / name).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InvalidInput(
+                f"a cell named {namespace} runs already on ROS domain {domain}; end it, or set another ROS_DOMAIN_ID"
+            ) from None
+        try:
+            yield
+        finally:
+            os.unlink(file.name)
 
 
 def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:

@@ -1,6 +1,7 @@
 """The tracker node: camera images -> the object's pose on the table."""
 
 import array
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 TO_GREY = {
     "mono8": (1, None),
+    "mono16": (2, None),
     "bgr8": (3, cv2.COLOR_BGR2GRAY),
     "rgb8": (3, cv2.COLOR_RGB2GRAY),
     "bgra8": (4, cv2.COLOR_BGRA2GRAY),
@@ -42,8 +44,18 @@ TO_GREY = {
     "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2GRAY),
     "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2GRAY),
     "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2GRAY),
+    "yuyv": (2, cv2.COLOR_YUV2GRAY_YUYV),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2GRAY_YUYV),
+    "uyvy": (2, cv2.COLOR_YUV2GRAY_UYVY),
+    "yuv422": (2, cv2.COLOR_YUV2GRAY_UYVY),
+    "nv12": (1, None),
+    "nv21": (1, None),
+    "nv24": (1, None),
 }
-"""The encodings understood: bytes per pixel, and OpenCV's conversion."""
+"""The encodings understood: bytes per pixel of the (first) plane, and OpenCV's conversion; of YUV this takes the luminance."""
+
+PLANES = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
+"""Size of all planes of an image, luminance and colours, over that of the luminance, which comes first."""
 
 TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
 """Sources that are topics."""
@@ -272,21 +284,31 @@ class TrackerNode(Node):
 
 
 def grey_from_msg(msg: ImageMsg) -> Image:
-    """The image (height, width) in grey; a mono8 one shares the message's memory.
+    """The image (height, width) in grey; where grey values lie side by side in the message, it shares the message's memory.
+
+    Of mono16 the upper byte is taken, of YUV the luminance as it is.
 
     Raises:
         ValueError: an encoding other than those of TO_GREY, or sizes that do not fit the data.
     """
     if msg.encoding not in TO_GREY:
         raise ValueError(f"encoding must be {', '.join(TO_GREY)}, got {msg.encoding!r}")
-    channels, conversion = TO_GREY[msg.encoding]
-    data = np.frombuffer(msg.data, np.uint8)
-    if msg.step < msg.width * channels or msg.height * msg.step != len(data) or not len(data):
-        raise ValueError(f"{msg.width} x {msg.height} {msg.encoding} with step {msg.step} does not fit {len(data)} bytes")
-    rows = data.reshape(msg.height, msg.step)[:, : msg.width * channels]
-    if conversion is None:
+    pixel_size, conversion = TO_GREY[msg.encoding]
+    data, what = np.frombuffer(msg.data, np.uint8), f"{msg.width} x {msg.height} {msg.encoding}"
+    if not msg.width * msg.height:
+        raise ValueError(f"an image must have pixels, got {what}")
+    if msg.step < msg.width * pixel_size:
+        raise ValueError(f"{what} must have a step of {msg.width * pixel_size} or more, got {msg.step}")
+    size = msg.step * math.ceil(msg.height * PLANES.get(msg.encoding, 1))
+    if len(data) != size:
+        raise ValueError(f"{what} with step {msg.step} must have {size} bytes, got {len(data)}")
+    rows = data[: msg.height * msg.step].reshape(msg.height, msg.step)[:, : msg.width * pixel_size]
+    if pixel_size == 1 and conversion is None:
         return rows
-    return np.asarray(cv2.cvtColor(rows.reshape(msg.height, msg.width, channels), conversion))
+    pixels = rows.reshape(msg.height, msg.width, pixel_size)
+    if conversion is None:
+        return np.asarray(cv2.extractChannel(pixels, 0 if msg.is_bigendian else 1))
+    return np.asarray(cv2.cvtColor(pixels, conversion))
 
 
 def _same(frame: Image, other: Image) -> bool:

@@ -1,0 +1,116 @@
+"""Ctrl-C, at the moments that are hard to meet: while the command line is loaded, while it ends, and what it leaves."""
+
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import pytest
+from rich.console import Console
+
+from pushfric_ros.demo import left_behind
+
+RECORDED = pathlib.Path(__file__).resolve().parents[2] / "bags/rubber_rect4"
+
+
+@pytest.fixture
+def console():
+    return Console(stderr=True, soft_wrap=True)
+
+
+WHILE_LOADING = """
+import os, signal, sys
+
+class Interrupts:
+    def find_spec(self, name, *_):
+        if name == "pushfric_ros.cli":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupts())
+"""
+
+WHILE_ENDING = """
+import atexit, os, signal
+atexit.register(os.kill, os.getpid(), signal.SIGINT)
+"""
+
+IN_A_COMMAND = """
+import os, signal
+from pushfric_ros import cli
+cli.load_cell = lambda _: os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+@pytest.mark.parametrize("moment", [WHILE_LOADING, WHILE_ENDING, IN_A_COMMAND])
+def test_ctrl_c_is_quiet_whenever_it_comes(moment):
+    program = moment + "import sys; sys.argv[1:] = ['run', 'none.yaml']; from pushfric_ros.__main__ import main; main()"
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    said = "error: none.yaml: " if moment == WHILE_ENDING else ""
+    assert (ended.returncode, ended.stdout) == (130, "")
+    assert ended.stderr.startswith(said)
+    assert ended.stderr.count("\n") == bool(said)
+
+
+def test_the_module_is_the_command_line():
+    command = [sys.executable, "-m", "pushfric_ros", "estimate", "none.csv"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith("error: none.csv: no such file")
+
+
+AFTER_A_RUN = """
+import os, signal
+from rich.console import Console
+from pushfric_ros import demo
+
+class Monitor:
+    estimate = next_push = settled = None
+
+    def __init__(self, *_, **__):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def watch(self, supervisor, _):
+        try:
+            supervisor.poll()
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def close(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        print("closed")
+
+class Interrupted:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+demo.Monitor = Monitor
+try:
+    demo.watch(Console(), [], "/test_interrupt", "watching", live=False)
+except KeyboardInterrupt:
+    print("ended", flush=True)
+Interrupted()
+print("never reached")
+"""
+
+
+def test_during_a_run_ctrl_c_waits_for_it_to_be_undone_and_after_it_for_nothing():
+    ended = subprocess.run([sys.executable, "-c", AFTER_A_RUN], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "closed\nended\n", "")
+
+
+def test_a_bag_that_is_left_tells_its_pushes(tmp_path, console):
+    shutil.copytree(RECORDED, tmp_path / "bag")
+    expected = f"bag left in {tmp_path}/bag (pushes: 14); ./pushfric estimate {tmp_path}/bag reads it"
+    assert left_behind(tmp_path / "bag", console) == expected
+
+
+def test_a_bag_that_gives_no_estimate_says_why(tmp_path, console):
+    shutil.copytree(RECORDED, tmp_path / "bag")
+    recording = next((tmp_path / "bag").glob("*.mcap"))
+    recording.write_bytes(recording.read_bytes()[:-1000])
+    said = left_behind(tmp_path / "bag", console)
+    assert said.startswith(f"bag left in {tmp_path}/bag, which gives no estimate: {recording}: the recording was cut short")
+
+
+def test_without_a_bag_nothing_is_said_to_be_left(tmp_path, console):
+    assert left_behind(tmp_path / "bag", console) == "interrupted before there was a bag"
