@@ -27,7 +27,7 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.actuator_node import ActuatorNode
 from pushfric_ros.diagnostics import DiagnosticStatus
 from pushfric_ros.grbl_firmware import SimulatedGrbl
-from pushfric_ros.pusher import Mode
+from pushfric_ros.pusher import Mode, NotReady
 from pushfric_ros.qos import RELIABLE
 
 NUMBERS = itertools.count()
@@ -507,6 +507,25 @@ def test_after_a_power_cut_at_rest_away_from_zero_nothing_moves(ros, controller,
     cell.wait_for_mode(PusherState.MODE_IDLE)
 
 
+def test_after_a_power_cut_while_a_canceled_push_stops_nothing_moves(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    handle.cancel_goal_async()
+    ros.wait_for(lambda: cell.node._pusher._halting, what="the stop")
+    controller.reset()
+    assert cell.result(handle).result.outcome == Push.Result.OUTCOME_ABORTED
+    cell.refuses(controller, capfd, UNVOUCHED)
+
+
+def test_a_problem_is_forgotten_with_the_next_push(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.node._fail(NotReady("an old story"))
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+    cell.health.clear()
+    ros.wait_for(lambda: cell.health, what="a diagnostic")
+    assert {value.key: value.value for value in cell.health[-1].values}["last problem"] == "none"
+
+
 def test_a_power_cut_at_rest_at_zero_loses_nothing(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     controller.reset()
@@ -609,7 +628,7 @@ class Strict(SimulatedGrbl):
 def test_a_lock_that_only_homing_opens_is_named(ros, capfd):
     with Strict(time.monotonic, homing=True) as controller:
         cell = Cell(ros, controller.port)
-        cell.refuses(controller, capfd, '"$X" refused: error:46 Homing required (grblHAL)')
+        cell.refuses(controller, capfd, f'"$X" refused: error:46 Homing required (grblHAL): {UNVOUCHED}')
 
 
 def test_a_homing_that_was_stopped_is_made_up_for(ros):

@@ -443,9 +443,10 @@ def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, le
 
 def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
     advice = doctor.check_limits(pusher(axis="Y"), PlanEntry(), Limits(0.059, 0.1, 0.5)).advice
-    expected = "shorten pusher.stroke, 60 mm, or set $131 to the axis's travel; where it homes ($22), the pull-off $27 counts as lost"
+    expected = (
+        "shorten pusher.stroke, 60 mm, or set $131 to the axis's travel; where it homes ($22), the pull-off $27 counts as lost"
+    )
     assert advice == expected
-
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_parameters_are_as_ros_wants_them():
     [
         ("[1]", "must be a JSON object"),
         ('{"colour": 1}', "expected any of the estimator's parameters .*, got colour$"),
-        ('{"window": 4}', "window must be odd"),
+        ('{"window": 4}', "^window must be odd"),
         ('{"window": "wide"}', "^window: expected a whole number, got 'wide'$"),
     ],
 )

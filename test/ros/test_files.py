@@ -91,12 +91,13 @@ def test_an_object_survives_its_file(write, tmp_path):
         (TRIANGLE + "support: {spacing: -1}", "spacing must be positive"),
         (
             TRIANGLE + "supports: 3",
-            "the file: expected any of the keys name, outline, support, height, hypotheses, got supports$",
+            "yaml: expected any of the keys name, outline, support, height, hypotheses, got supports$",
         ),
         (TRIANGLE + f"support: {list(range(99))}", r"support: expected keys with values, got \[0, 1, .*, 2\.\.\.$"),
         (": : :", "not YAML"),
-        ("", "the file: expected keys with values, got nothing$"),
-        ("42", "the file: expected keys with values, got 42$"),
+        ("name: 2020-13-45", "not YAML: month must be in 1..12"),
+        ("", "yaml: expected keys with values, got nothing$"),
+        ("42", "yaml: expected keys with values, got 42$"),
     ],
 )
 def test_bad_objects_are_refused_in_one_line(write, text, error):
@@ -238,7 +239,7 @@ def test_a_cell_finds_its_files_beside_it(write, tmp_path):
         (CELL.replace("stroke: 0.06", "stroke: -1"), "pusher.stroke: expected more than 0, got -1$"),
         (CELL.replace("{calib", "{threshold: 256, calib"), "camera.threshold: expected at most 255, got 256$"),
         (CELL.replace("{port", "{home: maybe, port"), "pusher.home: expected true or false, got 'maybe'$"),
-        (CELL + "table: 3", "the file: expected any of the keys namespace, .*, estimator, got table$"),
+        (CELL + "table: 3", "yaml: expected any of the keys namespace, .*, estimator, got table$"),
         (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: .*give file or choose, not both"),
     ],
 )

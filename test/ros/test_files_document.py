@@ -13,8 +13,10 @@ from typer.testing import CliRunner
 
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.support import friction_directions
+from pushfric_ros import doctor
 from pushfric_ros.cell_file import CellFile, load_cell
 from pushfric_ros.cli import app
+from pushfric_ros.doctor import Check, Level
 from pushfric_ros.object_file import Strict, load_object
 from pushfric_ros.observation_file import REQUIRED
 from pushfric_ros.plan_file import load_plan
@@ -73,6 +75,11 @@ def test_the_keys_of_an_estimate_are_documented(data):
 def test_the_keys_of_other_commands_are_documented(data, command):
     figures = printed(command, data, "--object", NAME)
     assert sorted(keys_of(figures)) == sorted(documented(f"`{command}`"))
+
+
+def test_the_keys_of_the_doctor_are_documented():
+    findings = doctor.findings([Check("port", Level.OK, "/dev/ttyUSB0", "")])
+    assert sorted(keys_of(findings)) == sorted(documented("`doctor`"))
 
 
 def test_the_example_of_recognize_prints_what_it_says(tmp_path, monkeypatch):

@@ -108,7 +108,9 @@ def test_a_signal_interrupts_nothing_but_poll(temporary, caught):
 @pytest.mark.usefixtures("run")
 def test_a_node_that_cannot_be_started_leaves_nothing(temporary):
     before = handlers()
-    with pytest.raises(KeyError, match="program"), Supervisor([node("other", WAITS), NodeSpec("odd", {})], NAME, print):
+    nodes = Supervisor([node("other", WAITS), NodeSpec("odd", {})], NAME, print)
+    with pytest.raises(KeyError, match="program"), nodes:
         pass
+    assert nodes._processes["other"].poll() is not None
     assert handlers() == before
     assert list(temporary.iterdir()) == []

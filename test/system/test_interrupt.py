@@ -51,13 +51,6 @@ def test_ctrl_c_is_quiet_whenever_it_comes(moment):
     assert ended.stderr.count("\n") == bool(said)
 
 
-def test_the_module_is_the_command_line():
-    command = [sys.executable, "-m", "pushfric_ros", "estimate", "none.csv"]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr.startswith("error: none.csv: no such file")
-
-
 AFTER_A_RUN = """
 import os, signal
 from rich.console import Console
@@ -112,5 +105,8 @@ def test_a_bag_that_gives_no_estimate_says_why(tmp_path, console):
     assert said.startswith(f"bag left in {tmp_path}/bag, which gives no estimate: {recording}: the recording was cut short")
 
 
-def test_without_a_bag_nothing_is_said_to_be_left(tmp_path, console):
+@pytest.mark.parametrize("there", [False, True])
+def test_without_a_bag_nothing_is_said_to_be_left(tmp_path, console, there):
+    if there:
+        (tmp_path / "bag").mkdir()
     assert left_behind(tmp_path / "bag", console) == "interrupted before there was a bag"

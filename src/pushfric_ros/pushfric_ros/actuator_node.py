@@ -51,10 +51,10 @@ class ActuatorNode(LifecycleNode):
 
     A lost connection is made again by itself, without a motion. After an alarm, `~/reset` unlocks or homes, as configured.
 
-    It takes goals only while it knows where the pusher stands. It does not before homing, where that is configured, nor once a
-    connection was lost in mid-motion or comes back at another position: a controller that restarts counts from wherever the
-    pusher happens to stand. Such a pusher is published as in alarm. `~/reset` ends that, too: it homes; or else the person who
-    calls it vouches for the position that is reported.
+    It takes goals only while it knows where the pusher stands. It does not before homing, where that is configured, nor after
+    an alarm, nor once a connection was lost in mid-motion or comes back at another position: a controller that restarts counts
+    from wherever the pusher happens to stand. Such a pusher is published as in alarm. `~/reset` ends that, too: it homes; or
+    else the person who calls it vouches for the position that is reported.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -222,10 +222,9 @@ class ActuatorNode(LifecycleNode):
             return
         if self._arrival is not None:
             self._arrival.set_result(None)
+            self._problem = None
         if self._recovering:
-            self._recovering = False
-            if pusher.mode is Mode.IDLE:
-                self._located, self._problem = True, None
+            self._recovering, self._located, self._problem = False, True, None
         if self._start_due and pusher.mode is not Mode.DISCONNECTED:
             self._start_due = False
             self.trigger_activate()
@@ -265,11 +264,13 @@ class ActuatorNode(LifecycleNode):
             self._retry_at = time.monotonic() + self._retry_after
             self._retry_after = min(2 * self._retry_after, LAST_RETRY)
         else:  # the controller may be silent for a while now
+            self._located = self._located and self._pusher.mode is not Mode.ALARM
             self._push_id = PusherState.NO_PUSH
             self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
 
     def _lose(self) -> None:
         """The connection is gone; remember where the pusher rested."""
+        self._recovering = False
         if self._report.mode is not Mode.DISCONNECTED:
             rests = self._report.mode is Mode.IDLE and self._goal is None
             self._lost_at = self._report.position if rests else math.nan
@@ -415,7 +416,7 @@ class ActuatorNode(LifecycleNode):
         except PusherError as error:
             return self._revoked or str(error)
         except BaseException:
-            self._pusher.stop()
+            self._stop()
             raise
         finally:
             self._push_id, self._arrival = PusherState.NO_PUSH, None

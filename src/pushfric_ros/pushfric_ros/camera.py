@@ -226,7 +226,7 @@ def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) 
         fields = yaml.safe_load(pathlib.Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         raise InvalidInput(f"{path}: cannot be read as a camera YAML: {' '.join(str(error).split())}") from error
     if not isinstance(fields, dict):
         raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")

@@ -95,11 +95,8 @@ def demo(
         raise InvalidInput("give --plan or --choose, not both")
     pushes = PlanEntry(file=str(plan) if plan is not None else "", choose=choose)
     load_plan(pushes.file, load_object(object_name))  # what is wrong with it is said before all starts
-    try:
+    with demonstration.telling_what_is_left(bag, console):
         last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
-    except KeyboardInterrupt:
-        console.print(demonstration.left_behind(bag, console), markup=False)
-        raise
     if ended.code or last is None:
         raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
     demonstration.print_summary(console, object_name, last)
@@ -131,11 +128,8 @@ def run(
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}", markup=False)
 
     live = console.is_terminal and not headless
-    try:
+    with demonstration.telling_what_is_left(bag, console):
         ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
-    except KeyboardInterrupt:
-        console.print(demonstration.left_behind(bag, console), markup=False)
-        raise
     if ended.code:
         raise RunFailed(ended.code, ended.reason)
     console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it", markup=False)

@@ -3,7 +3,7 @@
 import contextlib
 import pathlib
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from rich.console import Console
@@ -104,9 +104,19 @@ def watch(
         end_at_once()
 
 
+@contextlib.contextmanager
+def telling_what_is_left(bag: pathlib.Path, console: Console) -> Iterator[None]:
+    """A run that Ctrl-C may interrupt: the operator is told which bag it leaves."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print(left_behind(bag, console), markup=False)
+        raise
+
+
 def left_behind(bag: pathlib.Path, console: Console) -> str:
     """What a run that was interrupted has left, for people."""
-    if not bag.exists():
+    if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
     try:
         _, _, data = _recorded(bag, console)

@@ -77,7 +77,8 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         NodeSpec("recorder", {"bag": bag, "object": file.object, "topics": [" ".join(topic) for topic in topics]}),
         NodeSpec("estimator", {"object": file.object, **file.estimator}),
         NodeSpec("tracker", {"object": file.object, **file.camera.model_dump()}, respawn=True),
-        NodeSpec("actuator", pusher, respawn=True),
+        # a new one does not know where the pusher stands, unless it homes
+        NodeSpec("actuator", pusher, respawn=file.pusher.home),
         NodeSpec("experiment", plan, ends_run=True),
     ]
 

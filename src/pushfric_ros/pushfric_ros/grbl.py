@@ -136,7 +136,8 @@ class Grbl:
         travel = math.inf
         if self._settings.get(20, "0") != "0":
             # homing ends this far inside the travel
-            pull_off = self._setting(27, 0.0) if self._settings.get(22, "0") != "0" else 0.0
+            homes = int(self._setting(22, 0.0)) & 1  # grblHAL says more in the other bits
+            pull_off = self._setting(27, 0.0) if homes else 0.0
             travel = (self._axis_setting(130) - pull_off) * MM
         return Limits(travel, self._axis_setting(110) * MM_PER_MINUTE, self._axis_setting(120) * MM)
 
@@ -309,10 +310,12 @@ class Grbl:
     def _judge(self) -> None:
         """Raise what the lines just read mean for a connection; a reset brings alarms and greetings of its own."""
         trouble, self._trouble = self._trouble, None
-        if not self._connected or self._halting or self._resetting:
+        if not self._connected or self._resetting:
             return
-        if trouble is not None:
+        if trouble is not None and not (self._halting and isinstance(trouble, Alarm)):
             raise trouble
+        if self._halting:
+            return
         if self._silent_since is not None and not self._homing and time.monotonic() - self._silent_since > SILENCE:
             raise NotConnected(f"the controller at {self._path} is silent for {SILENCE:g} s")
 

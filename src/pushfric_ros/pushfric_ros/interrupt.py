@@ -8,8 +8,11 @@ EXIT_INTERRUPTED = 130
 
 
 def end_at_once() -> Any:
-    """From here on SIGINT ends the process; returns the handler it had.
+    """From here on SIGINT ends the process, unless it is ignored, as in a background job; returns the handler it had.
 
     A KeyboardInterrupt strikes anywhere: in an import or a __del__ it is printed, in compiled code it becomes another error.
     """
-    return signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
+    before = signal.getsignal(signal.SIGINT)
+    if before is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
+    return before

@@ -84,8 +84,8 @@ class Monitor:
                     self._pause.call_async(SetBool.Request(data=False))
                     self._pause = None
                 view.update(self._view())
-                now = supervisor.poll()  # which also ends the waiting at Ctrl-C
-                if ended is None and now is not None:
+                now = supervisor.poll()  # to the very end: Ctrl-C, and an estimator that dies before its last word
+                if now is not None and (ended is None or now.code):
                     ended, deadline = now, time.monotonic() + PATIENCE
         if not self._live and self.estimate is not None:
             self._console.print(line_of(self.estimate))

@@ -189,13 +189,14 @@ def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return model.model_validate(content)
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InvalidInput(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # the latter of a date that is none
         raise InvalidInput(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    try:
+        return model.model_validate(content)
     except pydantic.ValidationError as error:
         raise InvalidInput(f"{path}: {complaint(error)}") from error
 
@@ -231,7 +232,7 @@ def complaint(error: pydantic.ValidationError) -> str:
     """The first thing amiss in what was read, on one line: the path of its key, what was expected there, what was got."""
     first = error.errors()[0]
     kind, got = first["type"], "nothing" if first["input"] is None else repr(first["input"])
-    where = list(map(str, first["loc"])) or ["the file"]
+    where = list(map(str, first["loc"]))
     if kind == "missing" and isinstance(first["input"], dict):
         expected, got = "expected a value", f"only {', '.join(map(str, first['input'])) or 'an empty part'}"
     elif kind == "missing":
@@ -241,7 +242,7 @@ def complaint(error: pydantic.ValidationError) -> str:
         expected = str(first["ctx"]["error"])
     else:
         expected = f"expected {EXPECTED[kind].format(**first.get('ctx', {}))}" if kind in EXPECTED else first["msg"]
-    said = f"{'.'.join(where)}: {expected}"
+    said = f"{'.'.join(where)}: {expected}" if where else expected
     return said if ", got " in expected else f"{said}, got {got if len(got) <= LONGEST else f'{got[:LONGEST]}...'}"
 
 

@@ -63,7 +63,7 @@ def truth(name: str) -> dict[str, Any]:
 
 
 def to_json(figures: Any) -> str:
-    """JSON on one line; an infinite number becomes the string "inf"."""
+    """JSON on one line; an infinite number becomes the string "inf", and none "nan"."""
     return json.dumps(_finite(figures), allow_nan=False)
 
 
