@@ -2,8 +2,11 @@
 
 import subprocess
 import sys
+from typing import NamedTuple
 
 import pytest
+
+from pushfric_ros import cli
 
 CELL = """
 object: rubber_rect4
@@ -16,6 +19,27 @@ HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
 def pushfric(*arguments):
     command = [sys.executable, "-m", "pushfric_ros", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
+
+
+class Said(NamedTuple):
+    """How a call of the command line ended."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """The command line in this process: most of what a process of its own takes are its imports."""
+
+    def called(*arguments):
+        monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return Said(ended.value.code or 0, *capsys.readouterr())
+
+    return called
 
 
 @pytest.mark.parametrize(
@@ -94,7 +118,7 @@ def pushfric(*arguments):
         (["estimate"], "Missing argument"),
     ],
 )
-def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, error):
+def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call, arguments, error):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data.csv").write_text(HEADER + "0.05,0,0,-1,nan,0.02,0,0\n")
     (tmp_path / "good.csv").write_text(HEADER + "0.05,-0.032,0,-1,0,0.02,0,0\n")
@@ -104,7 +128,7 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, argum
     for name in ("runs/whole/metadata.yaml", "runs/cut/cut_0.mcap", "runs/bench.png", "empty/notes"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    run = pushfric(*arguments)
+    run = call(*arguments)
     assert run.returncode == 2, run.stderr
     assert error in run.stderr
     assert run.stderr.count("\n") == 1
@@ -132,14 +156,14 @@ def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
     assert "Traceback" not in run.stderr
 
 
-def test_the_doctor_says_what_its_exit_codes_mean():
-    said = " ".join(pushfric("doctor", "--help").stdout.split())
+def test_the_doctor_says_what_its_exit_codes_mean(call):
+    said = " ".join(call("doctor", "--help").stdout.split())
     assert "Exit code 0: nothing failed; 1: a check failed; 2: wrong input" in said
 
 
-def test_an_existing_bag_is_not_overwritten(tmp_path):
+def test_an_existing_bag_is_not_overwritten(tmp_path, call):
     (tmp_path / "metadata.yaml").write_text("precious")
-    run = pushfric("demo", "--bag", tmp_path)
+    run = call("demo", "--bag", tmp_path)
     assert run.returncode == 2
     assert "expected a new or empty folder" in run.stderr
     assert (tmp_path / "metadata.yaml").read_text() == "precious"
@@ -149,7 +173,7 @@ def test_an_existing_bag_is_not_overwritten(tmp_path):
     "command",
     [[], ["demo"], ["run"], ["replay"], ["estimate"], ["region"], ["import"], ["doctor"], ["recognize"], ["calibrate"]],
 )
-def test_help_teaches(command):
-    run = pushfric(*command, "--help")
+def test_help_teaches(call, command):
+    run = call(*command, "--help")
     assert run.returncode == 0
     assert "Usage" in run.stdout
