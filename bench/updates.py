@@ -18,6 +18,9 @@ from pushfric_core.simplex import Simplex
 LIMIT = 20.0
 """A contender is left out where an update takes longer, in CPU time [s], or where it or its load must be expected to."""
 
+LONGEST_LOAD = 300.0
+"""Nobody is measured where pushfric's own load, a solve after each data point, must be expected to take longer [s]."""
+
 GROWTH = 0.2
 """Updates are measured while the data points grow by at most this fraction; then another sequence of pushes begins."""
 
@@ -56,6 +59,9 @@ def measure(
             # a cost grows at least in proportion to M; pushfric's load is many solves
             running = [name for name, (seen, cost) in slowest.items() if name == "pushfric" or cost * m <= LIMIT * max(seen, 1)]
             progress(f"{m} data points, {n} supports")
+            seen, cost = slowest["pushfric"]
+            if cost * m > LONGEST_LOAD * max(seen, 1):
+                continue
             cell = _Cell(m, n, running, updates, budget)
             cell.run()
             rows += cell.figures()
