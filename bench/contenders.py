@@ -8,6 +8,7 @@ the multipliers of the n rows.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -77,7 +78,7 @@ class Pushfric:
         return self._optimum.objective
 
 
-class _Highs:
+class _Highs(ABC):
     """HiGHS with its simplex method, which starts from the last basis."""
 
     def __init__(self, n: int, capacity: int) -> None:
@@ -115,8 +116,9 @@ class _Highs:
             raise NoOptimum(self._highs.modelStatusToString(status))
         return abs(self._highs.getObjectiveValue())
 
+    @abstractmethod
     def _add(self, groups: Groups) -> None:
-        raise NotImplementedError
+        """Give HiGHS the data points, in the form of the program."""
 
 
 class HighsPrimal(_Highs):
@@ -165,7 +167,7 @@ class HighsDual(_Highs):
         self._highs.addCols(2 * m, np.zeros(2 * m), lower, upper, values.size, starts, columns, values.ravel())
 
 
-class _FromScratch:
+class _FromScratch(ABC):
     """Keeps the coefficients in arrays, and solves the whole program each time."""
 
     def __init__(self, n: int, capacity: int) -> None:
@@ -187,8 +189,9 @@ class _FromScratch:
         self._room[:, self._count] = rows.a
         self._count += 1
 
+    @abstractmethod
     def _solve(self, a: Array, b: Array) -> float:
-        raise NotImplementedError
+        """The objective, in the form of the program."""
 
 
 class LinprogPrimal(_FromScratch):

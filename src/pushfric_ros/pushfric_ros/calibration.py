@@ -21,6 +21,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Array
 from pushfric_ros.camera import Camera, Image, Lens
 from pushfric_ros.device import Device
+from pushfric_ros.reading import reading
 
 MIN_VIEWS = 8
 """A lens needs at least as many different views."""
@@ -286,22 +287,17 @@ def read_table_points(path: pathlib.Path) -> tuple[Array, Array]:
     """
     names = ("u", "v", "x", "y")
     values: list[list[float]] = []
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream, skipinitialspace=True)
-            if missing := [name for name in names if name not in (reader.fieldnames or [])]:
-                raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected u, v, x, y")
-            for row in reader:
-                try:
-                    values.append([float(row[name]) for name in names])
-                except (TypeError, ValueError):
-                    raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be numbers") from None
-                if not np.isfinite(values[-1]).all():
-                    raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be finite")
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInput(f"{path}: cannot be read: {error}") from error
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
+        reader = csv.DictReader(stream, skipinitialspace=True)
+        if missing := [name for name in names if name not in (reader.fieldnames or [])]:
+            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected u, v, x, y")
+        for row in reader:
+            try:
+                values.append([float(row[name]) for name in names])
+            except (TypeError, ValueError):
+                raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be numbers") from None
+            if not np.isfinite(values[-1]).all():
+                raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be finite")
     table = np.array(values).reshape(-1, 4)
     return table[:, :2], table[:, 2:]
 

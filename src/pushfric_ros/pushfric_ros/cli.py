@@ -1,10 +1,12 @@
 """The command line: one function for each command, which does nothing but connect the rooms of this package."""
 
+import contextlib
 import os
 import pathlib
 import sys
 import time
 from collections import deque
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -95,7 +97,7 @@ def demo(
         raise InvalidInput("give --plan or --choose, not both")
     pushes = PlanEntry(file=str(plan) if plan is not None else "", choose=choose)
     load_plan(pushes.file, load_object(object_name))  # what is wrong with it is said before all starts
-    with demonstration.telling_what_is_left(bag, console):
+    with _telling_what_is_left(bag):
         last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
     if ended.code or last is None:
         raise RunFailed(ended.code or 1, ended.reason if ended.code else "the run ended without an estimate")
@@ -103,7 +105,7 @@ def demo(
     if json is not None:
         json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
     figure = bag / demonstration.FIGURE
-    summary_figure(figure, TABLE_1[object_name].outline, *demonstration.course_of(bag, console), TABLE_1[object_name])
+    summary_figure(figure, TABLE_1[object_name].outline, *demonstration.course_of(bag, _warn), TABLE_1[object_name])
     console.print(f"figure: {figure}\nbag:    {bag}", markup=False)
 
 
@@ -128,7 +130,7 @@ def run(
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}", markup=False)
 
     live = console.is_terminal and not headless
-    with demonstration.telling_what_is_left(bag, console):
+    with _telling_what_is_left(bag):
         ended, last = demonstration.watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
     if ended.code:
         raise RunFailed(ended.code, ended.reason)
@@ -399,6 +401,16 @@ def _print_region(figures: dict[str, Any], as_json: bool) -> None:
         where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
         output.print(f"next   {where}: would leave {push['expected_area'] * 1e4:.3g} cm^2, by expectation")
     output.print(f"from   {figures['data_points']} data points of {figures['pushes']} pushes")
+
+
+@contextlib.contextmanager
+def _telling_what_is_left(bag: pathlib.Path) -> Iterator[None]:
+    """A run that Ctrl-C may interrupt: the operator is told which bag it leaves."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print(demonstration.left_behind(bag, _warn), markup=False)
+        raise
 
 
 def _warn(line: str) -> None:

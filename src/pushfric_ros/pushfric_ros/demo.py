@@ -3,7 +3,7 @@
 import contextlib
 import pathlib
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from rich.console import Console
@@ -104,42 +104,28 @@ def watch(
         end_at_once()
 
 
-@contextlib.contextmanager
-def telling_what_is_left(bag: pathlib.Path, console: Console) -> Iterator[None]:
-    """A run that Ctrl-C may interrupt: the operator is told which bag it leaves."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        console.print(left_behind(bag, console), markup=False)
-        raise
-
-
-def left_behind(bag: pathlib.Path, console: Console) -> str:
+def left_behind(bag: pathlib.Path, warn: offline.Warn) -> str:
     """What a run that was interrupted has left, for people."""
     if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
     try:
-        _, _, data = _recorded(bag, console)
+        _, _, data = _recorded(bag, warn)
     except InvalidInput as error:
         return f"bag left in {bag}, which gives no estimate: {error}"
     return f"bag left in {bag} (pushes: {len({point.push_id for point in data})}); ./pushfric estimate {bag} reads it"
 
 
-def course_of(bag: pathlib.Path, console: Console) -> tuple[list[Estimate], tuple[Observation, ...]]:
+def course_of(bag: pathlib.Path, warn: offline.Warn) -> tuple[list[Estimate], tuple[Observation, ...]]:
     """The estimates after each data point, and the data points, from what the bag recorded; for figures."""
-    model, settings, data = _recorded(bag, console)
+    model, settings, data = _recorded(bag, warn)
     estimator = Estimator(model.support_points, settings.estimator)
-    return list(offline.taken(estimator.add, data, _warner(console))), estimator.observations
+    return list(offline.taken(estimator.add, data, warn)), estimator.observations
 
 
-def _recorded(bag: pathlib.Path, console: Console) -> tuple[ObjectModel, EstimatorSettings, list[Observation]]:
+def _recorded(bag: pathlib.Path, warn: offline.Warn) -> tuple[ObjectModel, EstimatorSettings, list[Observation]]:
     """Of a bag: its object, how the estimator estimated, and the data points."""
     model, settings = load_object(str(bag / OBJECT_FILE)), offline.recorded_settings(bag)
-    return model, settings, offline.observations(bag, model, settings, _warner(console))
-
-
-def _warner(console: Console) -> Callable[[str], None]:
-    return lambda line: console.print(f"warning: {line}", highlight=False, markup=False)
+    return model, settings, offline.observations(bag, model, settings, warn)
 
 
 def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:

@@ -15,6 +15,7 @@ from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
 from pushfric_core.recognition import Hypothesis
 from pushfric_core.simulation import TABLE_1
+from pushfric_ros.reading import reading
 
 Point = tuple[float, float]
 OBJECT_FILE = "object.yaml"
@@ -187,12 +188,10 @@ def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
     Raises:
         InvalidInput: cannot be read, is not YAML, or does not fit the model; one line naming file, field and expectation.
     """
+    with reading(path):
+        text = path.read_text(encoding="utf-8")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error}") from error
+        content = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError) as error:  # the latter of a date that is none
         raise InvalidInput(f"{path}: not YAML: {' '.join(str(error).split())}") from error
     try:
@@ -252,16 +251,11 @@ def read_points(path: pathlib.Path) -> Array:
     Raises:
         InvalidInput: names the file, the line, and what was expected there.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream, skipinitialspace=True)
-            if missing := [name for name in ("x", "y") if name not in (reader.fieldnames or [])]:
-                raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected x, y")
-            points = [_point(row, f"{path}, line {reader.line_num}") for row in reader]
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInput(f"{path}: cannot be read: {error}") from error
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
+        reader = csv.DictReader(stream, skipinitialspace=True)
+        if missing := [name for name in ("x", "y") if name not in (reader.fieldnames or [])]:
+            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected x, y")
+        points = [_point(row, f"{path}, line {reader.line_num}") for row in reader]
     if not points:
         raise InvalidInput(f"{path}: no support points; expected a row for each")
     return np.array(points)

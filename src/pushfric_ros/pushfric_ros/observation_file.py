@@ -8,6 +8,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Twist
+from pushfric_ros.reading import reading
 
 REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
 OPTIONAL = ("half_width", "force_x", "force_y")
@@ -23,20 +24,15 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
     Raises:
         InvalidInput: names the file, the line, and what was expected there.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            columns = [name.strip() for name in reader.fieldnames or []]
-            reader.fieldnames = columns
-            if missing := [name for name in REQUIRED if name not in columns]:
-                raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {', '.join(REQUIRED)}")
-            if ("force_x" in columns) != ("force_y" in columns):
-                raise InvalidInput(f"{path}: expected both of force_x and force_y, or neither")
-            observations = [_observation(row, f"{path}, line {reader.line_num}", outline) for row in reader]
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInput(f"{path}: cannot be read: {error}") from error
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
+        reader = csv.DictReader(stream)
+        columns = [name.strip() for name in reader.fieldnames or []]
+        reader.fieldnames = columns
+        if missing := [name for name in REQUIRED if name not in columns]:
+            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {', '.join(REQUIRED)}")
+        if ("force_x" in columns) != ("force_y" in columns):
+            raise InvalidInput(f"{path}: expected both of force_x and force_y, or neither")
+        observations = [_observation(row, f"{path}, line {reader.line_num}", outline) for row in reader]
     if not observations:
         raise InvalidInput(f"{path}: no data points; expected a row for each")
     return observations

@@ -25,6 +25,7 @@ from pushfric_ros.bag import BagWriter
 from pushfric_ros.conversions import observation_to_msg
 from pushfric_ros.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
 from pushfric_ros.qos import RELIABLE
+from pushfric_ros.reading import reading
 
 NAME = "zhou2015"
 TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"
@@ -84,12 +85,8 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         InvalidInput: a column or a number is missing.
     """
     logs: dict[str, list[Observation]] = {}
-    try:
+    with reading(path):
         text = path.read_text()
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error}") from error
     with io.StringIO(text, newline="") as stream:
         reader = csv.DictReader(stream)
         if missing := [name for name in COLUMNS if name not in (reader.fieldnames or [])]:
