@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from pushfric_core import walk
 from pushfric_core.constraints import (
     ConstraintRows,
     cone_rows,
@@ -54,11 +55,12 @@ def group(a, above=1.0, below=1.0):
     return ConstraintRows(a, np.broadcast_to(above, len(a)).astype(float), np.broadcast_to(below, len(a)).astype(float))
 
 
-def pushes(rng, n, count, noise=1e-3):
-    """Data points of an object 0.1 m wide that rests on three of n supports: a moment row and the hard row f.n >= 0 of each."""
+def pushes(rng, n, count, noise=1e-3, bearing=3):
+    """Data points of an object 0.1 m wide that rests on some of n supports: a moment row and the hard row f.n >= 0 of each."""
     points = rng.uniform(-0.05, 0.05, (n, 2))
     w = np.zeros(n)
-    w[rng.choice(n, min(n, 3), replace=False)] = rng.dirichlet(np.ones(min(n, 3)))
+    bearing = min(n, bearing)
+    w[rng.choice(n, bearing, replace=False)] = rng.dirichlet(np.ones(bearing))
     groups = []
     while len(groups) < count:
         velocities = rng.choice((-1, 1)) * left_of(points - rng.uniform(-0.15, 0.15, 2))
@@ -452,6 +454,26 @@ def test_thousands_of_rows_settle_and_the_certificate_stays_true(rng, n):
     assert fresh.solve().objective == pytest.approx(optimum.objective, rel=1e-9)
 
 
+def test_with_many_supports_an_update_takes_no_more_exchanges_after_thousands(rng, monkeypatch):
+    improve, exchanges = walk.improve, []
+
+    def counted(state, *arguments):
+        before = state.tally[walk.UPDATES]
+        result = improve(state, *arguments)
+        exchanges[-1] += state.tally[walk.UPDATES] - before
+        return result
+
+    monkeypatch.setattr(walk, "improve", counted)
+    groups, _ = pushes(rng, 60, 6000, bearing=60)
+    simplex = Simplex(60)
+    for rows in groups:
+        exchanges.append(0)
+        simplex.add(rows)
+        assert simplex.solve().status is Status.OPTIMAL
+    # a walk that strays out of its ball takes a thousand and more to come back
+    assert max(exchanges[3000:]) <= 2 * max(exchanges[:500])
+
+
 def test_a_sudden_change_of_the_data_moves_settled_rows(rng):
     before, _ = pushes(rng, 8, 500)
     after, _ = pushes(rng, 8, 1500)
@@ -465,7 +487,7 @@ def test_a_sudden_change_of_the_data_moves_settled_rows(rng):
 
 
 def test_a_sliding_window_forgets(rng):
-    groups, _ = pushes(rng, 10, 8 * CLOSE)
+    groups, _ = pushes(rng, 10, 16 * CLOSE)
     simplex = Simplex(10)
     for k, rows in enumerate(groups):
         simplex.add(rows)

@@ -17,8 +17,8 @@ from pushfric_core import walk
 from pushfric_core.constraints import ConstraintRows
 from pushfric_core.linear_program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP, Solution, Status, certify
 from pushfric_core.planar import Array
-from pushfric_core.vertex import CLOSE, Vertex
-from pushfric_core.walk import FIT, NEGATIVE, NOT_FINITE, REFRESH, UPDATES, ZERO, Indices
+from pushfric_core.vertex import Vertex
+from pushfric_core.walk import FIT, NEGATIVE, NOT_FINITE, REFRESH, UPDATES, ZERO, Ball, Indices
 
 OWN_GAP = RELATIVE_GAP / 2
 """Half of what `linear_program.certify` allows: it adds up in another order, and must come to the same conclusion."""
@@ -35,8 +35,14 @@ SHIFT = 1e-10
 ROUNDS = 15
 """Cap on the descents of a solve: then the certificate judges what there is."""
 
+CLOSE, CLOSE_PER_COLUMN = 96, 4
+"""Rows left unsettled in the small ball: an exchange hardly slows down until a few hundred, and more columns travel farther."""
+
 FAR = 4096
-"""Rows left unsettled in the large ball, as CLOSE are in the small one: sorting them takes some 0.5 ms."""
+"""Rows left unsettled in the large ball: sorting them takes some 0.5 ms."""
+
+WIDER = 4
+"""So many times the rows of the small ball, at least, are left in the large one: then the small one has room in half of it."""
 
 FLOOR = 1e-9
 """Least radius of a ball: the rows of noiseless data are all zero, and none of them is ever settled."""
@@ -77,7 +83,9 @@ class Simplex:
         if n < 1:
             raise ValueError(f"n must be at least 1, got {n}")
         self._n, self._columns = n, n + with_scale
-        self._rows = _rows(2 * CLOSE, self._columns)  # in order of arrival, the first _count in use
+        self._close_size = CLOSE + CLOSE_PER_COLUMN * self._columns
+        self._far_size = max(FAR, WIDER * self._close_size)
+        self._rows = _rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
         self._present: set[int] = set()  # groups
         self._scaled = 0  # rows that say something about the scale
@@ -86,10 +94,10 @@ class Simplex:
         self._optimum: Optimum | None = None  # of the present rows
         self._infeasible = False
         self._strained = False  # the balls had to be enlarged: around the optimum, small ones will do again
-        self._metric: Array = np.eye(self._columns)  # |v| is the length of metric @ v
-        self._whitening: Array = self._metric  # its inverse
+        self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
+        self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
-        self._far = self._close = _Ball(self._vertex.state.x.copy(), np.inf, np.zeros(self._columns))
+        self._far = self._close = Ball(self._metric, self._vertex.state.x.copy(), np.inf, np.zeros(self._columns))
         self._near: Indices = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
         self._fresh = 0
 
@@ -147,7 +155,7 @@ class Simplex:
         settled = ~self._vertex.free(numbers)
         far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
         self._vertex.forget(gradients[settled].sum(axis=0))
-        self._far.gradient -= gradients[far].sum(axis=0)
+        self._far.gradient[:] -= gradients[far].sum(axis=0)
         self._optimum = None
         self._removed += len(numbers)
         self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ _finite(rows.cost).max(axis=1))
@@ -228,8 +236,8 @@ class Simplex:
         proven = False
         while effort < ROUNDS and inversions < 10 + self._columns:
             state = self._vertex.state
-            result = walk.improve(state, self._n, flat, SHIFT * 0.1**effort, VIOLATED)
-            self._infeasible, consistent, feasible, objective, lower_bound, smallest = result
+            result = walk.improve(state, self._close, self._n, flat, SHIFT * 0.1**effort, VIOLATED)
+            stays, self._infeasible, consistent, feasible, objective, lower_bound, smallest = result
             if state.tally[UPDATES] >= REFRESH:
                 self._vertex.refresh()
                 inversions += 1
@@ -237,7 +245,7 @@ class Simplex:
             lower_bound = max(0.0, min(lower_bound, objective))
             gap = objective - lower_bound
             proven = feasible and gap <= OWN_GAP * max(objective, NOISELESS * self._worst) and smallest >= 0
-            if not self._close.holds(state.x, self._metric):
+            if not stays:
                 self._sort(effort)
                 proven = False
             elif proven or consistent:
@@ -261,15 +269,17 @@ class Simplex:
         """
         self._remember_sides()
         x = self._vertex.state.x.copy()
-        grown = len(self._near) + self._count - self._fresh > 2 * FAR
-        if self._measure() or effort or grown or not self._far.holds(x, 2 * self._metric):
-            self._near, self._far = _settle(self._rows, np.arange(self._count), x, FAR << effort)
+        close = self._close_size << effort
+        far = max(self._far_size, WIDER * close)
+        grown = len(self._near) + self._count - self._fresh > 2 * self._far_size
+        if self._measure() or grown or far > self._far_size or not walk.holds(self._far, x, 0.5):
+            self._near, self._far = _settle(self._rows, np.arange(self._count), self._metric, x, far)
             self._fresh = self._count
         near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
         self._strained = False
-        near, self._close = _settle(self._rows, near, x, (CLOSE + self._n) << effort)
+        near, self._close = _settle(self._rows, near, self._metric, x, close)
         # x is within half the far radius now: whatever the close ball allows stays in the far one
-        self._close.radius = min(self._close.radius, self._far.radius / 2)
+        self._close = self._close._replace(radius=min(self._close.radius, self._far.radius / 2))
         rows = self._rows
         self._vertex.replace(near, rows.a, rows.cost, rows.side, self._far.gradient + self._close.gradient)
 
@@ -284,8 +294,8 @@ class Simplex:
             # the scale has a unit of its own: every component gets a part of its own size
             size = second_moment.diagonal().copy()
             size[size == 0] = 1.0
-            self._metric = np.ascontiguousarray(np.linalg.cholesky(second_moment + RIDGE * np.diag(size)).T, float)
-            self._whitening = np.asarray(np.linalg.inv(self._metric))
+            self._metric = np.ascontiguousarray(np.linalg.cholesky(second_moment + RIDGE * np.diag(size)), float)
+            self._whitening = np.asarray(np.linalg.inv(self._metric).T)
             self._metric_count, self._measured = self._count, 0
         rows = self._rows.part(slice(self._measured, self._count))
         whitened = rows.a @ self._whitening
@@ -333,17 +343,7 @@ def _rows(room: int, columns: int) -> _Rows:
     return _Rows(np.zeros((room, columns)), np.zeros((room, 2)), one, one.copy(), one.copy(), np.zeros(room, np.int64))
 
 
-class _Ball:
-    """Where the rows settled around its centre keep their sides."""
-
-    def __init__(self, center: Array, radius: float, gradient: Array) -> None:
-        self.center, self.radius, self.gradient = center, radius, gradient
-
-    def holds(self, x: Array, metric: Array) -> bool:
-        return self.radius == np.inf or bool(walk.length(metric, x, self.center) <= self.radius)
-
-
-def _settle(rows: _Rows, numbers: Indices, x: Array, size: int) -> tuple[Indices, _Ball]:
+def _settle(rows: _Rows, numbers: Indices, metric: Array, x: Array, size: int) -> tuple[Indices, Ball]:
     """Which rows must stay unsettled, about `size` of them, and the ball that settles the others; updates their sides."""
     distance = np.empty(len(numbers))
     walk.rank(numbers, x, rows.a, rows.cost, rows.norm, rows.side, distance)
@@ -353,7 +353,7 @@ def _settle(rows: _Rows, numbers: Indices, x: Array, size: int) -> tuple[Indices
     walk.add_gradients(numbers[~unsettled], rows.a, rows.cost, rows.side, gradient)
     near = numbers[unsettled]
     # removed rows go, except active ones
-    return near[(rows.scale[near] > 0) | (rows.side[near] == 0)], _Ball(x, radius, gradient)
+    return near[(rows.scale[near] > 0) | (rows.side[near] == 0)], Ball(metric, x, radius, gradient)
 
 
 def _slope(rows: _Rows) -> Array:

@@ -14,9 +14,8 @@ Number = TypeVar("Number", np.float64, np.int64)
 NEGATIVE_PART = 1e3
 """Cost of a negative x_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
 
-CLOSE = 192
-"""About as many rows, and n more, are left to a vertex: an exchange hardly slows down until a few hundred."""
-
+ROOM = 192
+"""A vertex takes this many rows more than twice those it was given, before some of them ought to be settled."""
 
 BROKEN = 1e-6
 """Where the sum of w misses 1 by this, the inverse is none: active conditions all but depend on each other."""
@@ -49,7 +48,7 @@ class Vertex:
             x=np.zeros(n),
             dual=np.zeros(n),
         )
-        self._reserve(2 * CLOSE)
+        self._reserve(2 * ROOM)
         self._limit = len(self.state.value)  # of the count: beyond, rows ought to be settled
         self.restart()
 
@@ -84,7 +83,7 @@ class Vertex:
             self.restart()
 
     def has_room(self, rows: int) -> bool:
-        return self.count + rows <= self._limit
+        return bool(self.state.tally[COUNT] + rows <= self._limit)
 
     def append(self, numbers: Indices, a: Array, cost: Array, side: Array) -> None:
         """Add some of the rows a (m, n) at costs (m, 2), numbered upwards, as inactive ones."""
@@ -93,7 +92,7 @@ class Vertex:
     def replace(self, numbers: Indices, a: Array, cost: Array, side: Array, settled: Array) -> None:
         """Exchange all rows for others, and the gradient of the settled ones; the active rows must be among them."""
         active = self.state.number[self.state.active]
-        self._limit = self._fixed + 2 * (len(numbers) + CLOSE)
+        self._limit = self._fixed + 2 * (len(numbers) + ROOM)
         if self._limit > len(self.state.value):
             self._reserve(2 * self._limit)
         state = self.state

@@ -51,10 +51,18 @@ STALLED = 12
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
 
+REACH = 2.0
+"""The walk goes no farther than so many radii from the center of its ball.
+
+Outside, the rows settled there are taken for linear: F is underestimated, a little near the ball, where the end of a walk is a
+good start for the next, and without measure in the corners of the simplex, where a walk that believes it would end.
+"""
+
 REFRESH = 100
 """B^-1 is to be computed afresh after this many updates, before their rounding errors show."""
 
 VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
+NO_STEP = -1.0  # what `follow` returns without one
 COUNT, UPDATES = 0, 1  # places in State.tally
 NOT_FINITE, NEGATIVE = -1.0, -2.0  # what `standardise` finds wrong
 
@@ -84,6 +92,15 @@ def compiled(function: F) -> F:
         return cast(F, numba.njit(cache=True, error_model="numpy")(function))
     except RuntimeError:  # neither here nor in the user's cache can anything be kept: every process compiles for itself
         return cast(F, numba.njit(error_model="numpy")(function))
+
+
+class Ball(NamedTuple):
+    """Where the rows settled around its center keep their sides."""
+
+    metric: Array  # (n, n) lower triangular: |v| is the length of metric' v
+    center: Array  # (n,)
+    radius: float
+    gradient: Array  # (n,) of F, of the rows settled
 
 
 # ---- the conditions
@@ -167,6 +184,24 @@ def sum_gradients(state: State) -> None:
 
 
 @compiled
+def holds(ball: Ball, x: Array, reach: float) -> bool:
+    """Whether x lies in the ball, were its radius so many times as large."""
+    if math.isinf(ball.radius):
+        return True
+    return norm(transformed(ball.metric, x - ball.center)) <= reach * ball.radius
+
+
+@compiled
+def transformed(metric: Array, v: Array) -> Array:
+    """metric' v"""
+    image = np.zeros(len(v))
+    for j in range(len(v)):
+        for i in range(j + 1):
+            image[i] += metric[j, i] * v[j]
+    return image
+
+
+@compiled
 def evaluate(state: State, direction: Array, out: Array) -> None:
     """a . direction of every condition."""
     count = state.tally[COUNT]
@@ -226,9 +261,9 @@ def violation(state: State) -> float:
 
 @compiled
 def improve(
-    state: State, weights: int, flat: float, shift: float, tolerance: float
-) -> tuple[bool, bool, bool, float, float, float]:
-    """Descend to the least violation, then to the least F; stops for a fresh inverse as well.
+    state: State, ball: Ball, weights: int, flat: float, shift: float, tolerance: float
+) -> tuple[bool, bool, bool, bool, float, float, float]:
+    """Descend to the least violation, then to the least F; stops for a fresh inverse as well, and short of leaving the ball.
 
     Args:
         weights: so many of the columns, the first, are weights.
@@ -236,10 +271,10 @@ def improve(
         shift: conditions of a degenerate vertex are moved apart by about this.
         tolerance: hard rows violated by no more are met.
     Returns:
-        Whether the hard rows contradict each other; whether rounding left the result consistent; whether it meets the hard
-        rows; and its bounds.
+        Whether it ends in the ball; whether the hard rows contradict each other; whether rounding left the result consistent;
+        whether it meets the hard rows; and its bounds.
     """
-    contradicted, updates = False, state.tally[UPDATES]
+    stays, contradicted, updates = True, False, state.tally[UPDATES]
     for k in range(1, state.tally[COUNT]):
         if state.side[k] * state.value[k] < -ZERO:  # one that was tolerated
             put(state, k, -state.side[k])
@@ -250,11 +285,13 @@ def improve(
                 meet(state)
         elif violation(state) <= ZERO:
             continue
-        descend(state, phase, contradicted, flat, shift)
+        stays = descend(state, ball, phase, contradicted, flat, shift)
         consistent = locate(state, tolerance if phase == FIT and not contradicted else 0.0)
+        if not stays:
+            break
     if state.tally[UPDATES] > updates:
         sum_gradients(state)  # rounding left by costs that came and went
-    return contradicted, consistent, violation(state) <= tolerance, *bounds(state, weights)
+    return stays and holds(ball, state.x, 1.0), contradicted, consistent, violation(state) <= tolerance, *bounds(state, weights)
 
 
 @compiled
@@ -267,23 +304,29 @@ def meet(state: State) -> None:
 
 
 @compiled
-def descend(state: State, phase: int, level: bool, flat: float, shift: float) -> None:
-    """Exchange conditions until no edge descends; where it says so, along edges that leave the violation as it is."""
+def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shift: float) -> bool:
+    """Exchange conditions until no edge descends; where it says so, along edges that leave the violation as it is.
+
+    Returns:
+        False where it stopped because the next edge leads too far out of the ball.
+    """
     slopes = np.empty((2, 2 * len(state.active)))
     room = np.empty((3, len(state.value)))
     ahead = np.empty(len(state.value), np.int64)
+    place = transformed(ball.metric, state.x - ball.center)
     stalled = 0
     while state.tally[UPDATES] < REFRESH:
         edge = choose(state, phase, level, flat, slopes)
         if edge < 0:
-            return
-        step = follow(state, edge, phase, slopes[phase, edge], room, ahead)
-        if step < 0:
-            return
+            return True
+        step = follow(state, ball, place, edge, phase, slopes[phase, edge], room, ahead)
+        if step == NO_STEP:
+            return math.isinf(ball.radius)  # with no row settled, rounding alone keeps an edge from turning
         stalled = stalled + 1 if step < TIE else 0
         if stalled == STALLED:
             split(state, shift)
             stalled = 0
+    return True
 
 
 @compiled
@@ -329,10 +372,13 @@ def price(state: State, phase: int, slopes: Array) -> None:
 
 
 @compiled
-def follow(state: State, edge: int, phase: int, initial: float, room: Array, ahead: Indices) -> float:
+def follow(state: State, ball: Ball, place: Array, edge: int, phase: int, initial: float, room: Array, ahead: Indices) -> float:
     """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step.
 
-    It is negative where nothing turns the edge: by rounding only, as the costs are bounded below.
+    It is NO_STEP, and nothing has changed, where that condition is too far out of the ball, or nothing turns the edge.
+
+    Args:
+        place: metric' (x - center of the ball); goes along.
     """
     n, count = len(state.active), state.tally[COUNT]
     i = edge % n
@@ -354,7 +400,7 @@ def follow(state: State, edge: int, phase: int, initial: float, room: Array, ahe
     crossed, steepness = 0, initial
     while True:
         if crossed == size:
-            return -1.0
+            return NO_STEP
         nearest = crossed
         for p in range(crossed + 1, size):
             if distance[p] < distance[nearest]:
@@ -371,6 +417,13 @@ def follow(state: State, edge: int, phase: int, initial: float, room: Array, ahe
         if distance[p] <= limit and speed[p] > speed[nearest]:
             nearest = p
     step: float = distance[nearest]
+    if not math.isinf(ball.radius):
+        moved = transformed(ball.metric, direction)
+        for j in range(n):
+            moved[j] = place[j] + step * moved[j]
+        if norm(moved) > REACH * ball.radius:
+            return NO_STEP
+        place[:] = moved
     for k in range(count):
         state.value[k] += step * change[k]
     for p in range(crossed):
@@ -515,18 +568,6 @@ def standardise(numbers: Indices, a: Array, cost: Array, scale: Array, side: Arr
         side[i] = 1.0 if cost[i, 0] <= cost[i, 1] else -1.0
         worst += highest * peak / scale[i]
     return worst
-
-
-@compiled
-def length(metric: Array, x: Array, center: Array) -> float:
-    """|x - center|"""
-    total = 0.0
-    for i in range(len(x)):
-        component = 0.0
-        for j in range(len(x)):
-            component += metric[i, j] * (x[j] - center[j])
-        total += component * component
-    return math.sqrt(total)
 
 
 @compiled
