@@ -11,14 +11,13 @@ and from the rows of the large one only: so the cost of a data point does not de
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pushfric_core import walk
 from pushfric_core.constraints import ConstraintRows
 from pushfric_core.linear_program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP, Solution, Status, certify
 from pushfric_core.planar import Array
 from pushfric_core.vertex import Vertex
-from pushfric_core.walk import FIT, NEGATIVE, NOT_FINITE, REFRESH, UPDATES, ZERO, Ball, Indices
+from pushfric_core.walk import FIT, NEGATIVE, NOT_FINITE, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
 
 OWN_GAP = RELATIVE_GAP / 2
 """Half of what `linear_program.certify` allows: it adds up in another order, and must come to the same conclusion."""
@@ -85,7 +84,7 @@ class Simplex:
         self._n, self._columns = n, n + with_scale
         self._close_size = CLOSE + CLOSE_PER_COLUMN * self._columns
         self._far_size = max(FAR, WIDER * self._close_size)
-        self._rows = _rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
+        self._rows = walk.empty_rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
         self._present: set[int] = set()  # groups
         self._scaled = 0  # rows that say something about the scale
@@ -116,16 +115,12 @@ class Simplex:
         first, last = self._count, self._count + m
         if last > len(self._rows.a):
             self._rows = self._rows.with_room(2 * last)
-        rows, numbers = self._rows, np.arange(first, last)
-        rows.a[first:last] = a
-        rows.cost[first:last, 0] = above
-        rows.cost[first:last, 1] = below
-        worst = walk.standardise(numbers, rows.a, rows.cost, rows.scale, rows.side, self._n)
+        unsettled = self._vertex.has_room(m) and not self._strained
+        worst = walk.receive(self._vertex.state, self._rows, first, self._groups, a, above, below, self._n, unsettled)
         if worst == NOT_FINITE:
             raise ValueError("the coefficients of the rows must be finite")
         if worst == NEGATIVE:
             raise ValueError("the costs of the rows must not be negative or NaN")
-        rows.group[first:last] = self._groups
         self._present.add(self._groups)
         self._groups += 1
         self._count = last
@@ -133,9 +128,7 @@ class Simplex:
         self._worst += worst
         if self._columns > self._n:
             self._scaled += int(np.count_nonzero(a[:, self._n]))
-        if self._vertex.has_room(m) and not self._strained:
-            self._vertex.append(numbers, rows.a, rows.cost, rows.side)
-        else:
+        if not unsettled:
             self._sort()
 
     def remove(self, group: int) -> None:
@@ -317,33 +310,7 @@ class Simplex:
         self._rows.side[numbers] = sides
 
 
-class _Rows(NamedTuple):
-    """Rows in order of arrival, scaled by powers of two to a largest coefficient of the weights in [1/2, 1)."""
-
-    a: Array  # (m, n)
-    cost: Array  # (m, 2) above and below
-    scale: Array  # (m,) what they were divided by; 0 once removed
-    norm: Array  # (m,) |a|*
-    side: Array  # (m,) as last seen: +1, -1, or 0 while active
-    group: Indices  # (m,)
-
-    def part(self, which: slice | npt.NDArray[np.generic]) -> "_Rows":
-        a, cost, scale, norm, side, group = self
-        return _Rows(a[which], cost[which], scale[which], norm[which], side[which], group[which])
-
-    def with_room(self, room: int) -> "_Rows":
-        grown = _rows(room, self.a.shape[1])
-        for new, old in zip(grown, self, strict=True):
-            new[: len(old)] = old
-        return grown
-
-
-def _rows(room: int, columns: int) -> _Rows:
-    one = np.zeros(room)
-    return _Rows(np.zeros((room, columns)), np.zeros((room, 2)), one, one.copy(), one.copy(), np.zeros(room, np.int64))
-
-
-def _settle(rows: _Rows, numbers: Indices, metric: Array, x: Array, size: int) -> tuple[Indices, Ball]:
+def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) -> tuple[Indices, Ball]:
     """Which rows must stay unsettled, about `size` of them, and the ball that settles the others; updates their sides."""
     distance = np.empty(len(numbers))
     walk.rank(numbers, x, rows.a, rows.cost, rows.norm, rows.side, distance)
@@ -356,7 +323,7 @@ def _settle(rows: _Rows, numbers: Indices, metric: Array, x: Array, size: int) -
     return near[(rows.scale[near] > 0) | (rows.side[near] == 0)], Ball(metric, x, radius, gradient)
 
 
-def _slope(rows: _Rows) -> Array:
+def _slope(rows: Rows) -> Array:
     """Derivative of each row's cost on its side; 0 where it is active or its cost infinite."""
     above, below = _finite(rows.cost).T
     return np.where(rows.side > 0, above, np.where(rows.side < 0, -below, 0.0))

@@ -85,10 +85,6 @@ class Vertex:
     def has_room(self, rows: int) -> bool:
         return bool(self.state.tally[COUNT] + rows <= self._limit)
 
-    def append(self, numbers: Indices, a: Array, cost: Array, side: Array) -> None:
-        """Add some of the rows a (m, n) at costs (m, 2), numbered upwards, as inactive ones."""
-        walk.append(self.state, numbers, a, cost, side)
-
     def replace(self, numbers: Indices, a: Array, cost: Array, side: Array, settled: Array) -> None:
         """Exchange all rows for others, and the gradient of the settled ones; the active rows must be among them."""
         active = self.state.number[self.state.active]

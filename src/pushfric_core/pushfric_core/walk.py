@@ -103,6 +103,32 @@ class Ball(NamedTuple):
     gradient: Array  # (n,) of F, of the rows settled
 
 
+class Rows(NamedTuple):
+    """Rows in order of arrival, scaled by powers of two to a largest coefficient of the weights in [1/2, 1)."""
+
+    a: Array  # (m, n)
+    cost: Array  # (m, 2) above and below
+    scale: Array  # (m,) what they were divided by; 0 once removed
+    norm: Array  # (m,) |a|*
+    side: Array  # (m,) as last seen: +1, -1, or 0 while active
+    group: Indices  # (m,)
+
+    def part(self, which: slice | npt.NDArray[np.generic]) -> "Rows":
+        a, cost, scale, norm, side, group = self
+        return Rows(a[which], cost[which], scale[which], norm[which], side[which], group[which])
+
+    def with_room(self, room: int) -> "Rows":
+        grown = empty_rows(room, self.a.shape[1])
+        for new, old in zip(grown, self, strict=True):
+            new[: len(old)] = old
+        return grown
+
+
+def empty_rows(room: int, columns: int) -> Rows:
+    one = np.zeros(room)
+    return Rows(np.zeros((room, columns)), np.zeros((room, 2)), one, one.copy(), one.copy(), np.zeros(room, np.int64))
+
+
 # ---- the conditions
 
 
@@ -313,7 +339,9 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
     slopes = np.empty((2, 2 * len(state.active)))
     room = np.empty((3, len(state.value)))
     ahead = np.empty(len(state.value), np.int64)
-    place = transformed(ball.metric, state.x - ball.center)
+    place = state.x - ball.center
+    if not math.isinf(ball.radius):
+        place = transformed(ball.metric, place)
     stalled = 0
     while state.tally[UPDATES] < REFRESH:
         edge = choose(state, phase, level, flat, slopes)
@@ -540,33 +568,50 @@ def largest_scale(state: State, objective: float) -> float:
 
 
 @compiled
-def standardise(numbers: Indices, a: Array, cost: Array, scale: Array, side: Array, weights: int) -> float:
-    """Scale some of the rows a (m, n) and their costs (m, 2) in place, by powers of two, which is exact.
+def receive(
+    state: State, rows: Rows, first: int, group: int, a: Array, above: Array, below: Array, weights: int, unsettled: bool
+) -> float:
+    """Store the rows of a group, and append them to the vertex if they are to be unsettled; returns what `store` does.
+
+    In one function: entering a compiled one takes longer than this.
+    """
+    worst = store(rows, first, group, a, above, below, weights)
+    if unsettled and worst >= 0:
+        append(state, np.arange(first, first + len(a)), rows.a, rows.cost, rows.side)
+    return worst
+
+
+@compiled
+def store(rows: Rows, first: int, group: int, a: Array, above: Array, below: Array, weights: int) -> float:
+    """Put the rows a (m, n) of a group from `first` on, scaled in place by powers of two, which is exact.
 
     Returns:
         The most that weights alone make them cost; NOT_FINITE or NEGATIVE where the rows cannot be used.
     """
     worst = 0.0
-    for i in numbers:
+    for p in range(len(a)):
+        i = first + p
         peak = 0.0
         for j in range(a.shape[1]):
-            if not math.isfinite(a[i, j]):
+            if not math.isfinite(a[p, j]):
                 return NOT_FINITE
             if j < weights or peak == 0:
-                peak = max(peak, abs(a[i, j]))
-        scale[i] = 2.0 ** math.frexp(peak)[1]
+                peak = max(peak, abs(a[p, j]))
+        rows.group[i] = group
+        rows.scale[i] = 2.0 ** math.frexp(peak)[1]
         for j in range(a.shape[1]):
-            a[i, j] /= scale[i]
+            rows.a[i, j] = a[p, j] / rows.scale[i]
+        rows.cost[i, 0], rows.cost[i, 1] = above[p], below[p]
         highest = 0.0
         for sign in range(2):
-            if not cost[i, sign] >= 0:
+            if not rows.cost[i, sign] >= 0:
                 return NEGATIVE
             # a row of zeros costs nothing, and no x violates it
-            cost[i, sign] = cost[i, sign] * scale[i] if peak > 0 else 0.0
-            if cost[i, sign] < math.inf:
-                highest = max(highest, cost[i, sign])
-        side[i] = 1.0 if cost[i, 0] <= cost[i, 1] else -1.0
-        worst += highest * peak / scale[i]
+            rows.cost[i, sign] = rows.cost[i, sign] * rows.scale[i] if peak > 0 else 0.0
+            if rows.cost[i, sign] < math.inf:
+                highest = max(highest, rows.cost[i, sign])
+        rows.side[i] = 1.0 if rows.cost[i, 0] <= rows.cost[i, 1] else -1.0
+        worst += highest * peak / rows.scale[i]
     return worst
 
 
