@@ -56,8 +56,8 @@ FRAMES, WATCHED = 20, 3.0
 """A camera is watched for so many frames, or so long [s]."""
 SLOWEST = 10.0
 """A push at 2 cm/s needs as many frames [1/s]."""
-BRIGHTEST, MOST_SATURATED = 254, 0.01
-"""Pixels from this grey level on tell nothing more; at most this share of them."""
+BRIGHTEST, MOST_SATURATED = 235, 0.01
+"""Video ends at this grey level, and a still picture has little left beyond it; at most this share of the pixels is there."""
 COARSEST = 0.5e-3
 """Size of a pixel on the table [m]."""
 LENS_ERROR_PX = 0.5

@@ -39,6 +39,9 @@ GRID = SupportFile(grid=(10, 10), inset=0.0075)
 TOUCHING = 0.25
 """The finger touches from when the force first exceeds this share of its maximum."""
 
+BUILDING_UP = 0.3
+"""The mean force leaves out this first share of the contact, as push_points.csv does: the force has yet to build up."""
+
 LARGEST_GAP = 0.004
 """A push is left out where the finger, in the middle of it, is further than this from the outline [m]: the log is wrong."""
 
@@ -168,8 +171,8 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     motion = planar.log(compose(inverse(push.before), push.after))
     forces = push.forces[:, 1:] - push.forces[0, 1:]
     size = np.hypot(*forces.T)
-    touched = float(push.forces[np.argmax(size > TOUCHING * size.max()), 0])
-    middle = (touched + float(push.tool[-1, 0])) / 2
+    touched, end = float(push.forces[np.argmax(size > TOUCHING * size.max()), 0]), float(push.tool[-1, 0])
+    middle = (touched + end) / 2
     x, y, heading = (float(np.interp(middle, push.tool[:, 0], column)) for column in push.tool.T[1:])
     pose = compose(push.before, exp(motion, 0.5))
     tip = transform(inverse(pose), (x, y))
@@ -179,7 +182,7 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     contact = tip - gaps[edge] * outline.normals[edge]
     if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion):
         return None
-    pressed = push.forces[:, 0] >= touched
+    pressed = push.forces[:, 0] >= touched + BUILDING_UP * (end - touched)
     in_tool = SENSOR_TO_TOOL @ forces[pressed].mean(axis=0)
     fx, fy = rotation(heading - pose.theta) @ in_tool
     nx, ny = outline.normals[edge]
