@@ -4,8 +4,9 @@
 
 A row far from zero keeps its side, so it is linear: |a . (x - c)| <= |a|* |x - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
 the second moment of the rows (x moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
-settled in a ball around c need not be looked at while x stays in it. Of two nested balls, the small one is sorted anew often,
-and from the rows of the large one only: so the cost of a data point does not depend on the number before it.
+settled in a ball around c need not be looked at while x stays in it, and a walk that would leave it by far stops first. Of two
+nested balls, the small one is sorted anew often, and from the rows of the large one only: so the cost of a data point does not
+depend on the number before it.
 """
 
 from typing import NamedTuple
@@ -49,7 +50,7 @@ FLOOR = 1e-9
 RIDGE = 1e-5
 """Part of the identity in C: keeps it invertible before the rows span all directions."""
 
-SAMPLE = 512
+SAMPLE = 2048
 """Rows, or 2 n if that is more, that C is taken from."""
 
 
@@ -280,7 +281,7 @@ class Simplex:
         """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
         if 2 * self._removed > self._count:
             self._compact()
-        renew = self._count >= 2 * self._metric_count
+        renew = self._count >= max(1, 2 * self._metric_count)
         if renew:
             sample = self._rows.a[: self._count : 1 + self._count // max(SAMPLE, 2 * self._columns)]
             second_moment = sample.T @ sample / len(sample)
@@ -290,9 +291,10 @@ class Simplex:
             self._metric = np.ascontiguousarray(np.linalg.cholesky(second_moment + RIDGE * np.diag(size)), float)
             self._whitening = np.asarray(np.linalg.inv(self._metric).T)
             self._metric_count, self._measured = self._count, 0
-        rows = self._rows.part(slice(self._measured, self._count))
-        whitened = rows.a @ self._whitening
-        rows.norm[:] = np.sqrt(np.einsum("ij,ij->i", whitened, whitened)) + ZERO
+        for first in range(self._measured, self._count, SAMPLE):  # the product for all of them at once would double the memory
+            rows = self._rows.part(slice(first, min(first + SAMPLE, self._count)))
+            whitened = rows.a @ self._whitening
+            rows.norm[:] = np.sqrt(np.einsum("ij,ij->i", whitened, whitened)) + ZERO
         self._measured = self._count
         return renew
 

@@ -48,8 +48,8 @@ class Vertex:
             x=np.zeros(n),
             dual=np.zeros(n),
         )
+        self._limit = self._fixed + 2 * ROOM  # of the count: beyond, rows ought to be settled
         self._reserve(2 * ROOM)
-        self._limit = len(self.state.value)  # of the count: beyond, rows ought to be settled
         self.restart()
 
     @property

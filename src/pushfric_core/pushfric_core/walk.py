@@ -428,7 +428,14 @@ def follow(state: State, ball: Ball, place: Array, edge: int, phase: int, initia
     crossed, steepness = 0, initial
     while True:
         if crossed == size:
-            return NO_STEP
+            # F is bounded below: with no row settled, rounding hides that the last crossed that costs anything turns the edge
+            while crossed > 0 and state.cost[phase, 0, ahead[crossed - 1]] + state.cost[phase, 1, ahead[crossed - 1]] == 0:
+                crossed -= 1
+            if crossed == 0 or not math.isinf(ball.radius):
+                return NO_STEP
+            crossed -= 1
+            nearest = crossed
+            break
         nearest = crossed
         for p in range(crossed + 1, size):
             if distance[p] < distance[nearest]:
@@ -437,8 +444,9 @@ def follow(state: State, ball: Ball, place: Array, edge: int, phase: int, initia
         steepness += (state.cost[phase, 0, k] + state.cost[phase, 1, k]) * speed[nearest]
         if steepness >= 0:
             break
-        ahead[nearest], distance[nearest], speed[nearest] = ahead[crossed], distance[crossed], speed[crossed]
-        ahead[crossed] = k
+        ahead[crossed], ahead[nearest] = k, ahead[crossed]
+        distance[crossed], distance[nearest] = distance[nearest], distance[crossed]
+        speed[crossed], speed[nearest] = speed[nearest], speed[crossed]
         crossed += 1
     limit = distance[nearest] + TIE
     for p in range(crossed, size):
