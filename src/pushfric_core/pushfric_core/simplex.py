@@ -38,11 +38,10 @@ ROUNDS = 15
 CLOSE, CLOSE_PER_COLUMN = 96, 4
 """Rows left unsettled in the small ball: an exchange hardly slows down until a few hundred, and more columns travel farther."""
 
-FAR = 4096
-"""Rows left unsettled in the large ball: sorting them takes some 0.5 ms."""
-
-WIDER = 4
-"""So many times the rows of the small ball, at least, are left in the large one: then the small one has room in half of it."""
+FAR, WIDER = 12, 4
+"""So many times the rows of the small ball are left in the large one, and if the small one grows, at least so many times: then
+it has room in half of the large one.
+"""
 
 FLOOR = 1e-9
 """Least radius of a ball: the rows of noiseless data are all zero, and none of them is ever settled."""
@@ -84,7 +83,7 @@ class Simplex:
             raise ValueError(f"n must be at least 1, got {n}")
         self._n, self._columns = n, n + with_scale
         self._close_size = CLOSE + CLOSE_PER_COLUMN * self._columns
-        self._far_size = max(FAR, WIDER * self._close_size)
+        self._far_size = FAR * self._close_size
         self._rows = walk.empty_rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
         self._present: set[int] = set()  # groups
