@@ -18,7 +18,7 @@ from pushfric_core.constraints import ConstraintRows
 from pushfric_core.linear_program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP, Solution, Status, certify
 from pushfric_core.planar import Array
 from pushfric_core.vertex import Vertex
-from pushfric_core.walk import FIT, NEGATIVE, NOT_FINITE, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
+from pushfric_core.walk import COEFFICIENT, COST, FIT, LARGEST, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
 
 OWN_GAP = RELATIVE_GAP / 2
 """Half of what `linear_program.certify` allows: it adds up in another order, and must come to the same conclusion."""
@@ -44,13 +44,16 @@ it has room in half of the large one.
 """
 
 FLOOR = 1e-9
-"""Least radius of a ball: the rows of noiseless data are all zero, and none of them is ever settled."""
+"""Least radius a ball is sorted for: the rows of noiseless data are all zero, and none of them is ever settled."""
 
 RIDGE = 1e-5
 """Part of the identity in C: keeps it invertible before the rows span all directions."""
 
 SAMPLE = 2048
 """Rows, or 2 n if that is more, that C is taken from."""
+
+BLOCK = 512
+"""Norms are computed for so many rows at a time: the product for all of them would double the memory."""
 
 
 STEEP = 1e-9
@@ -96,7 +99,8 @@ class Simplex:
         self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
         self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
-        self._far = self._close = Ball(self._metric, self._vertex.state.x.copy(), np.inf, np.zeros(self._columns))
+        self._far = self._close = Ball(self._metric, self._vertex.state.x.copy(), np.inf)
+        self._far_gradient = np.zeros(self._columns)  # of F, of the rows settled in the far ball
         self._near: Indices = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
         self._fresh = 0
 
@@ -104,9 +108,9 @@ class Simplex:
         """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
 
         Raises:
-            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
+            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN, huge ones.
         """
-        a, above, below = added
+        a, above, below = map(_plain, added)
         m = len(above)
         if a.shape != (m, self._columns) or above.shape != (m,) or below.shape != (m,):
             raise ValueError(
@@ -117,10 +121,10 @@ class Simplex:
             self._rows = self._rows.with_room(2 * last)
         unsettled = self._vertex.has_room(m) and not self._strained
         worst = walk.receive(self._vertex.state, self._rows, first, self._groups, a, above, below, self._n, unsettled)
-        if worst == NOT_FINITE:
-            raise ValueError("the coefficients of the rows must be finite")
-        if worst == NEGATIVE:
-            raise ValueError("the costs of the rows must not be negative or NaN")
+        if worst == COEFFICIENT:
+            raise ValueError(f"the coefficients of the rows must be finite, and at most {LARGEST:g}")
+        if worst == COST:
+            raise ValueError(f"the costs of the rows must not be negative or NaN, and at most {LARGEST:g} or infinite")
         self._present.add(self._groups)
         self._groups += 1
         self._count = last
@@ -148,7 +152,7 @@ class Simplex:
         settled = ~self._vertex.free(numbers)
         far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
         self._vertex.forget(gradients[settled].sum(axis=0))
-        self._far.gradient[:] -= gradients[far].sum(axis=0)
+        self._far_gradient -= gradients[far].sum(axis=0)
         self._optimum = None
         self._removed += len(numbers)
         self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ _finite(rows.cost).max(axis=1))
@@ -266,15 +270,15 @@ class Simplex:
         far = max(self._far_size, WIDER * close)
         grown = len(self._near) + self._count - self._fresh > 2 * self._far_size
         if self._measure() or grown or far > self._far_size or not walk.holds(self._far, x, 0.5):
-            self._near, self._far = _settle(self._rows, np.arange(self._count), self._metric, x, far)
+            self._near, self._far, self._far_gradient = _settle(self._rows, np.arange(self._count), self._metric, x, far)
             self._fresh = self._count
         near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
         self._strained = False
-        near, self._close = _settle(self._rows, near, self._metric, x, close)
+        near, self._close, gradient = _settle(self._rows, near, self._metric, x, close)
         # x is within half the far radius now: whatever the close ball allows stays in the far one
         self._close = self._close._replace(radius=min(self._close.radius, self._far.radius / 2))
         rows = self._rows
-        self._vertex.replace(near, rows.a, rows.cost, rows.side, self._far.gradient + self._close.gradient)
+        self._vertex.replace(near, rows.a, rows.cost, rows.side, self._far_gradient + gradient)
 
     def _measure(self) -> bool:
         """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
@@ -290,8 +294,8 @@ class Simplex:
             self._metric = np.ascontiguousarray(np.linalg.cholesky(second_moment + RIDGE * np.diag(size)), float)
             self._whitening = np.asarray(np.linalg.inv(self._metric).T)
             self._metric_count, self._measured = self._count, 0
-        for first in range(self._measured, self._count, SAMPLE):  # the product for all of them at once would double the memory
-            rows = self._rows.part(slice(first, min(first + SAMPLE, self._count)))
+        for first in range(self._measured, self._count, BLOCK):
+            rows = self._rows.part(slice(first, min(first + BLOCK, self._count)))
             whitened = rows.a @ self._whitening
             rows.norm[:] = np.sqrt(np.einsum("ij,ij->i", whitened, whitened)) + ZERO
         self._measured = self._count
@@ -311,17 +315,23 @@ class Simplex:
         self._rows.side[numbers] = sides
 
 
-def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) -> tuple[Indices, Ball]:
-    """Which rows must stay unsettled, about `size` of them, and the ball that settles the others; updates their sides."""
+def _plain(array: Array) -> Array:
+    """As the compiled functions know arrays: for any other kind each would be compiled once more."""
+    return array if array.flags.carray and array.dtype == np.float64 else np.array(array, np.float64, order="C")
+
+
+def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) -> tuple[Indices, Ball, Array]:
+    """Which rows must stay unsettled, about `size` of them; the ball that settles the others, and the gradient of these.
+
+    Updates their sides.
+    """
     distance = np.empty(len(numbers))
     walk.rank(numbers, x, rows.a, rows.cost, rows.norm, rows.side, distance)
     radius = max(FLOOR, float(np.partition(distance, size)[size])) if len(numbers) > size else np.inf
-    unsettled = distance <= radius
+    unsettled = (distance <= radius) & (distance < np.inf)
     gradient = np.zeros(len(x))
     walk.add_gradients(numbers[~unsettled], rows.a, rows.cost, rows.side, gradient)
-    near = numbers[unsettled]
-    # removed rows go, except active ones
-    return near[(rows.scale[near] > 0) | (rows.side[near] == 0)], Ball(metric, x, radius, gradient)
+    return numbers[unsettled], Ball(metric, x, radius), gradient
 
 
 def _slope(rows: Rows) -> Array:

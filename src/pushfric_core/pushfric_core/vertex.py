@@ -15,7 +15,7 @@ NEGATIVE_PART = 1e3
 """Cost of a negative x_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
 
 ROOM = 192
-"""A vertex takes this many rows more than twice those it was given, before some of them ought to be settled."""
+"""A vertex takes as many rows more as it was given, and twice this number, before it is time to settle some of them."""
 
 BROKEN = 1e-6
 """Where the sum of w misses 1 by this, the inverse is none: active conditions all but depend on each other."""
@@ -48,7 +48,7 @@ class Vertex:
             x=np.zeros(n),
             dual=np.zeros(n),
         )
-        self._limit = self._fixed + 2 * ROOM  # of the count: beyond, rows ought to be settled
+        self._limit = self._fixed + 2 * ROOM  # of the count: beyond, it is time to settle some
         self._reserve(2 * ROOM)
         self.restart()
 

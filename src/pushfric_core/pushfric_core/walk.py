@@ -61,10 +61,13 @@ good start for the next, and without measure in the corners of the simplex, wher
 REFRESH = 100
 """B^-1 is to be computed afresh after this many updates, before their rounding errors show."""
 
+LARGEST = 1e150
+"""No coefficient and no finite cost is larger; a row whose coefficients are all smaller than its inverse is one of zeros."""
+
 VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
 NO_STEP = -1.0  # what `follow` returns without one
 COUNT, UPDATES = 0, 1  # places in State.tally
-NOT_FINITE, NEGATIVE = -1.0, -2.0  # what `standardise` finds wrong
+COEFFICIENT, COST = -1.0, -2.0  # what `store` finds wrong
 
 
 class State(NamedTuple):
@@ -100,7 +103,6 @@ class Ball(NamedTuple):
     metric: Array  # (n, n) lower triangular: |v| is the length of metric' v
     center: Array  # (n,)
     radius: float
-    gradient: Array  # (n,) of F, of the rows settled
 
 
 class Rows(NamedTuple):
@@ -125,8 +127,8 @@ class Rows(NamedTuple):
 
 
 def empty_rows(room: int, columns: int) -> Rows:
-    one = np.zeros(room)
-    return Rows(np.zeros((room, columns)), np.zeros((room, 2)), one, one.copy(), one.copy(), np.zeros(room, np.int64))
+    scale, norm, side = np.zeros((3, room))
+    return Rows(np.zeros((room, columns)), np.zeros((room, 2)), scale, norm, side, np.zeros(room, np.int64))
 
 
 # ---- the conditions
@@ -334,7 +336,7 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
     """Exchange conditions until no edge descends; where it says so, along edges that leave the violation as it is.
 
     Returns:
-        False where it stopped because the next edge leads too far out of the ball.
+        False where it stopped because the edge to follow leads too far out of the ball, or is turned by a settled row.
     """
     slopes = np.empty((2, 2 * len(state.active)))
     room = np.empty((3, len(state.value)))
@@ -594,32 +596,36 @@ def store(rows: Rows, first: int, group: int, a: Array, above: Array, below: Arr
     """Put the rows a (m, n) of a group from `first` on, scaled in place by powers of two, which is exact.
 
     Returns:
-        The most that weights alone make them cost; NOT_FINITE or NEGATIVE where the rows cannot be used.
+        The most that weights alone make them cost; COEFFICIENT or COST where one of these cannot be used.
     """
     worst = 0.0
     for p in range(len(a)):
         i = first + p
-        peak = 0.0
+        peak = largest = 0.0
         for j in range(a.shape[1]):
-            if not math.isfinite(a[p, j]):
-                return NOT_FINITE
+            if not abs(a[p, j]) <= LARGEST:
+                return COEFFICIENT
+            if j < weights:
+                largest = max(largest, abs(a[p, j]))
             if j < weights or peak == 0:
                 peak = max(peak, abs(a[p, j]))
+        if peak < 1 / LARGEST:
+            peak = largest = 0.0
         rows.group[i] = group
         rows.scale[i] = 2.0 ** math.frexp(peak)[1]
         for j in range(a.shape[1]):
-            rows.a[i, j] = a[p, j] / rows.scale[i]
+            rows.a[i, j] = a[p, j] / rows.scale[i] if peak > 0 else 0.0
         rows.cost[i, 0], rows.cost[i, 1] = above[p], below[p]
         highest = 0.0
         for sign in range(2):
-            if not rows.cost[i, sign] >= 0:
-                return NEGATIVE
+            if not (0 <= rows.cost[i, sign] <= LARGEST or rows.cost[i, sign] == math.inf):
+                return COST
             # a row of zeros costs nothing, and no x violates it
             rows.cost[i, sign] = rows.cost[i, sign] * rows.scale[i] if peak > 0 else 0.0
             if rows.cost[i, sign] < math.inf:
                 highest = max(highest, rows.cost[i, sign])
         rows.side[i] = 1.0 if rows.cost[i, 0] <= rows.cost[i, 1] else -1.0
-        worst += highest * peak / rows.scale[i]
+        worst += highest * largest / rows.scale[i]
     return worst
 
 
@@ -632,9 +638,12 @@ def rank(numbers: Indices, x: Array, a: Array, cost: Array, norm: Array, side: A
         for j in range(len(x)):
             value += a[i, j] * x[j]
         side[i] = side_of(value, side[i])
-        # active rows and hard rows on their hard side are never settled
-        stays = side[i] == 0 or math.isinf(cost[i, 0 if side[i] > 0 else 1])
-        distance[p] = 0.0 if stays else abs(value) / norm[i]
+        if side[i] == 0 or math.isinf(cost[i, 0 if side[i] > 0 else 1]):
+            distance[p] = 0.0  # active rows and hard rows on their hard side are never settled
+        elif cost[i, 0] == 0 and cost[i, 1] == 0:
+            distance[p] = math.inf  # rows without cost, removed ones among them, always are
+        else:
+            distance[p] = abs(value) / norm[i]
 
 
 @compiled

@@ -167,12 +167,13 @@ def _heading(quaternion: Array) -> float:
 
 
 def _observation(index: int, push: _Push, outline: Outline) -> Observation | None:
-    """The data point of a push; None where the finger was not at an edge or the object did not move."""
+    """The data point of a push; None without a finger at an edge, a motion or a force during the contact."""
     motion = planar.log(compose(inverse(push.before), push.after))
     forces = push.forces[:, 1:] - push.forces[0, 1:]
     size = np.hypot(*forces.T)
     touched, end = float(push.forces[np.argmax(size > TOUCHING * size.max()), 0]), float(push.tool[-1, 0])
     middle = (touched + end) / 2
+    pressed = push.forces[:, 0] >= touched + BUILDING_UP * max(end - touched, 0.0)
     x, y, heading = (float(np.interp(middle, push.tool[:, 0], column)) for column in push.tool.T[1:])
     pose = compose(push.before, exp(motion, 0.5))
     tip = transform(inverse(pose), (x, y))
@@ -180,9 +181,8 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     gaps = np.sum((tip - outline.vertices) * outline.normals, axis=1)
     edge = int(np.argmax(gaps))
     contact = tip - gaps[edge] * outline.normals[edge]
-    if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion):
+    if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion) or not pressed.any():
         return None
-    pressed = push.forces[:, 0] >= touched + BUILDING_UP * (end - touched)
     in_tool = SENSOR_TO_TOOL @ forces[pressed].mean(axis=0)
     fx, fy = rotation(heading - pose.theta) @ in_tool
     nx, ny = outline.normals[edge]
