@@ -30,7 +30,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def sizes(request, monkeypatch):
     """Each test runs with balls that leave so few rows unsettled that even small programs settle, sort and leave them, too."""
     if request.param == "small balls":
-        monkeypatch.setattr(vertex, "ROOM", 2)
+        monkeypatch.setattr(vertex, "ROOM", 4)
         for name, rows in (("CLOSE", 2), ("CLOSE_PER_COLUMN", 1), ("FAR", 4)):
             monkeypatch.setattr(simplex_module, name, rows)
 
@@ -609,6 +609,13 @@ def test_rows_that_say_nothing_do_not_matter(rng):
         plain.add(rows)
         simplex.add(stack([rows, group(np.zeros((3, 8))), group([1e-300, *np.zeros(7)]), group(np.eye(8)[0], 0.0, 0.0)], 8))
         assert simplex.solve().objective == pytest.approx(plain.solve().objective, rel=1e-12)
+
+
+def test_a_row_may_speak_of_the_scale_alone():
+    simplex = Simplex(1, with_scale=True)
+    simplex.add(group([[1.0, -1.0]]))
+    simplex.add(group([[1e-200, 1.0]], above=2.0))  # 2 s + |1 - s|
+    assert simplex.solve()[1:3] == (0.0, 1.0)
 
 
 def test_only_a_present_group_can_be_removed():

@@ -277,8 +277,7 @@ class Simplex:
         near, self._close, gradient = _settle(self._rows, near, self._metric, x, close)
         # x is within half the far radius now: whatever the close ball allows stays in the far one
         self._close = self._close._replace(radius=min(self._close.radius, self._far.radius / 2))
-        rows = self._rows
-        self._vertex.replace(near, rows.a, rows.cost, rows.side, self._far_gradient + gradient)
+        self._vertex.replace(near, self._rows, self._far_gradient + gradient)
 
     def _measure(self) -> bool:
         """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
@@ -326,11 +325,11 @@ def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) ->
     Updates their sides.
     """
     distance = np.empty(len(numbers))
-    walk.rank(numbers, x, rows.a, rows.cost, rows.norm, rows.side, distance)
+    walk.rank(numbers, x, rows, distance)
     radius = max(FLOOR, float(np.partition(distance, size)[size])) if len(numbers) > size else np.inf
     unsettled = (distance <= radius) & (distance < np.inf)
     gradient = np.zeros(len(x))
-    walk.add_gradients(numbers[~unsettled], rows.a, rows.cost, rows.side, gradient)
+    walk.add_gradients(numbers[~unsettled], rows, gradient)
     return numbers[unsettled], Ball(metric, x, radius), gradient
 
 

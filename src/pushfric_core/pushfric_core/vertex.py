@@ -7,15 +7,15 @@ import numpy.typing as npt
 
 from pushfric_core import walk
 from pushfric_core.planar import Array
-from pushfric_core.walk import COUNT, FIT, UPDATES, VIOLATION, Indices, Mask, State
+from pushfric_core.walk import COUNT, FIT, UPDATES, VIOLATION, Indices, Mask, Rows, State
 
 Number = TypeVar("Number", np.float64, np.int64)
 
 NEGATIVE_PART = 1e3
 """Cost of a negative x_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
 
-ROOM = 192
-"""A vertex takes as many rows more as it was given, and twice this number, before it is time to settle some of them."""
+ROOM = 384
+"""A vertex takes as many rows more as it was given, and this number, before it is time to settle some of them."""
 
 BROKEN = 1e-6
 """Where the sum of w misses 1 by this, the inverse is none: active conditions all but depend on each other."""
@@ -48,8 +48,8 @@ class Vertex:
             x=np.zeros(n),
             dual=np.zeros(n),
         )
-        self._limit = self._fixed + 2 * ROOM  # of the count: beyond, it is time to settle some
-        self._reserve(2 * ROOM)
+        self._limit = self._fixed + ROOM  # of the count: beyond, it is time to settle some
+        self._reserve(ROOM)
         self.restart()
 
     @property
@@ -83,17 +83,20 @@ class Vertex:
             self.restart()
 
     def has_room(self, rows: int) -> bool:
-        return bool(self.state.tally[COUNT] + rows <= self._limit)
+        return self.count + rows <= self._limit
 
-    def replace(self, numbers: Indices, a: Array, cost: Array, side: Array, settled: Array) -> None:
-        """Exchange all rows for others, and the gradient of the settled ones; the active rows must be among them."""
+    def replace(self, numbers: Indices, rows: Rows, settled: Array) -> None:
+        """Exchange all rows for others, and the gradient of the settled ones.
+
+        The numbers must ascend, and the active rows be among them.
+        """
         active = self.state.number[self.state.active]
-        self._limit = self._fixed + 2 * (len(numbers) + ROOM)
+        self._limit = self._fixed + 2 * len(numbers) + ROOM
         if self._limit > len(self.state.value):
             self._reserve(2 * self._limit)
         state = self.state
         state.tally[COUNT] = self._fixed
-        walk.append(state, numbers, a, cost, side)
+        walk.append(state, numbers, rows)
         state.active[:] = np.where(active < 0, state.active, self._fixed + np.searchsorted(numbers, active))
         state.side[state.active] = 0.0
         state.settled[:] = settled

@@ -154,22 +154,22 @@ def put(state: State, k: int, side: float) -> None:
 
 
 @compiled
-def append(state: State, numbers: Indices, a: Array, cost: Array, side: Array) -> None:
-    """Add some of the rows a (m, n), at costs (m, 2), as inactive ones; where its value is zero, a row keeps its side."""
+def append(state: State, numbers: Indices, rows: Rows) -> None:
+    """Add some of the rows as inactive ones; where its value is zero, a row keeps its side."""
     for i in numbers:
         k = state.tally[COUNT]
         state.tally[COUNT] += 1
         value = 0.0
         for j in range(len(state.active)):
-            state.a[j, k] = a[i, j]
-            value += a[i, j] * state.x[j]
+            state.a[j, k] = rows.a[i, j]
+            value += rows.a[i, j] * state.x[j]
         for sign in range(2):
-            state.cost[FIT, sign, k] = cost[i, sign]
-            state.cost[VIOLATION, sign, k] = 1.0 if math.isinf(cost[i, sign]) else 0.0
+            state.cost[FIT, sign, k] = rows.cost[i, sign]
+            state.cost[VIOLATION, sign, k] = 1.0 if math.isinf(rows.cost[i, sign]) else 0.0
         state.number[k] = i
         state.value[k] = value
         state.side[k] = 0.0
-        put(state, k, side_of(value, side[i]))
+        put(state, k, side_of(value, rows.side[i]))
 
 
 @compiled
@@ -587,7 +587,7 @@ def receive(
     """
     worst = store(rows, first, group, a, above, below, weights)
     if unsettled and worst >= 0:
-        append(state, np.arange(first, first + len(a)), rows.a, rows.cost, rows.side)
+        append(state, np.arange(first, first + len(a)), rows)
     return worst
 
 
@@ -601,16 +601,17 @@ def store(rows: Rows, first: int, group: int, a: Array, above: Array, below: Arr
     worst = 0.0
     for p in range(len(a)):
         i = first + p
-        peak = largest = 0.0
+        largest = 0.0
         for j in range(a.shape[1]):
             if not abs(a[p, j]) <= LARGEST:
                 return COEFFICIENT
             if j < weights:
                 largest = max(largest, abs(a[p, j]))
-            if j < weights or peak == 0:
-                peak = max(peak, abs(a[p, j]))
+        if largest < 1 / LARGEST:
+            largest = 0.0
+        peak = largest if largest > 0 else abs(a[p, -1])  # that of the scale, if there is one
         if peak < 1 / LARGEST:
-            peak = largest = 0.0
+            peak = 0.0
         rows.group[i] = group
         rows.scale[i] = 2.0 ** math.frexp(peak)[1]
         for j in range(a.shape[1]):
@@ -630,28 +631,28 @@ def store(rows: Rows, first: int, group: int, a: Array, above: Array, below: Arr
 
 
 @compiled
-def rank(numbers: Indices, x: Array, a: Array, cost: Array, norm: Array, side: Array, distance: Array) -> None:
+def rank(numbers: Indices, x: Array, rows: Rows, distance: Array) -> None:
     """How far from x the nearest point is where each of some rows may be on another side; updates their sides."""
     for p in range(len(numbers)):
         i = numbers[p]
         value = 0.0
         for j in range(len(x)):
-            value += a[i, j] * x[j]
-        side[i] = side_of(value, side[i])
-        if side[i] == 0 or math.isinf(cost[i, 0 if side[i] > 0 else 1]):
+            value += rows.a[i, j] * x[j]
+        side = rows.side[i] = side_of(value, rows.side[i])
+        if side == 0 or math.isinf(rows.cost[i, 0 if side > 0 else 1]):
             distance[p] = 0.0  # active rows and hard rows on their hard side are never settled
-        elif cost[i, 0] == 0 and cost[i, 1] == 0:
+        elif rows.cost[i, 0] == 0 and rows.cost[i, 1] == 0:
             distance[p] = math.inf  # rows without cost, removed ones among them, always are
         else:
-            distance[p] = abs(value) / norm[i]
+            distance[p] = abs(value) / rows.norm[i]
 
 
 @compiled
-def add_gradients(numbers: Indices, a: Array, cost: Array, side: Array, total: Array) -> None:
+def add_gradients(numbers: Indices, rows: Rows, total: Array) -> None:
     """Add the gradients of these rows' costs on their sides, finite ones."""
     for p in range(len(numbers)):
         i = numbers[p]
-        derivative = cost[i, 0] if side[i] > 0 else -cost[i, 1]
+        derivative = rows.cost[i, 0] if rows.side[i] > 0 else -rows.cost[i, 1]
         if not math.isinf(derivative):
             for j in range(len(total)):
-                total[j] += derivative * a[i, j]
+                total[j] += derivative * rows.a[i, j]

@@ -7,7 +7,6 @@ poses of the tool; so each push gives one data point: its finite motion, with th
 
 import csv
 import gzip
-import io
 import math
 import pathlib
 from collections.abc import Iterator
@@ -88,9 +87,7 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         InvalidInput: a column or a number is missing.
     """
     logs: dict[str, list[Observation]] = {}
-    with reading(path):
-        text = path.read_text()
-    with io.StringIO(text, newline="") as stream:
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
         reader = csv.DictReader(stream)
         if missing := [name for name in COLUMNS if name not in (reader.fieldnames or [])]:
             raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected push_points.csv of {NAME}")
