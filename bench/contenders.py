@@ -19,9 +19,9 @@ import osqp
 from scipy import optimize, sparse
 
 from pushfric_core.constraints import ConstraintRows
-from pushfric_core.linear_program import Status
 from pushfric_core.planar import Array
-from pushfric_core.simplex import Simplex
+from pushfric_core.solvers.program import Status
+from pushfric_core.solvers.simplex import Simplex
 
 PATIENCE = 120.0
 """Solvers give up after that long [s]. They go by the wall clock, which a busy machine makes run fast: hence no less."""

@@ -32,11 +32,11 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, PusherState
-from pushfric_ros import graph
-from pushfric_ros.conversions import stamp_from_msg
-from pushfric_ros.demo import demo_cell
-from pushfric_ros.supervisor import Supervisor
-from pushfric_ros.tracker_node import IMAGE_QUEUE
+from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.supervisor import Supervisor
+from pushfric_ros.messages.conversions import stamp_from_msg
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE
 
 OBJECT = "rubber_rect4"
 CAMERA_RATE, HIGH_RATE = 14.0, 64.0

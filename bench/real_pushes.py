@@ -10,7 +10,7 @@ from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
-from pushfric_ros import zhou2015
+from pushfric_ros.bags import zhou2015
 
 OUTLINE = Outline(np.array(zhou2015.CORNERS))
 TRUTH = np.array((0.05, 0.05))

@@ -18,13 +18,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from pushfric_core.estimator import Estimator
-from pushfric_ros import bag, offline
-from pushfric_ros.estimator_settings import EstimatorSettings
-from pushfric_ros.graph import NodeSpec
-from pushfric_ros.image_memory import make_room_for_images
-from pushfric_ros.object_file import OBJECT_FILE, load_object
-from pushfric_ros.qos import SENSOR_DATA
-from pushfric_ros.supervisor import command
+from pushfric_ros.bags import bag, data_points
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.object_file import OBJECT_FILE, load_object
+from pushfric_ros.graph.graph import NodeSpec
+from pushfric_ros.graph.supervisor import command
+from pushfric_ros.messages.qos import SENSOR_DATA
+from pushfric_ros.node_kit.image_memory import make_room_for_images
 
 RATE, SECONDS = 60.0, 10.0
 """Of the images [Hz], and how long they come [s]."""
@@ -124,8 +124,8 @@ def _estimate_demo() -> Figures:
     cpu_seconds = []
     for _ in range(ROUNDS):
         begin = time.process_time()
-        data = offline.observations(DEMO_BAG, model, EstimatorSettings(), _warn)
-        offline.estimate(Estimator(model.support_points), data, _warn)
+        data = data_points.observations(DEMO_BAG, model, EstimatorSettings(), _warn)
+        data_points.estimate(Estimator(model.support_points), data, _warn)
         cpu_seconds.append(time.process_time() - begin)
     median = float(np.median(cpu_seconds))
     return {"seconds_recorded": seconds_recorded, "cpu_seconds": median, "times_real_time": seconds_recorded / median}

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from pushfric_core.planar import Pose
-from pushfric_ros.camera import Camera, Image
-from pushfric_ros.contour_tracker import ContourTracker
-from pushfric_ros.simulated_camera import SimulatedCamera
+from pushfric_ros.simulated.camera import SimulatedCamera
+from pushfric_ros.vision.camera import Camera, Image
+from pushfric_ros.vision.contour_tracker import ContourTracker
 
 FRAMES = 120
 ROUNDS = 9

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.contenders import APPROXIMATE, CONTENDERS, Contender, NoOptimum, OutOfTime
 from bench.data_points import data_points
-from pushfric_core.simplex import Simplex
+from pushfric_core.solvers.simplex import Simplex
 
 LIMIT = 20.0
 """A contender is left out where an update takes longer, in CPU time [s], or where it or its load must be expected to."""

@@ -1,4 +1,4 @@
-from setuptools import setup
+from setuptools import find_packages, setup
 
 setup(
     name="pushfric_core",
@@ -7,7 +7,7 @@ setup(
     maintainer="pushfric maintainers",
     maintainer_email="pushfric@users.noreply.github.com",
     license="Apache-2.0",
-    packages=["pushfric_core"],
+    packages=find_packages(),
     package_data={"pushfric_core": ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),

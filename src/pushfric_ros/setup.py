@@ -1,6 +1,6 @@
 from glob import glob
 
-from setuptools import setup
+from setuptools import find_packages, setup
 
 NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player", "simulated_cell")
 
@@ -11,8 +11,8 @@ setup(
     maintainer="pushfric maintainers",
     maintainer_email="pushfric@users.noreply.github.com",
     license="Apache-2.0",
-    packages=["pushfric_ros"],
-    package_data={"pushfric_ros": ["fastdds.xml"]},
+    packages=find_packages(),
+    package_data={"pushfric_ros.node_kit": ["fastdds.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_ros"]),
         ("share/pushfric_ros", ["package.xml"]),
@@ -37,7 +37,7 @@ setup(
     entry_points={
         "console_scripts": [
             "pushfric = pushfric_ros.__main__:main",
-            *(f"{name}_node = pushfric_ros.{name}_node:main" for name in NODES),
+            *(f"{name}_node = pushfric_ros.nodes.{name}:main" for name in NODES),
         ],
     },
     zip_safe=False,

@@ -6,9 +6,9 @@ from problems import PROBLEMS, moment
 
 from pushfric_core.constraints import cone_rows, frictionless_rows, moment_rows, normal_force_rows, stack
 from pushfric_core.errors import UninformativePush
-from pushfric_core.linear_program import fit_error
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
+from pushfric_core.solvers.program import fit_error
 from pushfric_core.support import FreeRadii, support_forces
 
 PULLED = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.02, 0.0))  # moves towards the pusher

@@ -8,9 +8,9 @@ from scipy.optimize import nnls
 from pushfric_core.constraints import moment_rows
 from pushfric_core.errors import UninformativePush
 from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist, rotation
+from pushfric_core.solvers.program import Status
 from pushfric_core.support import friction_directions
 
 

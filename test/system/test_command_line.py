@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import pytest
 
-from pushfric_ros import cli
+from pushfric_ros.commands import cli
 
 CELL = """
 object: rubber_rect4
@@ -144,7 +144,7 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call,
     ],
 )
 def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
-    from pushfric_ros.camera import Camera, save_camera
+    from pushfric_ros.vision.camera import Camera, save_camera
 
     monkeypatch.chdir(tmp_path)
     save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), tmp_path / "camera.yaml")

@@ -16,7 +16,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from pushfric_core.simulation import TABLE_1
-from pushfric_ros.report import truth
+from pushfric_ros.report.report import truth
 
 KEYS = {
     "object",

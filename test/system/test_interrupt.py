@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from pushfric_ros.demo import left_behind
+from pushfric_ros.commands.demo import left_behind
 
 RECORDED = pathlib.Path(__file__).resolve().parents[2] / "bags/rubber_rect4"
 
@@ -17,7 +17,7 @@ import os, signal, sys
 
 class Interrupts:
     def find_spec(self, name, *_):
-        if name == "pushfric_ros.cli":
+        if name == "pushfric_ros.commands.cli":
             os.kill(os.getpid(), signal.SIGINT)
 
 sys.meta_path.insert(0, Interrupts())
@@ -30,7 +30,7 @@ atexit.register(os.kill, os.getpid(), signal.SIGINT)
 
 IN_A_COMMAND = """
 import os, signal
-from pushfric_ros import cli
+from pushfric_ros.commands import cli
 cli.load_cell = lambda _: os.kill(os.getpid(), signal.SIGINT)
 """
 
@@ -48,7 +48,7 @@ def test_ctrl_c_is_quiet_whenever_it_comes(moment):
 AFTER_A_RUN = """
 import os, signal
 from rich.console import Console
-from pushfric_ros import demo
+from pushfric_ros.commands import demo
 
 class Monitor:
     estimate = next_push = settled = None

@@ -14,7 +14,7 @@ import numpy as np
 
 from pushfric_core.constraints import ConstraintRows
 from pushfric_core.planar import Array
-from pushfric_core.simplex import Optimum
+from pushfric_core.solvers.simplex import Optimum
 from pushfric_core.support import center_of_friction
 
 SHARE = 0.9

@@ -22,12 +22,12 @@ from pushfric_core.constraints import (
     stack,
 )
 from pushfric_core.contact_friction import ContactForces, contact_forces
-from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
-from pushfric_core.quadratic_program import LeastSquares, OsqpLinearProgram, nearest_uniform
 from pushfric_core.settings import check_ranges, setting
-from pushfric_core.simplex import Optimum, Simplex
+from pushfric_core.solvers.program import Status
+from pushfric_core.solvers.quadratic import LeastSquares, OsqpLinearProgram, nearest_uniform
+from pushfric_core.solvers.simplex import Optimum, Simplex
 from pushfric_core.support import FreeRadii, center_of_friction, check_points, support_forces
 
 TERMS = ("moment", "frictionless", "cone", "force", "force_angle")

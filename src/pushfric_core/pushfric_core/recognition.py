@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
-from pushfric_core.linear_program import Status
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, rotation
+from pushfric_core.solvers.program import Status
 
 EXACT = 1e-9
 """A fit error up to this [m, unit force] is rounding: the data agree with the hypothesis exactly."""

@@ -2,9 +2,9 @@
 
 import pathlib
 
-from pushfric_ros import graph
-from pushfric_ros.cell_file import load_cell
-from pushfric_ros.launch_graph import launch_description
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.launch import launch_description
 
 ARGUMENTS = {
     "cell": (None, "path of the cell's YAML file"),

@@ -3,9 +3,9 @@
 import pathlib
 import tempfile
 
-from pushfric_ros import graph
-from pushfric_ros.demo import SPEED, demo_cell
-from pushfric_ros.launch_graph import launch_description
+from pushfric_ros.commands.demo import SPEED, demo_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.launch import launch_description
 
 ARGUMENTS = {
     "bag": (None, "folder of the bag to record"),

@@ -2,8 +2,9 @@
 
 import pathlib
 
-from pushfric_ros import graph, offline
-from pushfric_ros.launch_graph import launch_description
+from pushfric_ros.bags import data_points
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.launch import launch_description
 
 ARGUMENTS = {
     "bag": (None, "path of the bag"),
@@ -14,9 +15,9 @@ ARGUMENTS = {
 
 def replay(values):
     bag = pathlib.Path(values["bag"])
-    settings = offline.recorded_settings(bag)
-    source = offline.source_of(bag, settings.with_forces)
-    object_name = values["object"] or str(offline.object_beside(bag))
+    settings = data_points.recorded_settings(bag)
+    source = data_points.source_of(bag, settings.with_forces)
+    object_name = values["object"] or str(data_points.object_beside(bag))
     return source.namespace, graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
 
 

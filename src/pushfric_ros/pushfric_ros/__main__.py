@@ -2,13 +2,13 @@
 
 import signal
 
-from pushfric_ros.interrupt import end_at_once
+from pushfric_ros.commands.interrupt import end_at_once
 
 
 def main() -> None:
     """Entry point."""
     before = end_at_once()
-    from pushfric_ros import cli  # takes a second or two
+    from pushfric_ros.commands import cli  # takes a second or two
 
     try:
         signal.signal(signal.SIGINT, before)

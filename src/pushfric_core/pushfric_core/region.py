@@ -1,0 +1,328 @@
+"""The centre of friction from test pushes, without support points: each push bounds it by a half-plane (section 6.2).
+
+While the object turns counter-clockwise, p_CF lies to the left of three directed lines through the contact, and while it turns
+clockwise to their right: of the line along which the contact moves, the line along which the pusher moves, and the line of the
+pusher's force. Where it does not turn, p_CF lies on each of them. The first holds always; the functions say when the others do.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy import optimize
+
+from pushfric_core.constraints import ConstraintRows
+from pushfric_core.contact import friction_cone
+from pushfric_core.errors import UninformativePush
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array, left_of, velocity_at
+from pushfric_core.push_plan import PlannedPush, planned_contact
+from pushfric_core.settings import check_ranges, setting
+from pushfric_core.solvers.program import Status
+from pushfric_core.solvers.simplex import Simplex
+
+SLACK = 1e-9
+"""Half-planes are cut this far outside their boundary [m]: a region that is a mere line or point keeps an interior."""
+
+USABLE = 0.9
+"""Planned pushes meet the middle part of an edge, this share of it: near a corner the tip slips off."""
+
+NEGLIGIBLE = 1e-9
+"""Parts of the region smaller than this share of it are no longer planned for."""
+
+
+@dataclass(frozen=True)
+class RegionConfig:
+    """How far the half-planes of measured data points are trusted."""
+
+    region_margin: float = setting(
+        0.002, "the region of p_CF allows data points to err by this much [m]; 0: as in the paper", 0.0, 0.1
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+class HalfPlane(NamedTuple):
+    """The points p with normal . p >= offset."""
+
+    normal: tuple[float, float]  # unit, into the half-plane
+    offset: float  # [m]
+
+
+def line_of_motion(observation: Observation) -> tuple[HalfPlane, ...]:
+    """p_CF and the centre of rotation lie on the same side of the line along which the contact moves, in any push.
+
+    Mason's theorem 2, as cited in section 6.2.
+
+    Returns:
+        The half-plane of p_CF, object frame; for a translation two, whose common boundary it lies on.
+    Raises:
+        UninformativePush: the object turned about the contact, which does not move.
+    """
+    velocity = velocity_at(observation.twist, observation.contact_point)
+    if not velocity.any():
+        raise UninformativePush("the object turned about its contact, whose line of motion is therefore not known")
+    return _sides(observation, velocity, velocity)
+
+
+def line_of_pushing(observation: Observation, direction: npt.ArrayLike) -> tuple[HalfPlane, ...]:
+    """p_CF and the centre of rotation lie on the same side of the line along which the pusher moves.
+
+    This holds where the pusher moves opposite to n (Mason's theorem 4, as cited in section 6.2), and more generally within the
+    friction cone, whether the contact sticks or slides. p_CF must lie to the inside of the edge that is pushed, as it always
+    does where the outline is convex.
+
+    Args:
+        observation: contact and twist, object frame.
+        direction: (2,) of the pusher's motion, object frame, of any length.
+    Returns:
+        As `line_of_motion`.
+    Raises:
+        ValueError: the pusher does not move into the object.
+    """
+    direction = np.asarray(direction, dtype=float)
+    if direction.shape != (2,) or not direction @ observation.contact_normal < 0:
+        raise ValueError(f"direction must be (2,) and point into the object, got {direction}")
+    return _sides(observation, direction, direction)
+
+
+def line_of_force(observation: Observation, mu_bound: float) -> tuple[HalfPlane, ...]:
+    """The object turns the way the pusher's force turns it about p_CF, and the force lies in the friction cone (eqs 9, 10).
+
+    Not knowing the force, p_CF lies on the right side of at least one edge of the cone. A contact without friction, mu_bound =
+    0, gives the line of the normal. p_CF must lie to the inside of the edge that is pushed, as for `line_of_pushing`.
+
+    Args:
+        observation: contact, normal and twist, object frame.
+        mu_bound: known upper bound on mu_c, >= 0.
+    Returns:
+        The half-plane of p_CF, object frame; for a translation two, which leave the friction cone.
+    Raises:
+        ValueError: mu_bound is negative or not finite.
+    """
+    if not 0 <= mu_bound < np.inf:
+        raise ValueError(f"mu_bound must be at least 0 and finite, got {mu_bound}")
+    left, right = friction_cone(observation.contact_normal, mu_bound)  # as seen by the pusher
+    return _sides(observation, right, left)
+
+
+def _sides(observation: Observation, counterclockwise: Array, clockwise: Array) -> tuple[HalfPlane, ...]:
+    """The left side of one line through the contact where the object turns counter-clockwise, the right side of the other
+    where clockwise, both where it does not turn."""
+    omega = observation.twist.omega
+    sides = []
+    if omega >= 0:
+        sides.append(_left_of_line(observation.contact_point, counterclockwise))
+    if omega <= 0:
+        sides.append(_left_of_line(observation.contact_point, -clockwise))
+    return tuple(sides)
+
+
+def _left_of_line(point: npt.ArrayLike, direction: Array) -> HalfPlane:
+    x, y = left_of(direction) / np.hypot(*direction)
+    return HalfPlane((float(x), float(y)), float((x, y) @ np.asarray(point)))
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where p_CF can lie after some test pushes, object frame.
+
+    Attributes:
+        polygon: convex; empty where the half-planes contradict each other, even with their margin.
+        center: (2,) the centroid of the polygon; without one, the point that violates the half-planes least [m].
+        violation: how far that point lies outside of them, summed, without a margin [m]; 0 where there is a polygon.
+        status: OPTIMAL unless the least violation could not be certified.
+    """
+
+    polygon: shapely.Polygon
+    center: Array
+    violation: float = 0.0
+    status: Status = Status.OPTIMAL
+
+    @property
+    def area(self) -> float:
+        """[m^2]"""
+        return float(self.polygon.area)
+
+    @property
+    def corners(self) -> Array:
+        """Corners (k, 2) of the polygon [m], counter-clockwise; none where the half-planes contradict each other."""
+        return np.asarray(shapely.get_coordinates(shapely.orient_polygons(self.polygon))[:-1])
+
+    @property
+    def collapsed(self) -> bool:
+        """Whether the half-planes contradict each other."""
+        return bool(self.polygon.is_empty)
+
+
+class RankedPush(NamedTuple):
+    """A test push and what it promises."""
+
+    push: PlannedPush
+    expected_area: float  # of the region after it, were p_CF equally likely anywhere in the present one [m^2]
+
+
+class HalfPlanes:
+    """Narrows down p_CF within the convex hull of an outline, one push after the other.
+
+    Args:
+        outline: of the object; its supports lie inside.
+        margin: how much wider than they say the half-planes are taken (see RegionConfig) [m]; 0, as in the paper, by default.
+    Raises:
+        ValueError: the margin is negative or not finite.
+    """
+
+    def __init__(self, outline: Outline, margin: float = 0.0) -> None:
+        if not 0 <= margin < np.inf:
+            raise ValueError(f"margin must be at least 0 and finite, got {margin}")
+        self._outline, self._margin = outline, margin
+        self._polygon = shapely.convex_hull(outline.polygon)
+        self._corners = shapely.get_coordinates(self._polygon)[:-1]
+        # p_CF as a convex combination of the corners: they take the place of the support points
+        self._program = Simplex(len(self._corners))
+
+    def add(self, half_planes: Iterable[HalfPlane]) -> Region:
+        """Take the half-planes of a data point; from the moment they contradict the others, the region stays empty."""
+        for half_plane in half_planes:
+            self._polygon = _cut(self._polygon, _widened(half_plane, self._margin))
+            depths = self._corners @ half_plane.normal - half_plane.offset
+            self._program.add(ConstraintRows(depths[None], np.zeros(1), np.ones(1)))
+        return self.region()
+
+    def region(self) -> Region:
+        """What is known now; before the first push, the convex hull of the outline.
+
+        The sum of violations is least by the same linear program that estimates w (sections 6.2 and 3.3).
+        """
+        if self._polygon.area > 0:
+            return Region(self._polygon, shapely.get_coordinates(self._polygon.centroid)[0])
+        optimum = self._program.solve()
+        return Region(shapely.Polygon(), optimum.w @ self._corners, optimum.objective, optimum.status)
+
+    def next_pushes(self) -> list[RankedPush]:
+        """For each edge the perpendicular push that shrinks the region most, best first; none once it has collapsed.
+
+        The line along which the pusher will move cuts the region in two, of which the sense of rotation leaves one (see
+        `line_of_pushing`): at best, half. An edge that no straight push reaches is left out.
+        """
+        return self._ranked(self._whole())
+
+    def plan(self, count: int) -> list[RankedPush]:
+        """Pushes to be carried out without a look at their outcomes, in the order that shrinks the region fastest.
+
+        Their lines cut the region into parts, of which the outcomes leave one. Each push is the one that then leaves least, by
+        expectation, after it and all before it. Who looks at the outcomes does better with `next_pushes`. There are none once
+        the region has collapsed.
+
+        Args:
+            count: of pushes, >= 1.
+        Raises:
+            ValueError: count < 1.
+        """
+        if count < 1:
+            raise ValueError(f"count must be at least 1, got {count}")
+        parts = self._whole()
+        plan: list[RankedPush] = []
+        while len(plan) < count and (ranked := self._ranked(parts)):
+            plan.append(ranked[0])
+            parts = parts.split(_left_of_push(self._outline, ranked[0].push), self._margin)
+        return plan
+
+    def _whole(self) -> "_Parts":
+        region = np.array([polygon for polygon in (self._polygon,) if polygon.area > 0])
+        return _Parts(region, region)
+
+    def _ranked(self, parts: "_Parts") -> list[RankedPush]:
+        """The best push against each edge, best first."""
+        total = float(np.sum(shapely.area(parts.cells)))
+
+        def rank(one: RankedPush) -> float:
+            # what differs by rounding alone counts as equal, and the first one given comes first
+            return round(one.expected_area / total, 12)
+
+        best = []
+        for edge in range(len(self._outline.vertices)):
+            pushes = (PlannedPush(edge, offset) for offset in self._offsets(edge, parts.cells))
+            ranked = [
+                RankedPush(push, parts.split(_left_of_push(self._outline, push), self._margin).expected_area)
+                for push in pushes
+                if self._reached(push)
+            ]
+            best += sorted(ranked, key=rank)[:1]
+        return sorted(best, key=rank)
+
+    def _offsets(self, edge: int, cells: Array) -> list[float]:
+        """Where pushes against an edge halve one of the cells, or nearly, in order along the edge."""
+        along = self._outline.edges[edge] / self._outline.lengths[edge]
+        middle = float((self._outline.vertices[edge] + self._outline.edges[edge] / 2) @ along)
+        reach = USABLE * float(self._outline.lengths[edge]) / 2
+        offsets = (min(max(_halving(cell, along) - middle, -reach), reach) for cell in cells)
+        return sorted({round(offset, 6) for offset in offsets})  # nobody places an object better than to a micrometre
+
+    def _reached(self, push: PlannedPush) -> bool:
+        """Whether a tip that comes straight from outside meets the planned edge first."""
+        point, direction = planned_contact(self._outline, push)
+        touch = self._outline.first_touch(point - self._outline.perimeter * direction, direction)
+        return touch is not None and touch.edge == push.edge
+
+
+class _Parts(NamedTuple):
+    """The parts into which the lines of some pushes cut the region."""
+
+    cells: Array  # (k,) polygons: p_CF lies in one of them
+    left: Array  # (k,) polygons: what its outcomes then leave of the region, which is wider by the margin
+
+    @property
+    def expected_area(self) -> float:
+        """Of what is left, were p_CF equally likely anywhere in the cells [m^2]."""
+        chances = shapely.area(self.cells)
+        return float(chances @ shapely.area(self.left) / chances.sum())
+
+    def split(self, half_plane: HalfPlane, margin: float) -> "_Parts":
+        """The parts after one more push, whose outcome says on which side of the boundary of a half-plane p_CF lies."""
+        (x, y), offset = half_plane
+        sides = half_plane, HalfPlane((-x, -y), -offset)
+        cells = np.concatenate([_cut(self.cells, side) for side in sides])
+        left = np.concatenate([_cut(self.left, _widened(side, margin)) for side in sides])
+        areas = shapely.area(cells)
+        kept = areas > NEGLIGIBLE * areas.sum()
+        return _Parts(cells[kept], left[kept])
+
+
+def _left_of_push(outline: Outline, push: PlannedPush) -> HalfPlane:
+    return _left_of_line(*planned_contact(outline, push))
+
+
+def _halving(polygon: shapely.Polygon, along: Array) -> float:
+    """Where on an axis, a unit vector (2,), the line across it halves a convex polygon."""
+    places = shapely.get_coordinates(polygon) @ along
+    low, high = float(places.min()), float(places.max())
+
+    def excess(place: float) -> float:
+        beyond = shapely.area(_cut(polygon, HalfPlane((float(along[0]), float(along[1])), place)))
+        return float(beyond / polygon.area) - 0.5
+
+    return float(optimize.brentq(excess, low - SLACK, high + 2 * SLACK, xtol=1e-7))
+
+
+def _widened(half_plane: HalfPlane, margin: float) -> HalfPlane:
+    return half_plane._replace(offset=half_plane.offset - margin)
+
+
+def _cut(polygons: Any, half_plane: HalfPlane) -> Any:
+    """The part of a polygon, or of each in an array, that lies in a half-plane."""
+    corners = shapely.get_coordinates(polygons)
+    if not len(corners):
+        return polygons
+    normal = np.asarray(half_plane.normal)
+    middle = corners.mean(axis=0)
+    reach = 2 * float(np.ptp(corners, axis=0).sum()) + abs(float(middle @ normal) - half_plane.offset) + SLACK
+    boundary = middle + (half_plane.offset - SLACK - middle @ normal) * normal
+    along, inward = reach * left_of(normal), reach * normal
+    box = shapely.Polygon((boundary - along, boundary + along, boundary + along + inward, boundary - along + inward))
+    return shapely.intersection(polygons, box)

@@ -1,0 +1,1 @@
+"""The linear and quadratic programs for w, and what solves them."""

@@ -1,0 +1,158 @@
+"""A vertex of the linear program: which conditions are active there, and which may become so, while rows come and go."""
+
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.planar import Array
+from pushfric_core.solvers import pivoting
+from pushfric_core.solvers.pivoting import COUNT, FIT, UPDATES, VIOLATION, Indices, Mask, Rows, State
+
+Number = TypeVar("Number", np.float64, np.int64)
+
+NEGATIVE_PART = 1e3
+"""Cost of a negative x_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
+
+ROOM = 384
+"""A vertex takes as many rows more as it was given, and this number, before it is time to settle some of them."""
+
+BROKEN = 1e-6
+"""Where the sum of w misses 1 by this, the inverse is none: active conditions all but depend on each other."""
+
+
+class Vertex:
+    """n active conditions, the inverse of their normals, and every condition that may become active.
+
+    Args:
+        weights: how many of the columns are weights, of sum 1.
+        n: number of columns.
+    """
+
+    def __init__(self, weights: int, n: int) -> None:
+        self._weights, self._fixed = weights, 1 + n
+        cost = np.zeros((2, 2, self._fixed))
+        cost[:, :, 0] = np.inf
+        cost[:, 1, 1:] = [[NEGATIVE_PART], [np.inf]]
+        self.state = State(
+            tally=np.array((self._fixed, 0)),
+            number=np.full(self._fixed, -1),
+            a=np.column_stack((np.arange(n) < weights, np.eye(n))),
+            value=np.zeros(self._fixed),
+            side=np.ones(self._fixed),
+            cost=cost,
+            settled=np.zeros(n),
+            gradient=np.zeros((2, n)),
+            active=np.arange(n),
+            inverse=np.empty((n, n)),
+            x=np.zeros(n),
+            dual=np.zeros(n),
+        )
+        self._limit = self._fixed + ROOM  # of the count: beyond, it is time to settle some
+        self._reserve(ROOM)
+        self.restart()
+
+    @property
+    def count(self) -> int:
+        return int(self.state.tally[COUNT])
+
+    def restart(self) -> None:
+        """Stand where the last support point bears everything."""
+        state = self.state
+        state.side[state.active] = 1.0
+        state.active[:] = np.delete(np.arange(self._fixed), self._weights)
+        state.side[state.active] = 0.0
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Compute all afresh from the active conditions; where they turn out to depend on each other, from others."""
+        state = self.state
+        try:
+            state.inverse[:] = np.linalg.inv(state.a[:, state.active].T)
+        except np.linalg.LinAlgError:
+            self.restart()
+            return
+        state.tally[UPDATES] = 0
+        pivoting.sum_gradients(state)
+        pivoting.locate(state, 0.0)
+        self.check()
+
+    def check(self) -> None:
+        """Start over where the inverse is none."""
+        if not abs(self.state.x[: self._weights].sum() - 1) < BROKEN:
+            self.restart()
+
+    def has_room(self, rows: int) -> bool:
+        return self.count + rows <= self._limit
+
+    def replace(self, numbers: Indices, rows: Rows, settled: Array) -> None:
+        """Exchange all rows for others, and the gradient of the settled ones.
+
+        The numbers must ascend, and the active rows be among them.
+        """
+        active = self.state.number[self.state.active]
+        self._limit = self._fixed + 2 * len(numbers) + ROOM
+        if self._limit > len(self.state.value):
+            self._reserve(2 * self._limit)
+        state = self.state
+        state.tally[COUNT] = self._fixed
+        pivoting.append(state, numbers, rows)
+        state.active[:] = np.where(active < 0, state.active, self._fixed + np.searchsorted(numbers, active))
+        state.side[state.active] = 0.0
+        state.settled[:] = settled
+        pivoting.sum_gradients(state)
+
+    def free(self, numbers: Indices) -> Mask:
+        """Take the costs of these consecutive rows away; tells which of them are here."""
+        here = self.state.number[self._fixed : self.count]
+        first, last = self._fixed + np.searchsorted(here, (numbers[0], numbers[-1] + 1))
+        for position in range(first, last):
+            pivoting.free(self.state, position)
+        pivoting.sum_gradients(self.state)
+        return np.isin(numbers, self.state.number[first:last])
+
+    def forget(self, gradient: Array) -> None:
+        """Take this part of the gradient of the settled rows away."""
+        self.state.settled[:] -= gradient
+        self.state.gradient[FIT] -= gradient
+
+    def renumber(self, numbers: Indices) -> None:
+        rows = slice(self._fixed, self.count)
+        self.state.number[rows] = numbers[self.state.number[rows]]
+
+    def sides(self) -> tuple[Indices, Array]:
+        """Number and side of every row here."""
+        rows = slice(self._fixed, self.count)
+        return self.state.number[rows], self.state.side[rows]
+
+    def active_rows(self) -> tuple[Indices, Array]:
+        """Numbers and multipliers of the active rows."""
+        rows = self.state.active >= self._fixed
+        return self.state.number[self.state.active[rows]], self.state.dual[rows]
+
+    def contradiction(self, smallest: float) -> Indices:
+        """The rows with a multiplier in the least violation that is larger than this."""
+        state = self.state
+        y = np.array([pivoting.slope(state.cost[VIOLATION], k, state.side[k]) for k in range(self.count)])
+        y[state.active] = -state.gradient[VIOLATION] @ state.inverse
+        y[: self._fixed] = 0.0
+        return state.number[np.flatnonzero(np.abs(y) > smallest)]
+
+    def _reserve(self, rows: int) -> None:
+        """Make room for so many rows; those there are lost."""
+        state = self.state
+
+        room = 16 * ((self._fixed + rows) // 16) + 24  # not a multiple of a page: a column is read across all rows of `a`
+
+        def resized(old: npt.NDArray[Number]) -> npt.NDArray[Number]:
+            new = np.zeros((*old.shape[:-1], room), old.dtype)
+            new[..., : self._fixed] = old[..., : self._fixed]
+            return new
+
+        self.state = state._replace(
+            number=resized(state.number),
+            a=resized(state.a),
+            value=resized(state.value),
+            side=resized(state.side),
+            cost=resized(state.cost),
+        )

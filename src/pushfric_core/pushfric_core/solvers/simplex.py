@@ -1,0 +1,343 @@
+"""The linear program for w, solved exactly and incrementally: one vertex, walked to the next optimum as data points arrive.
+
+`pivoting` moves it; here is what makes the cost independent of how many data points came before, and what certifies its end.
+
+A row far from zero keeps its side, so it is linear: |a . (x - c)| <= |a|* |x - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
+the second moment of the rows (x moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
+settled in a ball around c need not be looked at while x stays in it, and a walk that would leave it by far stops first. Of two
+nested balls, the small one is sorted anew often, and from the rows of the large one only: so the cost of a data point does not
+depend on the number before it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pushfric_core.constraints import ConstraintRows
+from pushfric_core.planar import Array
+from pushfric_core.solvers import pivoting
+from pushfric_core.solvers.basis import Vertex
+from pushfric_core.solvers.pivoting import COEFFICIENT, COST, FIT, LARGEST, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
+from pushfric_core.solvers.program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP, Solution, Status, certify
+
+OWN_GAP = RELATIVE_GAP / 2
+"""Half of what `linear_program.certify` allows: it adds up in another order, and must come to the same conclusion."""
+
+VIOLATED = HARD_VIOLATION / 4
+"""A hard row is violated beyond this: well within what the certificate allows, which measures by the largest coefficient."""
+
+FLAT = (1e-12, 1e-15)
+"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried where that fails."""
+
+SHIFT = 1e-10
+"""Conditions of a degenerate vertex are shifted apart by about this: far above rounding, hardly ever misleading an exchange."""
+
+ROUNDS = 15
+"""Cap on the descents of a solve: then the certificate judges what there is."""
+
+CLOSE, CLOSE_PER_COLUMN = 96, 4
+"""Rows left unsettled in the small ball: an exchange hardly slows down until a few hundred, and more columns travel farther."""
+
+FAR, WIDER = 12, 4
+"""So many times the rows of the small ball are left in the large one, and if the small one grows, at least so many times: then
+it has room in half of the large one.
+"""
+
+FLOOR = 1e-9
+"""Least radius a ball is sorted for: the rows of noiseless data are all zero, and none of them is ever settled."""
+
+RIDGE = 1e-5
+"""Part of the identity in C: keeps it invertible before the rows span all directions."""
+
+SAMPLE = 2048
+"""Rows, or 2 n if that is more, that C is taken from."""
+
+BLOCK = 512
+"""Norms are computed for so many rows at a time: the product for all of them would double the memory."""
+
+
+STEEP = 1e-9
+"""An edge along which F rises by less than this fraction of its gradient is taken for level."""
+
+
+class Optimum(NamedTuple):
+    """The w with the smallest F and how far that is proven: a `linear_program.Solution` without its multipliers."""
+
+    w: Array  # (n,) weights, >= 0, sum 1
+    scale: float  # >= 0; 0 where the program has none, or nothing to tell it from
+    objective: float  # F, of the finite costs
+    lower_bound: float  # no w and scale have a smaller F
+    gap: float  # objective - lower_bound, >= 0
+    status: Status
+
+
+class Simplex:
+    """Minimises F over the weights of n support points, and the scale if there is one, while rows come and go.
+
+    Args:
+        n: number of support points.
+        with_scale: the rows have a last column more, of the scale: a variable >= 0 beside the weights.
+    Raises:
+        ValueError: n < 1.
+    """
+
+    def __init__(self, n: int, with_scale: bool = False) -> None:
+        if n < 1:
+            raise ValueError(f"n must be at least 1, got {n}")
+        self._n, self._columns = n, n + with_scale
+        self._close_size = CLOSE + CLOSE_PER_COLUMN * self._columns
+        self._far_size = FAR * self._close_size
+        self._rows = pivoting.empty_rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
+        self._count = self._removed = self._groups = 0
+        self._present: set[int] = set()  # groups
+        self._scaled = 0  # rows that say something about the scale
+        self._worst = 0.0  # the most that any w without a scale costs
+        self._vertex = Vertex(n, self._columns)
+        self._optimum: Optimum | None = None  # of the present rows
+        self._infeasible = False
+        self._strained = False  # the balls had to be enlarged: around the optimum, small ones will do again
+        self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
+        self._whitening: Array = self._metric  # the inverse of metric'
+        self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
+        self._far = self._close = Ball(self._metric, self._vertex.state.x.copy(), np.inf)
+        self._far_gradient = np.zeros(self._columns)  # of F, of the rows settled in the far ball
+        self._near: Indices = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
+        self._fresh = 0
+
+    def add(self, added: ConstraintRows) -> None:
+        """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
+
+        Raises:
+            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN, huge ones.
+        """
+        a, above, below = map(_plain, added)
+        m = len(above)
+        if a.shape != (m, self._columns) or above.shape != (m,) or below.shape != (m,):
+            raise ValueError(
+                f"rows must have shapes (m, {self._columns}), (m,), (m,); got {a.shape}, {above.shape}, {below.shape}"
+            )
+        first, last = self._count, self._count + m
+        if last > len(self._rows.a):
+            self._rows = self._rows.with_room(2 * last)
+        unsettled = self._vertex.has_room(m) and not self._strained
+        worst = pivoting.receive(self._vertex.state, self._rows, first, self._groups, a, above, below, self._n, unsettled)
+        if worst == COEFFICIENT:
+            raise ValueError(f"the coefficients of the rows must be finite, and at most {LARGEST:g}")
+        if worst == COST:
+            raise ValueError(f"the costs of the rows must not be negative or NaN, and at most {LARGEST:g} or infinite")
+        self._present.add(self._groups)
+        self._groups += 1
+        self._count = last
+        self._optimum = None
+        self._worst += worst
+        if self._columns > self._n:
+            self._scaled += int(np.count_nonzero(a[:, self._n]))
+        if not unsettled:
+            self._sort()
+
+    def remove(self, group: int) -> None:
+        """Take the rows of one data point out again.
+
+        Raises:
+            ValueError: there is no such group, or it was removed before.
+        """
+        if group not in self._present:
+            raise ValueError(f"there is no group {group} to remove")
+        self._present.remove(group)
+        first, last = np.searchsorted(self._rows.group[: self._count], (group, group + 1))
+        if first == last:
+            return
+        rows, numbers = self._rows.part(slice(first, last)), np.arange(first, last)
+        gradients = _slope(rows)[:, None] * rows.a
+        settled = ~self._vertex.free(numbers)
+        far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
+        self._vertex.forget(gradients[settled].sum(axis=0))
+        self._far_gradient -= gradients[far].sum(axis=0)
+        self._optimum = None
+        self._removed += len(numbers)
+        self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ _finite(rows.cost).max(axis=1))
+        self._scaled -= int(np.count_nonzero(rows.a[:, self._n :]))
+        # without cost, a row is in nobody's way: it may stay active until an exchange takes it out
+        rows.cost[:] = 0.0
+        rows.scale[:] = 0.0
+
+    def solve(self) -> Optimum:
+        """The optimum over the present rows, from the last one. Where the optimum is not unique, w is one of its vertices.
+
+        Where hard rows contradict each other, w has the least sum of violations, and of such w the smallest F.
+        """
+        if self._optimum is None:
+            self._optimum = self._solved()
+        return self._optimum
+
+    def multipliers(self) -> Array:
+        """The dual y of the last optimum, one per present row in order of arrival; O(M)."""
+        self._remember_sides()
+        rows = self._rows.part(slice(self._count))
+        y = _slope(rows)
+        numbers, active = self._vertex.active_rows()
+        y[numbers] = active
+        if self._infeasible or (y @ rows.a[:, : self._n]).min() < 0:
+            y[:] = 0.0  # F >= 0 is the better bound
+        present = rows.scale > 0
+        return np.asarray(y[present] / rows.scale[present])
+
+    def unique(self) -> bool:
+        """Whether the last optimum is certainly the only one: from its vertex F rises along every edge, and not just barely."""
+        state = self._vertex.state
+        slopes = np.empty(2 * self._columns)
+        pivoting.price(state, FIT, slopes)
+        return bool(slopes.min() > STEEP * np.abs(state.gradient[FIT]).max())
+
+    def rows(self) -> ConstraintRows:
+        """The present rows, in order of arrival; O(M)."""
+        rows = self._rows.part(slice(self._count))
+        rows = rows.part(rows.scale > 0)
+        scale = rows.scale[:, None]
+        return ConstraintRows(rows.a * scale, *(rows.cost / scale).T)
+
+    def certificate(self) -> Solution:
+        """The last optimum, judged from scratch by `linear_program.certify`; O(M)."""
+        return certify(
+            self.rows(),
+            self._vertex.state.x[: self._n],
+            self.multipliers(),
+            self._scale() if self._columns > self._n else None,
+        )
+
+    def conflicts(self) -> list[int]:
+        """The groups whose hard rows contradict each other; none unless the last optimum is infeasible.
+
+        Weighted with the multipliers of the least violation, their rows add up to one that every w violates (Farkas).
+        """
+        if not self._infeasible:
+            return []
+        return [int(group) for group in np.unique(self._rows.group[self._vertex.contradiction(VIOLATED)])]
+
+    def _solved(self) -> Optimum:
+        for flat in FLAT:
+            optimum = self._optimise(flat)
+            if optimum.status is not Status.UNCERTIFIED:
+                return optimum
+            self._vertex.refresh()
+        self._vertex.restart()
+        self._sort()
+        return self._optimise(FLAT[0])
+
+    def _scale(self) -> float:
+        return float(self._vertex.state.x[self._n]) if self._scaled else 0.0
+
+    def _optimise(self, flat: float) -> Optimum:
+        """Lexicographic descent, until x is optimal for the unsettled rows and no other was settled wrongly."""
+        effort = inversions = 0
+        proven = False
+        while effort < ROUNDS and inversions < 10 + self._columns:
+            state = self._vertex.state
+            result = pivoting.improve(state, self._close, self._n, flat, SHIFT * 0.1**effort, VIOLATED)
+            stays, self._infeasible, consistent, feasible, objective, lower_bound, smallest = result
+            if state.tally[UPDATES] >= REFRESH:
+                self._vertex.refresh()
+                inversions += 1
+                continue
+            lower_bound = max(0.0, min(lower_bound, objective))
+            gap = objective - lower_bound
+            proven = feasible and gap <= OWN_GAP * max(objective, NOISELESS * self._worst) and smallest >= 0
+            if not stays:
+                self._sort(effort)
+                proven = False
+            elif proven or consistent:
+                break
+            effort += 1
+        self._strained = effort > 1
+        if proven:
+            w = state.x[: self._n].copy()
+            w.setflags(write=False)
+            return Optimum(w, self._scale(), objective, lower_bound, gap, Status.OPTIMAL)
+        self._vertex.check()
+        truth = self.certificate()
+        truth.w.setflags(write=False)
+        status = Status.INFEASIBLE if self._infeasible else truth.status
+        return Optimum(truth.w, truth.scale, truth.objective, truth.lower_bound, truth.gap, status)
+
+    def _sort(self, effort: int = 0) -> None:
+        """Centre the close ball on x: settle the rows far from zero there, and give the vertex the others.
+
+        Each effort doubles the balls, so that a descent that leads out of them again and again ends with all rows unsettled.
+        """
+        self._remember_sides()
+        x = self._vertex.state.x.copy()
+        close = self._close_size << effort
+        far = max(self._far_size, WIDER * close)
+        grown = len(self._near) + self._count - self._fresh > 2 * self._far_size
+        if self._measure() or grown or far > self._far_size or not pivoting.holds(self._far, x, 0.5):
+            self._near, self._far, self._far_gradient = _settle(self._rows, np.arange(self._count), self._metric, x, far)
+            self._fresh = self._count
+        near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
+        self._strained = False
+        near, self._close, gradient = _settle(self._rows, near, self._metric, x, close)
+        # x is within half the far radius now: whatever the close ball allows stays in the far one
+        self._close = self._close._replace(radius=min(self._close.radius, self._far.radius / 2))
+        self._vertex.replace(near, self._rows, self._far_gradient + gradient)
+
+    def _measure(self) -> bool:
+        """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
+        if 2 * self._removed > self._count:
+            self._compact()
+        renew = self._count >= max(1, 2 * self._metric_count)
+        if renew:
+            sample = self._rows.a[: self._count : 1 + self._count // max(SAMPLE, 2 * self._columns)]
+            second_moment = sample.T @ sample / len(sample)
+            # the scale has a unit of its own: every component gets a part of its own size
+            size = second_moment.diagonal().copy()
+            size[size == 0] = 1.0
+            self._metric = np.ascontiguousarray(np.linalg.cholesky(second_moment + RIDGE * np.diag(size)), float)
+            self._whitening = np.asarray(np.linalg.inv(self._metric).T)
+            self._metric_count, self._measured = self._count, 0
+        for first in range(self._measured, self._count, BLOCK):
+            rows = self._rows.part(slice(first, min(first + BLOCK, self._count)))
+            whitened = rows.a @ self._whitening
+            rows.norm[:] = np.sqrt(np.einsum("ij,ij->i", whitened, whitened)) + ZERO
+        self._measured = self._count
+        return renew
+
+    def _compact(self) -> None:
+        """Forget the removed rows, except active ones."""
+        rows = self._rows.part(slice(self._count))
+        kept = (rows.scale > 0) | (rows.side == 0)
+        self._vertex.renumber(np.cumsum(kept) - 1)
+        self._count, self._removed, self._metric_count = int(kept.sum()), 0, 0
+        for field, old in zip(self._rows.part(slice(self._count)), rows, strict=True):
+            field[:] = old[kept]
+
+    def _remember_sides(self) -> None:
+        numbers, sides = self._vertex.sides()
+        self._rows.side[numbers] = sides
+
+
+def _plain(array: Array) -> Array:
+    """As the compiled functions know arrays: for any other kind each would be compiled once more."""
+    return array if array.flags.carray and array.dtype == np.float64 else np.array(array, np.float64, order="C")
+
+
+def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) -> tuple[Indices, Ball, Array]:
+    """Which rows must stay unsettled, about `size` of them; the ball that settles the others, and the gradient of these.
+
+    Updates their sides.
+    """
+    distance = np.empty(len(numbers))
+    pivoting.rank(numbers, x, rows, distance)
+    radius = max(FLOOR, float(np.partition(distance, size)[size])) if len(numbers) > size else np.inf
+    unsettled = (distance <= radius) & (distance < np.inf)
+    gradient = np.zeros(len(x))
+    pivoting.add_gradients(numbers[~unsettled], rows, gradient)
+    return numbers[unsettled], Ball(metric, x, radius), gradient
+
+
+def _slope(rows: Rows) -> Array:
+    """Derivative of each row's cost on its side; 0 where it is active or its cost infinite."""
+    above, below = _finite(rows.cost).T
+    return np.where(rows.side > 0, above, np.where(rows.side < 0, -below, 0.0))
+
+
+def _finite(cost: Array) -> Array:
+    return np.where(np.isinf(cost), 0.0, cost)

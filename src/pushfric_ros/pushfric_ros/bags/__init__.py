@@ -1,0 +1,1 @@
+"""Bags, and the data points in them."""

@@ -1,0 +1,209 @@
+"""Import of real pushes: an aluminium triangle, CMU Manipulation Lab.
+
+J. Zhou, R. Paolini, J. A. Bagnell, M. T. Mason, "A convex polynomial force-motion model for planar sliding: identification and
+application", ICRA 2016. A log holds, for each push, the object's pose before and after, the readings of a force sensor and the
+poses of the tool; so each push gives one data point: its finite motion, with the contact in the middle of it.
+"""
+
+import csv
+import gzip
+import math
+import pathlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from pushfric_core import planar
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform
+from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.files.file_errors import reading
+from pushfric_ros.files.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
+from pushfric_ros.messages.conversions import observation_to_msg
+from pushfric_ros.messages.qos import RELIABLE
+
+NAME = "zhou2015"
+TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"
+
+CORNERS = [(0.0, 0.0), (0.15, 0.0), (0.0, 0.15)]
+"""Of the triangle: the origin is the right angle [m]."""
+
+GRID = SupportFile(grid=(10, 10), inset=0.0075)
+"""Hypothesised support: the middles of 15 mm cells, 55 of which lie on the triangle."""
+
+TOUCHING = 0.25
+"""The finger touches from when the force first exceeds this share of its maximum."""
+
+BUILDING_UP = 0.3
+"""The mean force leaves out this first share of the contact, as push_points.csv does: the force has yet to build up."""
+
+LARGEST_GAP = 0.004
+"""A push is left out where the finger, in the middle of it, is further than this from the outline [m]: the log is wrong."""
+
+SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
+"""From the sensor's reading to the force ON the object, in the frame of the tool."""
+
+COLUMNS = ("object", "log", "push", "cx_mm", "cy_mm", "nx", "ny", "dx_mm", "dy_mm", "dtheta_rad", "fx_N", "fy_N")
+MILLIMETRE = 1e-3
+SECOND = 10**9
+
+
+class Imported(NamedTuple):
+    """One bag that was written."""
+
+    bag: pathlib.Path
+    object: str
+    observations: int
+
+
+def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
+    """Write a bag of observations, with its object's YAML file, for the log or for each log of a CSV.
+
+    Args:
+        source: a log (.txt or .txt.gz), or push_points.csv.
+        out: folder of the bag; for a CSV with several logs, of a bag each.
+    Raises:
+        InvalidInput: the source cannot be read, or a bag exists already.
+    """
+    if not source.is_file():
+        raise InvalidInput(f"{source}: no such file; expected a log of {NAME} or its push_points.csv")
+    if source.suffix != ".csv":
+        return [_write(out, _object_of(source), read_log(source))]
+    logs = read_push_points(source)
+    return [
+        _write(out if len(logs) == 1 else out / pathlib.Path(log).stem, _object_of(pathlib.Path(log)), observations)
+        for log, observations in logs.items()
+    ]
+
+
+def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
+    """The data points of push_points.csv, log by log. It holds no times: pushes count as one second each.
+
+    Raises:
+        InvalidInput: a column or a number is missing.
+    """
+    logs: dict[str, list[Observation]] = {}
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
+        reader = csv.DictReader(stream)
+        if missing := [name for name in COLUMNS if name not in (reader.fieldnames or [])]:
+            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected push_points.csv of {NAME}")
+        for row in reader:
+            try:
+                cx, cy, nx, ny, dx, dy, turn, fx, fy = (float(row[name]) for name in COLUMNS[3:])
+                observation = Observation(
+                    contact_point=(cx * MILLIMETRE, cy * MILLIMETRE),
+                    contact_normal=(nx, ny),
+                    twist=Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn),
+                    push_id=int(row["push"]),
+                    stamp=(int(row["push"]) + 1) * SECOND,
+                    force=(fx, fy),
+                )
+            except (TypeError, ValueError, PushfricError) as error:
+                raise InvalidInput(f"{path}, line {reader.line_num}: {error}") from error
+            logs.setdefault(row["log"], []).append(observation)
+    if not logs:
+        raise InvalidInput(f"{path}: no data points; expected a row for each push")
+    return logs
+
+
+def read_log(path: pathlib.Path) -> list[Observation]:
+    """The data points of a log: one for each push whose finger met an edge.
+
+    Raises:
+        InvalidInput: the file is no log, or ends early.
+    """
+    try:
+        text = gzip.decompress(path.read_bytes()).decode() if path.suffix == ".gz" else path.read_text()
+        numbers = iter(text.split())
+        outline = Outline(np.array(CORNERS))
+        pushes = (_push(numbers) for _ in range(int(next(numbers))))
+        found = [_observation(index, push, outline) for index, push in enumerate(pushes)]
+    except (OSError, UnicodeDecodeError, ValueError, EOFError) as error:
+        raise InvalidInput(f"{path}: not a log of {NAME}: {error}") from error
+    except (StopIteration, RuntimeError) as error:
+        raise InvalidInput(f"{path}: ends in the middle of a push") from error
+    observations = [observation for observation in found if observation is not None]
+    if not observations:
+        raise InvalidInput(f"{path}: no push met an edge of the triangle")
+    return observations
+
+
+class _Push(NamedTuple):
+    """What a log says of one push, in metres."""
+
+    before: Pose  # of the object, in the robot's frame
+    after: Pose
+    forces: Array  # (m, 3) time [s], sensor reading [N]
+    tool: Array  # (k, 4) time [s], position [m], orientation [rad]
+
+
+def _push(numbers: Iterator[str]) -> _Push:
+    def table(columns: int) -> Array:
+        rows = int(next(numbers))
+        return np.array([float(next(numbers)) for _ in range(rows * columns)]).reshape(rows, columns)
+
+    before, after = (np.array([float(next(numbers)) for _ in range(7)]) for _ in range(2))
+    forces, tool = table(3), table(8)
+    if not len(forces) or not len(tool):
+        raise ValueError("a push without forces or tool poses")
+    headings = np.array([_heading(row[4:]) for row in tool])
+    return _Push(_pose(before), _pose(after), forces, np.column_stack((tool[:, 0], tool[:, 1:3] * MILLIMETRE, headings)))
+
+
+def _pose(row: Array) -> Pose:
+    return Pose(float(row[0]) * MILLIMETRE, float(row[1]) * MILLIMETRE, _heading(row[3:]))
+
+
+def _heading(quaternion: Array) -> float:
+    w, x, y, z = quaternion
+    return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def _observation(index: int, push: _Push, outline: Outline) -> Observation | None:
+    """The data point of a push; None without a finger at an edge, a motion or a force during the contact."""
+    motion = planar.log(compose(inverse(push.before), push.after))
+    forces = push.forces[:, 1:] - push.forces[0, 1:]
+    size = np.hypot(*forces.T)
+    touched, end = float(push.forces[np.argmax(size > TOUCHING * size.max()), 0]), float(push.tool[-1, 0])
+    middle = (touched + end) / 2
+    pressed = push.forces[:, 0] >= touched + BUILDING_UP * max(end - touched, 0.0)
+    x, y, heading = (float(np.interp(middle, push.tool[:, 0], column)) for column in push.tool.T[1:])
+    pose = compose(push.before, exp(motion, 0.5))
+    tip = transform(inverse(pose), (x, y))
+    # the foot of the perpendicular on the nearest edge
+    gaps = np.sum((tip - outline.vertices) * outline.normals, axis=1)
+    edge = int(np.argmax(gaps))
+    contact = tip - gaps[edge] * outline.normals[edge]
+    if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion) or not pressed.any():
+        return None
+    in_tool = SENSOR_TO_TOOL @ forces[pressed].mean(axis=0)
+    fx, fy = rotation(heading - pose.theta) @ in_tool
+    nx, ny = outline.normals[edge]
+    return Observation(
+        contact_point=(float(contact[0]), float(contact[1])),
+        contact_normal=(float(nx), float(ny)),
+        twist=motion,
+        push_id=index,
+        stamp=round(middle * SECOND),
+        pose=pose,
+        force=(float(fx), float(fy)),
+    )
+
+
+def _object_of(log: pathlib.Path) -> str:
+    """The part of a log's name that says what the triangle stood on."""
+    return log.name.partition("__exp")[0]
+
+
+def _write(folder: pathlib.Path, name: str, observations: list[Observation]) -> Imported:
+    file = ObjectFile(name=name, outline=CORNERS, support=GRID)
+    with BagWriter(folder) as writer:
+        writer.add_topic(TOPIC, TYPE, [RELIABLE])
+        for observation in sorted(observations, key=lambda o: o.stamp):
+            writer.write(TOPIC, observation.stamp, serialize_message(observation_to_msg(observation, name)))
+    save_object(make_object(file, name), folder / OBJECT_FILE)
+    return Imported(folder, name, len(observations))

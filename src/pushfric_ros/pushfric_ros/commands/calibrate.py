@@ -1,0 +1,108 @@
+"""The commands of `pushfric calibrate`: print a board, then learn the lens, then where the table is."""
+
+import pathlib
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.nodes.tracker import TOPICS
+from pushfric_ros.vision.calibration import (
+    Board,
+    calibrate_table,
+    lens_from_source,
+    read_table_points,
+    save_board,
+    table_from_source,
+)
+from pushfric_ros.vision.camera import load_lens, save_camera
+
+app = typer.Typer(help="Calibrate the camera: print a board, learn the lens, then where the table is.", no_args_is_help=True)
+console = Console(stderr=True, soft_wrap=True, highlight=False)
+
+Source = Annotated[str, typer.Argument(help="Camera's index, URL, video file or folder of pictures.", show_default=False)]
+Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]
+Rows = Annotated[int, typer.Option(help="Squares of the board along its short side.")]
+Square = Annotated[float, typer.Option(help="Side of a square, as printed (m).")]
+CameraFile = Annotated[pathlib.Path, typer.Option(help="The camera's calibration YAML.", show_default=False)]
+
+
+@app.command()
+def board(
+    out: Annotated[pathlib.Path, typer.Argument(help="PDF to write.", show_default=False)],
+    columns: Columns = Board.columns,
+    rows: Rows = Board.rows,
+    square: Square = Board.square,
+) -> None:
+    """Write a ChArUco board as a PDF to scale; print it at 100 % and check it by its ruler."""
+    save_board(_board(columns, rows, square), out)
+    console.print(f"{out}: print it at 100 %, and lay the ruler against a real one", markup=False)
+
+
+@app.command()
+def lens(
+    source: Source,
+    out: CameraFile,
+    columns: Columns = Board.columns,
+    rows: Rows = Board.rows,
+    square: Square = Board.square,
+) -> None:
+    """Learn the lens from views of the board: near and far, tilted, in all parts of the image."""
+    _check_no_topic(source)
+    found = lens_from_source(source, _board(columns, rows, square), _say)
+    save_camera(found.lens, out)
+    console.print(
+        f"{out}: reprojection error {found.rms_px:.3f} px, worst view {found.view_rms_px.max():.3f} px of"
+        f" {len(found.view_rms_px)} views; focal length to {100 * found.focal_error:.2g} %",
+        markup=False,
+    )
+
+
+@app.command()
+def table(
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="Camera's index, URL, video file or folder of pictures that show the board on the table; or a CSV u,v,x,y of"
+            " measured points: pixels, and where they lie on the table (m).",
+            show_default=False,
+        ),
+    ],
+    camera: CameraFile,
+    columns: Columns = Board.columns,
+    rows: Rows = Board.rows,
+    square: Square = Board.square,
+) -> None:
+    """Learn where the table is, from the board lying on it or from four or more measured points; adds it to the camera's YAML.
+
+    The board's lower left corner becomes the origin of the table frame, x to the right as printed, y up.
+    """
+    known = load_lens(camera)
+    if source.endswith(".csv"):
+        found = calibrate_table(known, *read_table_points(pathlib.Path(source)))
+    else:
+        _check_no_topic(source)
+        found = table_from_source(source, _board(columns, rows, square), known, _say)
+    save_camera(found.camera, camera)
+    console.print(
+        f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
+        f" worst {1e3 * found.errors.max():.3f} mm",
+        markup=False,
+    )
+
+
+def _check_no_topic(source: str) -> None:
+    if source in TOPICS:
+        raise InvalidInput(f"a camera behind the topic {TOPICS[source]} is calibrated from pictures: give a folder of them")
+
+
+def _board(columns: int, rows: int, square: float) -> Board:
+    try:
+        return Board(columns, rows, square)
+    except ValueError as error:
+        raise InvalidInput(str(error)) from error
+
+
+def _say(line: str) -> None:
+    console.print(line, markup=False)

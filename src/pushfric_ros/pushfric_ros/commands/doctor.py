@@ -1,0 +1,596 @@
+"""Looks at all that a cell needs, one small check each, without moving anything, and says what to do about what is amiss."""
+
+import contextlib
+import ctypes
+import grp
+import importlib.metadata
+import importlib.util
+import itertools
+import math
+import os
+import pathlib
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from enum import Enum
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import rclpy
+from ament_index_python.packages import get_package_share_directory
+from packaging.requirements import Requirement
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.utilities import get_rmw_implementation_identifier
+from rich.table import Table
+from rich.text import Text
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image as ImageMsg
+from serial.tools.list_ports import comports
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands import discovery
+from pushfric_ros.files.cell_file import CameraEntry, CellFile, PlanEntry, PusherEntry, load_cell
+from pushfric_ros.files.object_file import ObjectModel, load_object
+from pushfric_ros.files.plan_file import load_plan
+from pushfric_ros.graph import supervisor
+from pushfric_ros.messages.conversions import stamp_from_msg
+from pushfric_ros.messages.types import message_class
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
+from pushfric_ros.pushers.grbl import Grbl
+from pushfric_ros.pushers.pusher import Limits, Mode, PusherError, PusherReport
+from pushfric_ros.vision.camera import Camera, Image, load_camera
+from pushfric_ros.vision.contour_tracker import ContourTracker
+from pushfric_ros.vision.edge_fit import MIN_CONTRAST, SATURATED, NotSeen
+from pushfric_ros.vision.fiducial_tracker import FiducialTracker, load_fiducials
+from pushfric_ros.vision.frame_source import Device
+
+TRIED_DISTROS, TRIED_RMW = ("jazzy", "kilted"), "rmw_fastrtps_cpp"
+LAST_DOMAIN = 101
+"""Higher ROS domains use ports that Linux gives to whoever asks for any."""
+PATIENCE = 5.0
+"""For another process, or the first frame [s]."""
+FRAMES, WATCHED = 20, 3.0
+"""A camera is watched for so many frames, or so long [s]."""
+SLOWEST = 10.0
+"""A push at 2 cm/s needs as many frames [1/s]."""
+BRIGHTEST, MOST_SATURATED = 235, 0.01
+"""Video ends at this grey level, and a still picture has little left beyond it; at most this share of the pixels is there."""
+COARSEST = 0.5e-3
+"""Size of a pixel on the table [m]."""
+LENS_ERROR_PX = 0.5
+"""A lens that leads from a pixel to the table and back this far off is none."""
+STALE = 1.0
+"""Frames older than this on arrival [s], or from the future, carry another clock's stamps."""
+RAMP_SHARE = 0.1
+"""Of a push, the ramps to its speed and from it may take this much."""
+ROUNDING = 1e-4
+"""Of the pusher's positions [m]."""
+BAG_RATE = 10e3
+"""A recorded cell fills as much [byte/s], without images."""
+LEAST_SPACE, AMPLE_SPACE = 100e6, 1e9  # [byte]
+TIME_ERROR = 5  # what adjtimex returns where nothing disciplines the clock (linux/timex.h)
+
+
+class Level(Enum):
+    """How a check came out."""
+
+    OK = "ok"
+    WARNING = "warning"
+    FAILED = "failed"
+
+
+class Check(NamedTuple):
+    """One thing that was looked at."""
+
+    name: str
+    level: Level
+    finding: str
+    advice: str = ""  # what to do; none where all is well
+
+
+class Frame(NamedTuple):
+    """A frame of the camera as it arrived."""
+
+    stamp: int  # [ns]
+    arrival: int  # [ns]
+    image: Image
+
+
+def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[str], None]) -> Iterator[Check]:
+    """All checks, one after the other; those that rest on one that failed are left out.
+
+    Args:
+        path: of the cell's file; None: only what does not depend on a cell.
+        bags: folder in which bags will be recorded.
+        progress: is told what is looked at now.
+    Raises:
+        InvalidInput: the cell's file cannot be read, or describes no cell; before any check.
+    """
+    cell = load_cell(path) if path is not None else None
+    progress("environment")
+    yield check_ros()
+    yield check_packages()
+    yield check_build()
+    yield check_clock()
+    yield check_disk(bags)
+    progress("discovery")
+    yield check_discovery()
+    yield check_multicast()
+    if cell is None:
+        return
+    with contextlib.ExitStack() as claim:
+        try:
+            claim.enter_context(supervisor.lock(cell.namespace))
+        except InvalidInput as error:
+            yield Check("cell", Level.FAILED, str(error), "end that run before you look at its parts")
+            return
+        yield Check("cell", Level.OK, f"{path}: {cell.namespace}")
+        yield from _examine_cell(cell, progress)
+
+
+def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[Check]:
+    model: ObjectModel | None = None
+    camera: Camera | None = None
+    try:
+        model = load_object(cell.object)
+        yield check_plan(cell.plan, cell.pusher, model)
+    except InvalidInput as error:
+        yield Check("object", Level.FAILED, str(error), "docs/files.md shows an object's file")
+    try:
+        camera = load_camera(cell.camera.calibration)
+    except InvalidInput as error:
+        yield Check("calibration", Level.FAILED, str(error), "make it anew: ./pushfric calibrate --help")
+    progress("camera")
+    try:
+        frames = watch(cell.camera, cell.namespace, (camera.width, camera.height) if camera is not None else None)
+    except InvalidInput as error:
+        holder = "see that it is plugged in, that you may read /dev/video*, and that no other program holds it"
+        yield Check("camera", Level.FAILED, str(error), holder)
+        frames = []
+    else:
+        yield check_camera(frames, cell.camera.source)
+    if frames:
+        yield check_exposure(frames[-1].image)
+        if cell.camera.source in TOPICS:  # a device's frames are stamped here
+            yield check_stamps(frames)
+    if camera is not None:
+        yield check_calibration(camera, frames[-1].image if frames else None, cell.pusher)
+        if model is not None:
+            yield check_object(cell.camera, camera, model, frames[-1].image if frames else None)
+    progress("pusher")
+    port = check_port(cell.pusher.port)
+    yield port
+    if port.level is not Level.FAILED:
+        controller, limits = check_controller(cell.pusher)
+        yield controller
+        if limits is not None:
+            yield check_limits(cell.pusher, cell.plan, limits)
+
+
+# The machine
+
+
+def check_ros() -> Check:
+    """Python, ROS 2 and its middleware."""
+    distro, rmw = os.environ.get("ROS_DISTRO", ""), get_rmw_implementation_identifier()
+    finding = f"Python {sys.version.split()[0]}, ROS 2 {distro or 'of unknown distribution'}, {rmw}"
+    if distro not in TRIED_DISTROS or rmw != TRIED_RMW:
+        advice = f"it may well work; tried were {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW}"
+        return Check("ROS 2", Level.WARNING, finding, advice)
+    return Check("ROS 2", Level.OK, finding)
+
+
+def check_packages() -> Check:
+    """The Python packages that ours declare."""
+    texts = {text for name in ("pushfric_core", "pushfric_ros") for text in importlib.metadata.requires(name) or ()}
+    wanted = [Requirement(text) for text in sorted(texts)]
+    amiss = [f"{requirement} ({state})" for requirement in wanted if (state := _state(requirement)) is not None]
+    if amiss:
+        advice = f"python3 -m pip install {' '.join(repr(text.split(' (')[0]) for text in amiss)}"
+        return Check("packages", Level.FAILED, f"missing or too old: {', '.join(amiss)}", advice)
+    return Check("packages", Level.OK, f"{len(wanted)} needed, all there")
+
+
+MODULES = {"opencv-python-headless": "cv2", "pyserial": "serial", "PyYAML": "yaml"}
+"""Packages whose module has another name."""
+
+
+def _state(requirement: Requirement) -> str | None:
+    """What is amiss with a package; None where it is there, be it from pip or from the system."""
+    try:
+        version = importlib.metadata.version(requirement.name)
+    except importlib.metadata.PackageNotFoundError:
+        module = MODULES.get(requirement.name, requirement.name)
+        return None if importlib.util.find_spec(module) else "not installed"
+    return None if requirement.specifier.contains(version, prereleases=True) else version
+
+
+def check_build() -> Check:
+    """The built interfaces against their source."""
+    stale = stale_interfaces(pathlib.Path(get_package_share_directory("pushfric_msgs")))
+    if stale:
+        finding = f"older than the source, or not built: {', '.join(stale)}"
+        return Check("build", Level.FAILED, finding, "build the workspace again: ./pushfric setup, or colcon build")
+    return Check("build", Level.OK, "pushfric_msgs is built from its present source")
+
+
+def stale_interfaces(share: pathlib.Path) -> list[str]:
+    """Interfaces of pushfric_msgs whose fields are not those of the files they are built from, or that are not built.
+
+    Args:
+        share: where they are installed; links lead to the source.
+    """
+    stale = []
+    for kind, parts in INTERFACE_PARTS.items():
+        folders = {path.resolve().parent for path in (share / kind).glob(f"*.{kind}")}
+        for source in sorted(source for folder in folders for source in folder.glob(f"*.{kind}")):
+            wanted = [_fields(text) for text in source.read_text(encoding="utf-8").split("\n---\n")]
+            try:
+                built = message_class(f"pushfric_msgs/{kind}/{source.stem}")
+            except InvalidInput:
+                stale.append(source.name)
+                continue
+            classes: list[Any] = [getattr(built, part) for part in parts] or [built]
+            if [made.get_fields_and_field_types() for made in classes] != wanted:
+                stale.append(source.name)
+    return stale
+
+
+INTERFACE_PARTS = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+PRIMITIVES = {"bool": "boolean", "float32": "float", "float64": "double", "byte": "octet", "char": "uint8"}
+"""What rosidl calls the types of interface files."""
+
+
+def _fields(text: str) -> dict[str, str]:
+    """Names and types of the fields that an interface file defines, as rosidl calls them."""
+    fields = {}
+    for line in text.splitlines():
+        words = line.partition("#")[0].split()
+        if len(words) < 2 or "=" in "".join(words[1:]):  # blank, or a constant
+            continue
+        base, bracket, size = words[0].rstrip("]").partition("[")
+        base = PRIMITIVES.get(base, f"pushfric_msgs/{base}" if base[0].isupper() else base)
+        if size.isdecimal():
+            base = f"{base}[{size}]"
+        elif bracket:
+            base = f"sequence<{base}{size.replace('<=', ', ')}>"
+        fields[words[1]] = base
+    return fields
+
+
+def check_clock() -> Check:
+    """The system clock: not before this file was written, and disciplined."""
+    now, written = time.time(), pathlib.Path(__file__).stat().st_mtime
+    said = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(now))
+    if now < written:
+        finding = f"{said}, which was before this program was installed"
+        return Check("clock", Level.FAILED, finding, "set it: sudo timedatectl set-ntp true")
+    if clock_state() == TIME_ERROR:
+        advice = "nothing to do for a cell on one computer; for more: sudo timedatectl set-ntp true, or chrony"
+        return Check("clock", Level.WARNING, f"{said}, but nothing synchronises it", advice)
+    return Check("clock", Level.OK, f"{said}, synchronised")
+
+
+def clock_state() -> int:
+    """What the kernel says of its clock, as adjtimex(2) returns it."""
+    # a struct timex of zeros asks and changes nothing; this is more than its size on any machine
+    return int(ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(1024)))
+
+
+def check_disk(folder: pathlib.Path) -> Check:
+    """Room for bags in a folder that need not exist yet."""
+    there = next(parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.exists())
+    free = shutil.disk_usage(there).free
+    finding = f"{free / 1e9:.1f} GB free at {there}, {free / BAG_RATE / 3600:.0f} hours of recording"
+    if not os.access(there, os.W_OK):
+        return Check("disk", Level.FAILED, f"you may not write to {there}", "record elsewhere, with --bag")
+    if free < AMPLE_SPACE:
+        level = Level.FAILED if free < LEAST_SPACE else Level.WARNING
+        return Check("disk", level, finding, "make room, or record elsewhere, with --bag")
+    return Check("disk", Level.OK, finding)
+
+
+def check_discovery() -> Check:
+    """A message to another process of this machine and back."""
+    text = os.environ.get("ROS_DOMAIN_ID", "0")
+    if not text.isdecimal() or int(text) > LAST_DOMAIN:
+        finding, advice = f"ROS_DOMAIN_ID is {text!r}", f"set it to a number from 0 to {LAST_DOMAIN}, the same in all terminals"
+        return Check("discovery", Level.FAILED, finding, advice)
+    seconds = discovery.round_trip(PATIENCE)
+    where = f"on domain {int(text)}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
+    if seconds is None:
+        advice = "look at ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF), at firewall rules for UDP 7400 and up, at room in /dev/shm"
+        return Check("discovery", Level.FAILED, f"another process did not answer within {PATIENCE:g} s {where}", advice)
+    return Check("discovery", Level.OK, f"another process answered after {seconds:.1f} s {where}")
+
+
+def check_multicast() -> Check:
+    """What other machines are found by."""
+    if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET") != "SUBNET":
+        return Check("multicast", Level.OK, "not needed: only this machine is looked for")
+    amiss = discovery.multicast(1.0)
+    if amiss is not None:
+        advice = "other machines will not be found; for this one alone set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+        return Check("multicast", Level.WARNING, f"does not work: {amiss}", advice)
+    return Check("multicast", Level.OK, "works")
+
+
+# The camera
+
+
+def watch(entry: CameraEntry, namespace: str, size: tuple[int, int] | None) -> list[Frame]:
+    """The first frames of a camera, of a device or a topic; none where none come in time.
+
+    Args:
+        entry: of the cell's file.
+        namespace: of the cell.
+        size: width and height asked of a device [px]; None: as it comes.
+    Raises:
+        InvalidInput: there is no such device, or the topic carries no pictures.
+    """
+    if entry.source in TOPICS:
+        return _watch_topic(entry.source, namespace)
+    arrived = threading.Event()
+    device = Device(entry.source, size, time.time_ns, arrived.set)
+    frames: list[Frame] = []
+    deadline = time.monotonic() + PATIENCE
+    device.start()
+    try:
+        while len(frames) < FRAMES and time.monotonic() < deadline and (device.is_alive() or device.frames):
+            arrived.wait(0.1)
+            arrived.clear()
+            while device.frames:
+                if not frames:
+                    deadline = time.monotonic() + WATCHED
+                stamp, image = device.frames.popleft()
+                frames.append(Frame(stamp, time.time_ns(), image))
+    finally:
+        device.close()
+    return frames
+
+
+def _watch_topic(source: str, namespace: str) -> list[Frame]:
+    frames: list[Frame] = []
+    problems: list[str] = []
+
+    def take(msg: Any) -> None:
+        arrival = time.time_ns()
+        try:
+            image = grey_from_msg(msg) if source == "topic" else _decoded(msg)
+        except ValueError as error:
+            problems.append(str(error))
+            return
+        frames.append(Frame(stamp_from_msg(msg.header.stamp), arrival, image))
+
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[])
+    node = Node("doctor", namespace=namespace, context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        node.create_subscription(ImageMsg if source == "topic" else CompressedImage, TOPICS[source], take, IMAGE_QUEUE)
+        deadline = time.monotonic() + PATIENCE
+        while len(frames) < FRAMES and not problems and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+            if len(frames) == 1:
+                deadline = min(deadline, time.monotonic() + WATCHED)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+    if problems:
+        raise InvalidInput(f"{TOPICS[source]}: {problems[0]}")
+    return frames
+
+
+def _decoded(msg: CompressedImage) -> Image:
+    image = cv2.imdecode(np.frombuffer(msg.data, np.uint8), cv2.IMREAD_GRAYSCALE) if len(msg.data) else None
+    if image is None:
+        raise ValueError(f"not a picture: {len(msg.data)} bytes of format {msg.format!r}")
+    return image
+
+
+def check_camera(frames: list[Frame], source: str) -> Check:
+    """Whether frames come, fast enough, and change."""
+    what = TOPICS.get(source, source)
+    if not frames:
+        advice = "see that its driver runs and publishes in the cell's namespace" if source in TOPICS else "plug it in anew"
+        return Check("camera", Level.FAILED, f"no frames from {what}", advice)
+    height, width = frames[0].image.shape
+    seconds = (frames[-1].arrival - frames[0].arrival) / 1e9
+    rate = (len(frames) - 1) / seconds if seconds > 0 else math.nan
+    finding = f"{what}: {width} x {height} px, {rate:.1f} frames/s"
+    if len(frames) > 2 and all(np.array_equal(frame.image, frames[0].image) for frame in frames):
+        return Check("camera", Level.FAILED, f"{finding}, all of them equal", "it hangs: unplug it and plug it in anew")
+    if not rate >= SLOWEST:
+        advice = f"{SLOWEST:g} frames/s or more are needed: shorter exposure with more light, or another port or format"
+        return Check("camera", Level.WARNING, finding, advice)
+    return Check("camera", Level.OK, finding)
+
+
+def check_exposure(image: Image) -> Check:
+    """Neither saturated nor dark: image (height, width) mono8."""
+    saturated, bright, middle = np.mean(image >= BRIGHTEST), np.percentile(image, 99.9), np.median(image)
+    finding = (
+        f"{100 * saturated:.1f} % of the pixels are saturated, the brightest have {bright:.0f}, the median is {middle:.0f}"
+    )
+    if middle >= SATURATED:
+        return Check("exposure", Level.WARNING, finding, "the table must be dark: shorter exposure, less gain")
+    if saturated > MOST_SATURATED:
+        return Check("exposure", Level.WARNING, finding, "what is saturated grows: shorter exposure, less gain, no highlights")
+    if bright < MIN_CONTRAST:
+        return Check("exposure", Level.WARNING, finding, "too dark to see an object: more light or exposure, and no lens cap")
+    return Check("exposure", Level.OK, finding)
+
+
+def check_stamps(frames: list[Frame]) -> Check:
+    """The frames' stamps against this machine's clock."""
+    ages = [(frame.arrival - frame.stamp) / 1e9 for frame in frames]
+    finding = f"{np.median(ages):.3f} s old on arrival"
+    backwards = any(b.stamp <= a.stamp for a, b in itertools.pairwise(frames))
+    if not -STALE / 10 <= np.median(ages) <= STALE or backwards:
+        finding += ", not in order" if backwards else ""
+        advice = "the driver's clock is not this one: synchronise them; small constant offsets go into camera.time_offset"
+        return Check("stamps", Level.FAILED, finding, advice)
+    return Check("stamps", Level.OK, finding)
+
+
+def check_calibration(camera: Camera, image: Image | None, pusher: PusherEntry) -> Check:
+    """The calibration against the camera's picture, where there is one (height, width), and the pushing line."""
+    if image is not None and image.shape != (camera.height, camera.width):
+        got = f"{image.shape[1]} x {image.shape[0]}"
+        finding = f"made for {camera.width} x {camera.height} px, the camera gives {got}"
+        return Check("calibration", Level.FAILED, finding, "set the camera to that size, or calibrate it at this one")
+    corners = np.array([(u, v) for u in (0, camera.width - 1) for v in (0, camera.height - 1)], dtype=float)
+    off = np.abs(camera.project(camera.unproject(corners)) - corners).max()
+    if not off < LENS_ERROR_PX:
+        advice = "calibrate the lens again, with the board in the corners of the picture"
+        return Check("calibration", Level.FAILED, "the lens makes no sense in the corners of the picture", advice)
+    direction = np.asarray(pusher.line_direction) / np.hypot(*pusher.line_direction)
+    line = np.asarray(pusher.line_origin) + np.linspace(0, pusher.stroke, 50)[:, None] * direction
+    pixels = camera.project(line)
+    seen = np.mean(((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))).all(axis=1))
+    pixel = camera.metres_per_pixel()
+    finding = f"a pixel is {1e3 * pixel:.2f} mm, {100 * seen:.0f} % of the pushing line are in the picture"
+    if not seen:
+        advice = "check table_homography, line_origin and line_direction: they must mean the same table frame"
+        return Check("calibration", Level.FAILED, finding, advice)
+    if pixel > COARSEST:
+        advice = f"{1e3 * COARSEST:g} mm or less are wanted: a camera nearer to the table, or with more pixels"
+        return Check("calibration", Level.WARNING, finding, advice)
+    return Check("calibration", Level.OK, finding)
+
+
+def check_object(entry: CameraEntry, camera: Camera, model: ObjectModel, image: Image | None) -> Check:
+    """Whether the tracker can find such an object, and sees it now; it need not lie there yet."""
+    height, outline = entry.object_height or model.height, model.outline.vertices
+    try:
+        if entry.fiducials:
+            track: Callable[[Image], Any] = FiducialTracker(camera, outline, height, load_fiducials(entry.fiducials)).track
+        else:
+            track = ContourTracker(camera, outline, height, entry.threshold or None).track
+    except InvalidInput as error:
+        return Check("object", Level.FAILED, str(error), "a camera nearer to the table, larger markers, or another object")
+    if image is None or image.shape != (camera.height, camera.width):
+        return Check("object", Level.OK, f"{model.name}: nobody looked whether it is seen")
+    try:
+        sighting = track(image)
+    except NotSeen as reason:
+        return Check("object", Level.OK, f"{model.name} is not seen now: {reason}")
+    x, y = 1e3 * sighting.pose.x, 1e3 * sighting.pose.y
+    return Check(
+        "object", Level.OK, f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
+    )
+
+
+# The pusher
+
+
+def check_plan(plan: PlanEntry, pusher: PusherEntry, model: ObjectModel) -> Check:
+    """The push plan against object and pusher."""
+    try:
+        pushes = load_plan(plan.file, model)
+    except InvalidInput as error:
+        return Check("plan", Level.FAILED, str(error), "docs/files.md shows a plan")
+    finding = f"{plan.choose or len(pushes)} pushes of {1e3 * plan.distance:g} mm at {1e3 * plan.speed:g} mm/s"
+    if plan.distance > pusher.stroke or plan.speed > pusher.max_speed:
+        finding += f"; the pusher's stroke is {1e3 * pusher.stroke:g} mm, its greatest speed {1e3 * pusher.max_speed:g} mm/s"
+        return Check("plan", Level.FAILED, finding, "shorten plan.distance, lower plan.speed")
+    return Check("plan", Level.OK, finding)
+
+
+def check_port(path: str) -> Check:
+    """The serial port, untouched."""
+    if not os.path.exists(path):
+        there = ", ".join(port.device for port in comports()) or "none"
+        advice = f"plug it in; ports there are: {there}; names that stay are under /dev/serial/by-id/"
+        return Check("port", Level.FAILED, f"no serial port at {path}", advice)
+    if not os.access(path, os.R_OK | os.W_OK):
+        try:
+            group = grp.getgrgid(os.stat(path).st_gid).gr_name
+        except KeyError:
+            group = "dialout"
+        return Check("port", Level.FAILED, f"you may not use {path}", f"sudo usermod -aG {group} $USER, then log in anew")
+    return Check("port", Level.OK, path)
+
+
+def check_controller(entry: PusherEntry) -> tuple[Check, Limits | None]:
+    """What answers at the port; it is neither moved nor unlocked. Its limits where it is a GRBL controller."""
+    try:
+        # of one that homes an alarm is left as it is, and homing itself waits for recover()
+        grbl = Grbl(entry.port, entry.baud, entry.axis, home=True)
+    except ValueError as error:
+        return Check("controller", Level.FAILED, f"pusher.{error}", "docs/cell.md"), None
+    last: PusherReport | None = None
+    with contextlib.closing(grbl):
+        try:
+            grbl.connect()
+            while grbl.busy:
+                last = grbl.poll() or last
+                time.sleep(0.005)
+        except PusherError as error:
+            advice = "Ctrl-X in a terminal at that baud rate must bring a greeting; docs/hardware.md lists what can go wrong"
+            return Check("controller", Level.FAILED, str(error), advice), None
+        position = last.position if last is not None else math.nan
+        finding = f"{grbl.name}, {grbl.mode.value}" + (f", at {1e3 * position:.1f} mm" if not entry.home else "")
+        return judge(grbl.mode, position, finding, entry), grbl.limits
+
+
+def judge(mode: Mode, position: float, finding: str, entry: PusherEntry) -> Check:
+    """A controller that answers: its mode, and its stroke position [m]."""
+    if mode is Mode.ALARM and not entry.home:
+        advice = "the run will unlock it: bring the pusher to its home end by hand before, switch it off and on"
+        return Check("controller", Level.WARNING, finding, advice)
+    if mode not in (Mode.IDLE, Mode.ALARM):
+        return Check("controller", Level.WARNING, finding, "it accepts no motion: release its hold or door, or reset it")
+    if not entry.home and not -ROUNDING <= position <= entry.stroke + ROUNDING:
+        advice = "that is beyond the stroke: bring it to its home end, switch it off and on, or home it"
+        return Check("controller", Level.WARNING, finding, advice)
+    return Check("controller", Level.OK, finding)
+
+
+def check_limits(entry: PusherEntry, plan: PlanEntry, limits: Limits) -> Check:
+    """What the controller is set to against what the cell's file asks of it."""
+    axis = "XYZABC".index(entry.axis[-1])
+    travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
+    finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
+    if entry.stroke > limits.travel + ROUNDING:
+        advice = f"shorten pusher.stroke, {1e3 * entry.stroke:g} mm, or set ${130 + axis} to the axis's travel"
+        advice += "; where it homes ($22), the pull-off $27 counts as lost"
+        return Check("limits", Level.FAILED, finding, advice)
+    if plan.speed > limits.max_speed:
+        return Check("limits", Level.FAILED, finding, f"lower plan.speed, {1e3 * plan.speed:g} mm/s, or raise ${110 + axis}")
+    if entry.max_speed > limits.max_speed:
+        advice = f"lower pusher.max_speed, {1e3 * entry.max_speed:g} mm/s, or raise ${110 + axis}"
+        return Check("limits", Level.WARNING, finding, advice)
+    if plan.speed**2 / limits.acceleration > RAMP_SHARE * plan.distance:
+        return Check("limits", Level.WARNING, finding, f"ramps take much of a push: raise ${120 + axis}, or push more slowly")
+    return Check("limits", Level.OK, finding)
+
+
+# What is told
+
+
+def passed(checks: list[Check]) -> bool:
+    """Whether nothing failed; warnings are none of it."""
+    return all(check.level is not Level.FAILED for check in checks)
+
+
+def table(checks: list[Check]) -> Table:
+    """The checks for people."""
+    colors = {Level.OK: "green", Level.WARNING: "yellow", Level.FAILED: "red"}
+    made = Table(box=None, header_style="bold", pad_edge=False)
+    for title in ("", "check", "finding", "what to do"):
+        made.add_column(title, overflow="fold")
+    for check in checks:
+        made.add_row(Text(check.level.value, colors[check.level]), check.name, Text(check.finding), Text(check.advice))
+    return made
+
+
+def findings(checks: list[Check]) -> dict[str, Any]:
+    """The checks as one JSON object."""
+    return {"passed": passed(checks), "checks": [check._asdict() | {"level": check.level.value} for check in checks]}

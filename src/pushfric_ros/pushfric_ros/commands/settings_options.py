@@ -1,0 +1,94 @@
+"""Command line options for how to estimate, one for each field of EstimatorConfig; what is not given is as it was recorded."""
+
+import dataclasses
+import inspect
+import pathlib
+import types
+import typing
+from collections.abc import Callable, Collection
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import EstimatorConfig
+from pushfric_core.settings import AUTO
+from pushfric_ros.bags import data_points
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+
+EXCLUDE, SLIPPING = "exclude_push", "slipping_push"
+
+
+def with_settings(command: Callable[..., None], without: Collection[str] = ()) -> Callable[..., None]:
+    """The command with an option for each field of EstimatorConfig, --exclude-push and --slipping-push, in place of `settings`.
+
+    Args:
+        command: its first parameter is `source`, the bag or CSV.
+        without: fields that mean nothing to it.
+    """
+    fields = [field for field in dataclasses.fields(EstimatorConfig) if field.name not in without]
+    hints = typing.get_type_hints(EstimatorConfig)
+    options = {field.name: _option(field, hints[field.name]) for field in fields}
+    leave_out = typer.Option("--exclude-push", help="Leave out this push; may be given again.", show_default=False)
+    slips = typer.Option("--slipping-push", help="Its contact slips, which gives mu_c; may be given again.", show_default=False)
+    options |= {EXCLUDE: Annotated[list[int] | None, leave_out], SLIPPING: Annotated[list[int] | None, slips]}
+
+    def run(source: pathlib.Path, **given: Any) -> None:
+        chosen = {name: given.pop(name) for name in options}
+        command(source, settings=_settings(source, chosen), **given)
+
+    run.__doc__ = command.__doc__
+    own = [parameter for name, parameter in inspect.signature(command).parameters.items() if name != "settings"]
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    added = [inspect.Parameter(name, keyword, default=None, annotation=option) for name, option in options.items()]
+    run.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
+    return run
+
+
+def _option(field: Any, hint: Any) -> Any:
+    """What typer needs to know of a field."""
+    name = field.name.replace("_", "-")
+    default = AUTO if field.default is None else field.default
+    if isinstance(default, tuple):
+        kind, metavar, default = str, "NAME,...", ",".join(default)
+    elif isinstance(hint, types.UnionType):
+        kind, metavar = str, f"NUMBER|{AUTO}"
+    else:
+        kind, metavar = hint, None
+    flag = f"--{name}/--no-{name}" if kind is bool else f"--{name}"
+    text = field.metadata["description"]
+    if not text.split()[0].endswith(":"):  # the name of a value is written as it is
+        text = text[0].upper() + text[1:]
+    shown = f"--{name}" if default is True else str(default)
+    return Annotated[
+        kind | None,
+        typer.Option(flag, help=escape(f"{text}."), metavar=metavar, show_default=f"as recorded, or {shown}"),
+    ]
+
+
+def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings:
+    """Those of the recorded run, but for what was chosen."""
+    data_points.check_source(source)
+    recorded = data_points.recorded_settings(source)
+    excluded, slipping = (chosen.pop(name) or () for name in (EXCLUDE, SLIPPING))
+    given = {name: value for name, value in chosen.items() if value is not None}
+    if "cone" not in recorded.estimator.terms:
+        given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # what the run did not use says nothing of mu_c
+    if "terms" in given:
+        given["terms"] = tuple(given["terms"].split(","))
+    if "cor_radius" in given:
+        given["cor_radius"] = _radius(given["cor_radius"])
+    try:
+        config = dataclasses.replace(recorded.estimator, **given)
+    except ValueError as error:
+        raise InvalidInput(str(error)) from error
+    slipping = tuple(sorted({*recorded.slipping, *slipping}))
+    return dataclasses.replace(recorded.without(excluded), estimator=config, slipping=slipping)
+
+
+def _radius(text: str) -> float | None:
+    try:
+        return None if text == AUTO else float(text)
+    except ValueError:
+        raise InvalidInput(f"cor_radius must be {AUTO} or a number of metres, got {text!r}") from None

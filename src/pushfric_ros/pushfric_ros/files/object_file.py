@@ -1,0 +1,271 @@
+"""What is known of an object before it is pushed: its outline and hypothesised supports, from a YAML file or from Table 1."""
+
+import csv
+import math
+import pathlib
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+import pydantic
+import yaml
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array
+from pushfric_core.recognition import Hypothesis
+from pushfric_core.simulation import TABLE_1
+from pushfric_ros.files.file_errors import reading
+
+Point = tuple[float, float]
+OBJECT_FILE = "object.yaml"
+"""A bag's folder may say under this name of what object it is."""
+
+Model = TypeVar("Model", bound=pydantic.BaseModel)
+
+
+class Strict(pydantic.BaseModel):
+    """A part of a YAML file: unknown keys and numbers that are not finite are refused."""
+
+    model_config = pydantic.ConfigDict(frozen=True, allow_inf_nan=False)
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, content: Any) -> Any:
+        # pydantic's own check does not say which keys there are
+        unknown = [str(key) for key in content if key not in cls.model_fields] if isinstance(content, dict) else []
+        if unknown:
+            raise ValueError(f"expected any of the keys {', '.join(cls.model_fields)}, got {', '.join(unknown)}")
+        return content
+
+
+class SupportFile(Strict):
+    """Hypothesised support points: exactly one of grid, points and spacing."""
+
+    grid: tuple[int, int] | None = None  # columns and rows over the bounding box shrunk by inset
+    inset: float = 0.002  # [m]
+    points: Annotated[list[Point], pydantic.Field(min_length=1)] | None = None  # [m]
+    spacing: float | None = None  # [m], of a grid as close to it as fits the bounding box
+
+    @pydantic.model_validator(mode="after")
+    def _one_way(self) -> "SupportFile":
+        if sum(way is not None for way in (self.grid, self.points, self.spacing)) != 1:
+            raise ValueError("expected exactly one of grid, points and spacing")
+        return self
+
+    def points_over(self, outline: Outline) -> Array:
+        """The support points (n, 2) [m]."""
+        if self.points is not None:
+            return np.array(self.points)
+        if self.grid is not None:
+            return outline.grid(*self.grid, self.inset)
+        assert self.spacing is not None
+        if not self.spacing > 0:
+            raise ValueError(f"spacing must be positive, got {self.spacing:g} m")
+        columns, rows = np.maximum(1, np.round((outline.size - 2 * self.inset) / self.spacing).astype(int) + 1)
+        return outline.grid(int(columns), int(rows), self.inset)
+
+
+class HypothesisFile(Strict):
+    """One hypothesis to be told apart from others (section 5.2)."""
+
+    name: Annotated[str, pydantic.Field(min_length=1)]
+    center_of_friction: Point | None = None  # [m]
+    support: SupportFile | None = None  # the object's, where there is none
+    rotation_deg: float = 0.0  # of both about the centroid of the outline, counter-clockwise
+
+    def over(self, outline: Outline, support_points: Array) -> Hypothesis:
+        """The hypothesis; `support_points` are those of the object.
+
+        All turns that make an outline look the same leave its centroid where it is, wherever the object frame has its origin.
+
+        Raises:
+            ValueError: its own support points make no sense.
+        """
+        try:
+            points = support_points if self.support is None else self.support.points_over(outline)
+        except ValueError as error:
+            raise ValueError(f"hypothesis {self.name!r}: {error}") from error
+        center = None if self.center_of_friction is None else np.array(self.center_of_friction)
+        centroid = outline.polygon.centroid
+        return Hypothesis(self.name, points, center).turned(math.radians(self.rotation_deg), (centroid.x, centroid.y))
+
+
+class ObjectFile(Strict):
+    """An object's YAML file."""
+
+    name: Annotated[str, pydantic.Field(min_length=1)]
+    outline: Annotated[list[Point], pydantic.Field(min_length=3)]  # corners in order [m]
+    support: SupportFile = SupportFile(grid=(6, 6))
+    height: Annotated[float, pydantic.Field(ge=0)] = 0.0  # of the outline the camera sees, over the table [m]
+    hypotheses: list[HypothesisFile] = []
+
+    @pydantic.field_validator("hypotheses")
+    @classmethod
+    def _names_differ(cls, hypotheses: list[HypothesisFile]) -> list[HypothesisFile]:
+        names = [hypothesis.name for hypothesis in hypotheses]
+        if len(set(names)) < len(names):
+            raise ValueError(f"expected names that differ, got {', '.join(names)}")
+        return hypotheses
+
+
+LOOKALIKES = {"delrin_rect_left": (-0.007, 0.0), "delrin_rect_center": (0.0, 0.0), "delrin_rect_right": (0.007, 0.0)}
+"""The objects of section 5.2.1 that look the same, with their centres of friction [m]."""
+
+ORIENTATIONS = {"delrin_square3": (0, 90, 180, 270), "wood_rect3": (0, 180)}
+"""Turns that make an object look the same but put its feet elsewhere [degrees] (section 5.2.2)."""
+
+
+@dataclass(frozen=True)
+class ObjectModel:
+    """An object as the cell knows it, in the object frame."""
+
+    name: str
+    outline: Outline
+    support_points: Array  # (n, 2) hypothesised [m]
+    height: float  # of the outline the camera sees, over the table [m]
+    hypotheses: tuple[Hypothesis, ...]  # to be told apart; often none
+    file: ObjectFile  # what it was made from
+
+
+def load_object(name_or_path: str) -> ObjectModel:
+    """An object of Table 1 by name, or one from a YAML file.
+
+    Raises:
+        InvalidInput: neither, or the file does not describe an object.
+    """
+    if name_or_path in TABLE_1:
+        known = TABLE_1[name_or_path]
+        support = SupportFile(grid=known.grid, inset=known.inset)
+        hypotheses = _table_1_hypotheses(name_or_path)
+        file = ObjectFile(name=name_or_path, outline=_points(known.outline.vertices), support=support, hypotheses=hypotheses)
+        return make_object(file, name_or_path)
+    path = pathlib.Path(name_or_path)
+    if not path.is_file():
+        raise InvalidInput(f"no object {name_or_path!r}: expected a YAML file or one of {', '.join(TABLE_1)}")
+    return make_object(read_yaml(path, ObjectFile), str(path))
+
+
+def make_object(file: ObjectFile, where: str) -> ObjectModel:
+    """The object a file describes; `where` names the file in errors.
+
+    Raises:
+        InvalidInput: the outline or some support points make no sense.
+    """
+    try:
+        outline = Outline(np.array(file.outline))
+        points = file.support.points_over(outline)
+        hypotheses = tuple(hypothesis.over(outline, points) for hypothesis in file.hypotheses)
+        return ObjectModel(file.name, outline, points, file.height, hypotheses, file)
+    except ValueError as error:
+        raise InvalidInput(f"{where}: {error}") from error
+
+
+def _table_1_hypotheses(name: str) -> list[HypothesisFile]:
+    """What the paper tells an object of Table 1 from: others, or its own orientations, that look the same."""
+    if name in LOOKALIKES:
+        return [HypothesisFile(name=other, center_of_friction=center) for other, center in LOOKALIKES.items()]
+    feet = SupportFile(points=_points(TABLE_1[name].support.points))
+    return [
+        HypothesisFile(name=f"turned by {turn} degrees", support=feet, center_of_friction=(0.0, 0.0), rotation_deg=turn)
+        for turn in ORIENTATIONS.get(name, ())
+    ]
+
+
+def _points(xy: Array) -> list[Point]:
+    return [(float(x), float(y)) for x, y in xy]
+
+
+def save_object(model: ObjectModel, path: pathlib.Path) -> None:
+    """Write the object's YAML file."""
+    content = model.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
+    """A YAML file as a pydantic model.
+
+    Raises:
+        InvalidInput: cannot be read, is not YAML, or does not fit the model; one line naming file, field and expectation.
+    """
+    with reading(path):
+        text = path.read_text(encoding="utf-8")
+    try:
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError) as error:  # the latter of a date that is none
+        raise InvalidInput(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    try:
+        return model.model_validate(content)
+    except pydantic.ValidationError as error:
+        raise InvalidInput(f"{path}: {complaint(error)}") from error
+
+
+EXPECTED = {
+    "model_type": "keys with values",
+    "dict_type": "keys with values",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "string_type": "a text, in quotes where it looks like a number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than_equal": "at most {le:g}",
+    "too_short": "a list of at least {min_length}",
+    "too_long": "a list of at most {max_length}",
+    "string_too_short": "a text that is not empty",
+}
+"""What pydantic's types of errors mean to who wrote the file."""
+
+LONGEST = 80
+"""So much of a wrong value is shown."""
+
+
+def complaint(error: pydantic.ValidationError) -> str:
+    """The first thing amiss in what was read, on one line: the path of its key, what was expected there, what was got."""
+    first = error.errors()[0]
+    kind, got = first["type"], "nothing" if first["input"] is None else repr(first["input"])
+    where = list(map(str, first["loc"]))
+    if kind == "missing" and isinstance(first["input"], dict):
+        expected, got = "expected a value", f"only {', '.join(map(str, first['input'])) or 'an empty part'}"
+    elif kind == "missing":
+        expected = "expected a longer list"
+        where.pop()  # the index of the item that is not there
+    elif kind == "value_error":
+        expected = str(first["ctx"]["error"])
+    else:
+        expected = f"expected {EXPECTED[kind].format(**first.get('ctx', {}))}" if kind in EXPECTED else first["msg"]
+    said = f"{'.'.join(where)}: {expected}" if where else expected
+    return said if ", got " in expected else f"{said}, got {got if len(got) <= LONGEST else f'{got[:LONGEST]}...'}"
+
+
+def read_points(path: pathlib.Path) -> Array:
+    """Support points (n, 2) [m] from a CSV file with columns x,y.
+
+    Raises:
+        InvalidInput: names the file, the line, and what was expected there.
+    """
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
+        reader = csv.DictReader(stream, skipinitialspace=True)
+        if missing := [name for name in ("x", "y") if name not in (reader.fieldnames or [])]:
+            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected x, y")
+        points = [_point(row, f"{path}, line {reader.line_num}") for row in reader]
+    if not points:
+        raise InvalidInput(f"{path}: no support points; expected a row for each")
+    return np.array(points)
+
+
+def _point(row: dict[str, str], where: str) -> Point:
+    try:
+        x, y = float(row["x"]), float(row["y"])
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{where}: x and y must be numbers, got {row['x']!r}, {row['y']!r}") from None
+    if not np.isfinite((x, y)).all():
+        raise InvalidInput(f"{where}: x and y must be finite, got {x}, {y}")
+    return x, y

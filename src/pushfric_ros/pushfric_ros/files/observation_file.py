@@ -1,0 +1,66 @@
+"""Observations as a CSV file: SI units, object frame, one data point a row."""
+
+import csv
+import math
+import pathlib
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Twist
+from pushfric_ros.files.file_errors import reading
+
+REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
+OPTIONAL = ("half_width", "force_x", "force_y")
+
+
+def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]:
+    """The data points of a CSV file, in its order. Columns other than REQUIRED and OPTIONAL are ignored.
+
+    Args:
+        path: the file.
+        outline: of the object; contacts must lie on it.
+
+    Raises:
+        InvalidInput: names the file, the line, and what was expected there.
+    """
+    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
+        reader = csv.DictReader(stream)
+        columns = [name.strip() for name in reader.fieldnames or []]
+        reader.fieldnames = columns
+        if missing := [name for name in REQUIRED if name not in columns]:
+            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {', '.join(REQUIRED)}")
+        if ("force_x" in columns) != ("force_y" in columns):
+            raise InvalidInput(f"{path}: expected both of force_x and force_y, or neither")
+        observations = [_observation(row, f"{path}, line {reader.line_num}", outline) for row in reader]
+    if not observations:
+        raise InvalidInput(f"{path}: no data points; expected a row for each")
+    return observations
+
+
+def _observation(row: dict[str, str], where: str, outline: Outline) -> Observation:
+    def number(name: str) -> float:
+        try:
+            value = float(row[name])
+        except (TypeError, ValueError):
+            raise InvalidInput(f"{where}: {name} must be a number, got {row[name]!r}") from None
+        if not math.isfinite(value):
+            raise InvalidInput(f"{where}: {name} must be finite, got {value}")
+        return value
+
+    push_id = number("push_id")
+    if push_id != int(push_id) or not 0 <= push_id < 2**31:
+        raise InvalidInput(f"{where}: push_id must be a whole number in [0, 2^31), got {push_id:g}")
+    try:
+        observation = Observation(
+            contact_point=(number("contact_x"), number("contact_y")),
+            contact_normal=(number("normal_x"), number("normal_y")),
+            twist=Twist(number("vx"), number("vy"), number("omega")),
+            push_id=int(push_id),
+            half_width=number("half_width") if row.get("half_width") else 0.0,
+            force=(number("force_x"), number("force_y")) if row.get("force_x") or row.get("force_y") else None,
+        )
+        observation.check_contact(outline)
+    except (ValueError, PushfricError) as error:
+        raise error if isinstance(error, InvalidInput) else InvalidInput(f"{where}: {error}") from error
+    return observation

@@ -1,0 +1,69 @@
+"""A push plan as a YAML file."""
+
+import math
+import pathlib
+from collections.abc import Iterable
+
+import pydantic
+import yaml
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.errors import InvalidInput
+from pushfric_core.push_plan import PlannedPush, even_pushes, placement
+from pushfric_core.simulation import TABLE_1
+from pushfric_ros.files.object_file import ObjectModel, Strict, read_yaml
+
+EDGE_PUSHES = 5
+"""Pushes along each edge where no plan is given."""
+
+ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
+"""Whether a push can be placed does not depend on the line."""
+
+
+class PushEntry(Strict):
+    """One push against an edge."""
+
+    edge: int
+    offset: float = 0.0  # from the middle of the edge, along it [m]
+    angle_deg: float = 0.0  # against the inward normal, counter-clockwise
+
+
+class PlanFile(Strict):
+    """Which pushes, in which order."""
+
+    pushes: list[PushEntry] = pydantic.Field(min_length=1)
+
+
+def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
+    """The pushes of a plan file; without a path, the paper's for an object of Table 1 and else a few along each edge.
+
+    Raises:
+        InvalidInput: the file is no plan, or names an edge or offset the object does not have.
+    """
+    if not path:
+        known = TABLE_1.get(model.name)
+        if known is not None and known.outline == model.outline:
+            return even_pushes(model.outline, known.pushes)
+        return even_pushes(model.outline, [EDGE_PUSHES] * len(model.outline.vertices))
+    pushes = []
+    for index, entry in enumerate(read_yaml(pathlib.Path(path), PlanFile).pushes):
+        push = PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg))
+        try:
+            placement(model.outline, push, ANY_LINE, 0.0)
+        except ValueError as error:
+            raise InvalidInput(f"{path}: pushes.{index}: {error}") from error
+        pushes.append(push)
+    return pushes
+
+
+def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:
+    """Write a plan file.
+
+    Raises:
+        InvalidInput: it cannot be written.
+    """
+    entries = [{"edge": push.edge, "offset": push.offset, "angle_deg": math.degrees(push.angle)} for push in pushes]
+    try:
+        path.write_text(yaml.safe_dump({"pushes": entries}, sort_keys=False))
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,1 @@
+"""The node graph, defined once, and the ways to start it."""

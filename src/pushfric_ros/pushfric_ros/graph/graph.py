@@ -1,0 +1,135 @@
+"""The node graph, defined once: the supervisor, in-process composition and the launch files all start from here."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from pushfric_ros.bags.data_points import Source
+from pushfric_ros.files import estimator_settings
+from pushfric_ros.files.cell_file import CellFile
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+
+PACKAGE = "pushfric_ros"
+NAMESPACE = "/cell"
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node of the graph."""
+
+    name: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    respawn: bool = False  # started again when it dies; only nodes that lose nothing by it
+    ends_run: bool = False  # the run is over when it has done its work
+
+    @property
+    def executable(self) -> str:
+        return f"{self.name}_node"
+
+
+class Topic(NamedTuple):
+    """A topic of the cell, relative to its namespace."""
+
+    name: str
+    type: str
+    qos: str  # sensor_data, reliable or latched
+
+
+TOPICS = (
+    Topic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_data"),
+    Topic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
+    Topic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
+    Topic("plan_progress", "pushfric_msgs/msg/PlanProgress", "latched"),
+    Topic("observation", "pushfric_msgs/msg/Observation", "reliable"),
+    Topic("support_friction", "pushfric_msgs/msg/SupportFriction", "latched"),
+    Topic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
+    Topic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
+    Topic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
+    Topic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
+    Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
+    Topic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
+)
+"""What a cell records: all but the images."""
+
+WRENCH = Topic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
+"""Recorded as well where the estimate rests on measured forces."""
+
+
+def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
+    """The nodes of a cell that carries out its push plan and records it.
+
+    Args:
+        file: the cell.
+        bag: folder of the bag to record.
+        start: number of the push of the plan to begin with.
+    """
+    topics = [*TOPICS, WRENCH] if EstimatorSettings.from_parameters(file.estimator).with_forces else TOPICS
+    pusher = file.pusher.model_dump() | {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
+    plan = {
+        "object": file.object,
+        "plan": file.plan.file,
+        "choose": file.plan.choose,
+        "distance": file.plan.distance,
+        "speed": file.plan.speed,
+        "start": start,
+    }
+    return [
+        NodeSpec("recorder", {"bag": bag, "object": file.object, "topics": [" ".join(topic) for topic in topics]}),
+        NodeSpec("estimator", {"object": file.object, **file.estimator}),
+        NodeSpec("tracker", {"object": file.object, **file.camera.model_dump()}, respawn=True),
+        # a new one does not know where the pusher stands, unless it homes
+        NodeSpec("actuator", pusher, respawn=file.pusher.home),
+        NodeSpec("experiment", plan, ends_run=True),
+    ]
+
+
+def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[NodeSpec]:
+    """The same cell, with the simulated one behind its camera and serial port.
+
+    Args:
+        file: its camera source must be `topic`; its port is where the simulated one appears.
+        bag: folder of the bag to record.
+        seed: of the simulation.
+        speed: multiple of real time.
+    """
+    line = {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
+    same = {name: getattr(file.pusher, name) for name in ("tip_radius", "stroke", "max_speed")}
+    simulation = {
+        "object": file.object,
+        "calibration": file.camera.calibration,
+        "port_link": file.pusher.port,
+        "seed": seed,
+        "speed": speed,
+        **line,
+        **same,
+    }
+    # at a multiple of real time, a busy machine is no lost object yet
+    patient = {"experiment": {"lost_object": 10.0}}
+    specs = [with_simulated_time(replace(s, parameters={**s.parameters, **patient.get(s.name, {})})) for s in cell(file, bag)]
+    return [NodeSpec("simulated_cell", simulation), *specs]
+
+
+def replay(
+    bag: str, object_name: str, source: Source, rate: float, settings: EstimatorSettings, paused: bool = False
+) -> list[NodeSpec]:
+    """A bag played into a live estimator.
+
+    Args:
+        bag: path of the bag.
+        object_name: of what object it is.
+        source: what its data points come from.
+        rate: multiple of the recorded speed.
+        settings: how it is estimated.
+        paused: whoever watches lets the player begin.
+    """
+    topics = list(source.topics)
+    player = NodeSpec(
+        "player", {"bag": bag, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}, ends_run=True
+    )
+    live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **settings.parameters()})
+    return [with_simulated_time(live), player]
+
+
+def with_simulated_time(spec: NodeSpec) -> NodeSpec:
+    """The same node on the clock of /clock."""
+    return replace(spec, parameters={**spec.parameters, "use_sim_time": True})

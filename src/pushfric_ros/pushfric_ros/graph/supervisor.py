@@ -1,0 +1,210 @@
+"""Runs the processes of a node graph: starts them, restarts what may be restarted, and leaves none behind."""
+
+import contextlib
+import ctypes
+import fcntl
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from ament_index_python.packages import get_package_prefix
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.graph.graph import PACKAGE, NodeSpec
+
+PATIENCE = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
+"""How a process is asked to end, and for how long it is waited for each time [s]; a SIGINT would print what it interrupts."""
+
+RESPAWN_DELAY = 1.0
+"""A node that ended is restarted after this long [s]."""
+
+DEATHS, DEATHS_WITHIN = 3, 30.0
+"""A node that dies so many times within so long [s] is not restarted any more."""
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+class Ended(NamedTuple):
+    """How a run came to its end."""
+
+    code: int  # exit code for the command line
+    reason: str
+
+
+class Supervisor:
+    """The processes of one graph, each a group of its own; use as a context manager and call `poll` often.
+
+    Within it SIGINT and SIGTERM interrupt nothing but `poll`.
+
+    Args:
+        specs: the nodes.
+        namespace: of all of them.
+        say: gets (node name, line) for all they print; called from threads.
+    Raises:
+        InvalidInput: on entry; a cell of this name runs already.
+    """
+
+    def __init__(self, specs: Sequence[NodeSpec], namespace: str, say: Callable[[str, str], None]) -> None:
+        self._specs, self._namespace, self._say = list(specs), namespace, say
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._listeners: list[threading.Thread] = []
+        self._due: dict[str, float] = {}  # when a node is started again
+        self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
+        self._interrupted = False
+        self._leaving = contextlib.ExitStack()  # undoes, last first, what was done on entry
+
+    def __enter__(self) -> "Supervisor":
+        with self._leaving as leaving:
+            # an exception could strike anywhere, even in a fork: a flag waits for `poll`
+            for caught in (signal.SIGINT, signal.SIGTERM):
+                leaving.callback(signal.signal, caught, signal.signal(caught, self._on_signal))
+            leaving.enter_context(lock(self._namespace))
+            self._folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
+            leaving.callback(self._end_all)
+            for spec in self._specs:
+                self._start(spec)
+            self._leaving = leaving.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._leaving.close()
+
+    def poll(self) -> Ended | None:
+        """Look after the processes; returns how the run ended once a node that may end it has.
+
+        Raises:
+            KeyboardInterrupt: SIGINT or SIGTERM came since the start.
+        """
+        if self._interrupted:
+            raise KeyboardInterrupt
+        for spec in self._specs:
+            code = self._processes[spec.name].poll()
+            if code is None:
+                continue
+            if spec.name in self._due:
+                if time.monotonic() >= self._due[spec.name]:
+                    del self._due[spec.name]
+                    self._start(spec)
+            elif code == 0 and spec.ends_run:
+                return Ended(0, f"{spec.name} has finished")
+            elif spec.respawn and code not in (0, 2):  # 2: unusable input, which a restart does not mend
+                if self._keeps_dying(spec.name):
+                    reason = f"{spec.name} {describe(code)}, {DEATHS} times within {DEATHS_WITHIN:g} s"
+                    return Ended(code if code > 0 else 1, reason)
+                self._say("supervisor", f"{spec.name} {describe(code)}; starting it again")
+                self._due[spec.name] = time.monotonic() + RESPAWN_DELAY
+            else:
+                return Ended(code if code > 0 else 1, f"{spec.name} {describe(code)}")
+        return None
+
+    def _keeps_dying(self, name: str) -> bool:
+        """Count a death."""
+        deaths = self._deaths[name]
+        deaths.append(time.monotonic())
+        return len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN
+
+    def _end_all(self) -> None:
+        """The first node last, as the others may rest upon it."""
+        started = [self._processes[spec.name] for spec in self._specs if spec.name in self._processes]
+        for processes in (started[1:], started[:1]):
+            _end(processes)
+        for listener in self._listeners:
+            listener.join(1.0)
+
+    def _on_signal(self, *_: Any) -> None:
+        self._interrupted = True
+
+    def _start(self, spec: NodeSpec) -> None:
+        process = subprocess.Popen(
+            command(spec, self._namespace, self._folder),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,  # the terminal's Ctrl-C reaches the supervisor alone, which then ends them in order
+            preexec_fn=_die_with_parent,
+        )
+        self._processes[spec.name] = process
+        listener = threading.Thread(target=self._listen, args=(spec.name, process), daemon=True)
+        listener.start()
+        self._listeners.append(listener)
+
+    def _listen(self, name: str, process: "subprocess.Popen[str]") -> None:
+        assert process.stdout is not None
+        with process.stdout as lines:
+            for line in lines:
+                self._say(name, line.rstrip())
+
+
+def _end(processes: Sequence["subprocess.Popen[str]"]) -> None:
+    """Asked politely first, by force last."""
+    for number, seconds in PATIENCE:
+        alive = [process for process in processes if process.poll() is None]
+        for process in alive:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, number)
+        deadline = time.monotonic() + seconds
+        for process in alive:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
+
+
+@contextlib.contextmanager
+def lock(namespace: str) -> Iterator[None]:
+    """Claim a cell's name on this machine's ROS domain; the claim ends with the process, if not before.
+
+    Raises:
+        InvalidInput: another run holds it; two would take each other's messages for their own.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    name = f"pushfric-{os.getuid()}-{domain}{namespace.replace('/', '-')}.lock"
+    with (pathlib.Path(tempfile.gettempdir()) / name).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InvalidInput(
+                f"a cell named {namespace} runs already on ROS domain {domain}; end it, or set another ROS_DOMAIN_ID"
+            ) from None
+        try:
+            yield
+        finally:
+            os.unlink(file.name)
+
+
+def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
+    """The command line of a node; its parameters go into a file in `folder`."""
+    parameters = folder / f"{spec.name}.yaml"
+    # JSON is YAML without aliases, which rcl does not read
+    parameters.write_text(json.dumps({"/**": {"ros__parameters": dict(spec.parameters)}}))
+    executable = pathlib.Path(get_package_prefix(PACKAGE)) / "lib" / PACKAGE / spec.executable
+    remaps = [f"__node:={spec.name}", f"__ns:={namespace}"]
+    return [
+        sys.executable,
+        str(executable),
+        "--ros-args",
+        *(part for remap in remaps for part in ("-r", remap)),
+        "--params-file",
+        str(parameters),
+    ]
+
+
+def describe(code: int) -> str:
+    """How a process ended, for people."""
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
+
+
+def _die_with_parent() -> Any:
+    """Even a supervisor that is killed leaves nothing running: the kernel then asks the node to end."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

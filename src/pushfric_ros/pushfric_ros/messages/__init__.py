@@ -1,0 +1,1 @@
+"""Core types <-> ROS messages, their types, their qualities of service."""

@@ -1,0 +1,234 @@
+"""Core types <-> ROS messages, one pair of functions each; no rclpy."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Point32, PoseWithCovarianceStamped, Quaternion, Vector3, WrenchStamped
+from geometry_msgs.msg import Pose as PoseMsg
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.estimator import Estimate
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Pose, Twist
+from pushfric_core.recognition import Ranking
+from pushfric_core.region import RankedPush, Region
+from pushfric_core.sensed_force import ForceSample
+from pushfric_core.solvers.program import Status
+from pushfric_core.trajectory import PoseSample, PusherSample
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    FrictionEstimate,
+    Hypothesis,
+    PusherState,
+    Recognition,
+    SupportFriction,
+    TestPush,
+)
+from pushfric_msgs.msg import Observation as ObservationMsg
+
+TABLE = "table"
+OBJECT = "object"
+
+BIN_WIDTH = 0.05
+"""Of the histogram of lower bounds on mu_c; about that of Figures 7 and 8."""
+
+BINS = 41
+"""The last one counts what lies beyond 2."""
+
+STATUS_TO_MSG = {
+    Status.OPTIMAL: FrictionEstimate.STATUS_OPTIMAL,
+    Status.UNCERTIFIED: FrictionEstimate.STATUS_UNCERTIFIED,
+    Status.INFEASIBLE: FrictionEstimate.STATUS_INFEASIBLE,
+}
+
+
+def stamp_to_msg(nanoseconds: int) -> Time:
+    """Time since the epoch, or of the simulation."""
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def stamp_from_msg(stamp: Time) -> int:
+    """[ns]"""
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
+def pose_to_msg(pose: Pose) -> PoseMsg:
+    """A planar pose at z = 0."""
+    half = pose.theta / 2
+    return PoseMsg(position=Point(x=pose.x, y=pose.y), orientation=Quaternion(z=math.sin(half), w=math.cos(half)))
+
+
+def pose_from_msg(msg: PoseMsg) -> Pose:
+    """The planar part of a pose: position and the rotation about z; theta in (-pi, pi].
+
+    Raises:
+        ValueError: a value is not finite, or the quaternion has no length.
+    """
+    q = msg.orientation
+    values = (msg.position.x, msg.position.y, q.x, q.y, q.z, q.w)
+    if not all(math.isfinite(value) for value in values):
+        raise ValueError(f"a pose must be finite, got {values}")
+    if q.x == q.y == q.z == q.w == 0:
+        raise ValueError("a pose needs a quaternion of length 1, got length 0")
+    theta = math.atan2(2 * (q.w * q.z + q.x * q.y), q.w**2 + q.x**2 - q.y**2 - q.z**2)
+    return Pose(msg.position.x, msg.position.y, theta)
+
+
+def pose_sample_from_msg(msg: PoseWithCovarianceStamped) -> PoseSample:
+    """Raises ValueError where the pose is not finite."""
+    return PoseSample(stamp_from_msg(msg.header.stamp), pose_from_msg(msg.pose.pose))
+
+
+def pusher_sample_from_msg(msg: PusherState) -> PusherSample:
+    """The pushing line runs through the reported tip; its origin is where the stroke position is 0.
+
+    Raises:
+        ValueError: a value is not finite, or the direction is not a unit vector.
+    """
+    direction = (msg.direction.x, msg.direction.y)
+    numbers = (msg.position, msg.speed, msg.tip.x, msg.tip.y, *direction, msg.tip_radius)
+    if not all(math.isfinite(number) for number in numbers):
+        raise ValueError(f"a pusher state must be finite, got {numbers}")
+    if abs(math.hypot(*direction) - 1) > 1e-6:
+        raise ValueError(f"the direction of the pushing line must have length 1, got {direction}")
+    # rounded to a nanometre: the same line in every state, whatever the position
+    origin = tuple(round(tip - msg.position * along, 9) for tip, along in zip((msg.tip.x, msg.tip.y), direction, strict=True))
+    line = PushingLine((origin[0], origin[1]), direction, msg.tip_radius)
+    push_id = None if msg.push_id == PusherState.NO_PUSH else msg.push_id
+    return PusherSample(stamp_from_msg(msg.header.stamp), msg.position, msg.speed, line, push_id)
+
+
+def force_sample_from_msg(msg: WrenchStamped) -> ForceSample:
+    """The planar part of the pusher's force on the object.
+
+    Raises:
+        ValueError: it is not finite, or not in the table frame.
+    """
+    if msg.header.frame_id != TABLE:
+        raise ValueError(f"a wrench must have frame_id {TABLE!r}, got {msg.header.frame_id!r}")
+    force = (msg.wrench.force.x, msg.wrench.force.y)
+    if not all(math.isfinite(component) for component in force):
+        raise ValueError(f"a wrench must be finite, got a force of {force}")
+    return ForceSample(stamp_from_msg(msg.header.stamp), force)
+
+
+def observation_to_msg(observation: Observation, object_name: str) -> ObservationMsg:
+    """A data point for the topic `observation`."""
+    msg = ObservationMsg(object=object_name, push_id=observation.push_id)
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(observation.stamp), OBJECT
+    msg.contact_point = _point(observation.contact_point)
+    msg.contact_normal = _vector(observation.contact_normal)
+    msg.half_width, msg.duration = observation.half_width, observation.duration
+    msg.twist.linear.x, msg.twist.linear.y, msg.twist.angular.z = observation.twist
+    if observation.pose is not None:
+        msg.pose = [pose_to_msg(observation.pose)]
+    if observation.force is not None:
+        msg.force = [_vector(observation.force)]
+    return msg
+
+
+def observation_from_msg(msg: ObservationMsg) -> Observation:
+    """Raises ValueError or UninformativePush where the message is no data point (see Observation)."""
+    return Observation(
+        contact_point=(msg.contact_point.x, msg.contact_point.y),
+        contact_normal=(msg.contact_normal.x, msg.contact_normal.y),
+        twist=Twist(msg.twist.linear.x, msg.twist.linear.y, msg.twist.angular.z),
+        push_id=msg.push_id,
+        half_width=msg.half_width,
+        duration=msg.duration,
+        stamp=stamp_from_msg(msg.header.stamp),
+        pose=pose_from_msg(msg.pose[0]) if msg.pose else None,
+        force=(msg.force[0].x, msg.force[0].y) if msg.force else None,
+    )
+
+
+def histogram(lower_bounds: npt.ArrayLike) -> np.ndarray:
+    """How many lower bounds on mu_c (m,) lie in each bin; (BINS,)."""
+    bins = np.minimum(np.asarray(lower_bounds, dtype=float) / BIN_WIDTH, BINS - 1)
+    return np.bincount(bins.astype(int), minlength=BINS)
+
+
+def estimate_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[bool] = ()) -> FrictionEstimate:
+    """An estimate that rests on at least one data point.
+
+    Args:
+        estimate: of all data points.
+        object_name: of the object.
+        slipping: of each data point, whether its contact is known to have slipped; empty: of none.
+    """
+    msg = FrictionEstimate(object=object_name)
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
+    msg.status = STATUS_TO_MSG[estimate.status]
+    msg.data_points, msg.pushes = estimate.data_points, estimate.pushes
+    points = [_point(point) for point in estimate.support_points]
+    msg.support_friction = SupportFriction(header=msg.header, object=object_name, support_points=points, weights=estimate.w)
+    if estimate.total_friction is not None:
+        msg.support_friction.total_friction = [estimate.total_friction]
+    msg.center_of_friction = _point(estimate.center_of_friction)
+    msg.contact_friction = ContactFriction(
+        header=msg.header,
+        object=object_name,
+        p90=estimate.mu_c_p90,
+        max=estimate.mu_c_max,
+        bin_width=BIN_WIDTH,
+        histogram=histogram(estimate.contact_friction).tolist(),
+    )
+    if any(slipping):
+        bounds = estimate.contact_friction[np.asarray(slipping)]
+        msg.contact_friction.slipping = [bounds.min(), bounds.max()]
+    msg.objective, msg.lower_bound, msg.gap = estimate.solution.objective, estimate.solution.lower_bound, estimate.solution.gap
+    if estimate.confidence is not None:
+        msg.confidence = [estimate.confidence]
+    return msg
+
+
+def nothing_known(object_name: str) -> FrictionEstimate:
+    """What stands for an estimate while there is none: no weights, and NaN for every number."""
+    msg = FrictionEstimate(object=object_name, status=FrictionEstimate.STATUS_NO_DATA)
+    msg.header.frame_id = OBJECT
+    msg.support_friction = SupportFriction(header=msg.header, object=object_name)
+    msg.center_of_friction = _point((math.nan, math.nan))
+    msg.contact_friction = ContactFriction(header=msg.header, object=object_name, p90=math.nan, max=math.nan)
+    return msg
+
+
+def recognition_to_msg(ranking: Ranking) -> Recognition:
+    """A ranking that rests on at least one data point."""
+    msg = Recognition(best=ranking.best or "")
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(ranking.stamp), OBJECT
+    msg.hypotheses = [
+        Hypothesis(name=ranked.name, fit_error=ranked.fit_error, ratio=ranked.ratio, feasible=ranked.feasible)
+        for ranked in ranking.hypotheses
+    ]
+    return msg
+
+
+def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int, object_name: str) -> CenterOfFrictionRegion:
+    """Where p_CF can lie.
+
+    Args:
+        region: after some data points, or before the first one.
+        next_pushes: what shrinks it, best first; none once it has collapsed.
+        stamp: of the newest data point [ns]; 0 before the first one.
+        object_name: of the object.
+    """
+    msg = CenterOfFrictionRegion(object=object_name, area=region.area, collapsed=region.collapsed, violation=region.violation)
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), OBJECT
+    msg.polygon.header = msg.header
+    msg.polygon.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in region.corners]
+    msg.center_of_friction = _point(region.center)
+    msg.next_pushes = [TestPush(expected_area=area, **push._asdict()) for push, area in next_pushes]
+    return msg
+
+
+def _point(xy: tuple[float, float] | np.ndarray) -> Point:
+    return Point(x=float(xy[0]), y=float(xy[1]))
+
+
+def _vector(xy: tuple[float, float]) -> Vector3:
+    return Vector3(x=float(xy[0]), y=float(xy[1]))

@@ -1,0 +1,1 @@
+"""What any node needs: parameters, process, diagnostics, memory for images, /tf."""

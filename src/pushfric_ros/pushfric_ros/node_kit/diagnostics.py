@@ -1,0 +1,131 @@
+"""What a node says of its own health and of what passes its topics, once a second on /diagnostics."""
+
+import time
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+
+from pushfric_ros.messages.conversions import stamp_from_msg
+from pushfric_ros.messages.qos import RELIABLE
+
+
+class Level(Enum):
+    """How a node is; the values are diagnostic_msgs' own."""
+
+    OK = DiagnosticStatus.OK
+    WARN = DiagnosticStatus.WARN
+    ERROR = DiagnosticStatus.ERROR
+
+
+class Health(NamedTuple):
+    """One report: level, a line for people, and figures."""
+
+    level: Level
+    message: str
+    values: dict[str, Any]
+
+
+def without_publisher(node: Node) -> list[str]:
+    """The topics that a node subscribes to but that have no publisher matched with it; /clock and the like aside."""
+    prefix = node.get_namespace()
+    own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(prefix))
+    return sorted(subscription.topic_name for subscription in own if not subscription.get_publisher_count())
+
+
+class Diagnostics:
+    """Publishes a node's health at 1 Hz of wall time, so that a stopped simulation clock shows too.
+
+    Topics that are subscribed and advertised through it add figures of their own: messages per second of wall time since the
+    last report, messages the middleware lost, and the latency: how old, by the node's clock, the newest message was on arrival.
+    """
+
+    def __init__(self, node: Node, report: Callable[[], Health]) -> None:
+        self._node, self._report = node, report
+        self._inputs: dict[str, _Input] = {}
+        self._outputs: dict[str, _CountingPublisher] = {}
+        self._counted: dict[str, int] = {}  # what had passed by the last report
+        self._counted_at = time.monotonic()
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        node.create_timer(1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def lost(self) -> int:
+        """Messages that the middleware lost on their way here; those a full queue pushed out, it does not tell of."""
+        return sum(passed.lost for passed in self._inputs.values())
+
+    def subscribe(
+        self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile, raw: bool = False
+    ) -> Subscription:
+        """A subscription of the node, as Node.create_subscription makes it."""
+        passed = self._inputs[topic] = _Input()
+        stamped = not raw and "header" in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
+
+        def count(msg: Any) -> None:
+            passed.count += 1
+            if stamped:
+                passed.latency = (self._node.get_clock().now().nanoseconds - stamp_from_msg(msg.header.stamp)) / 1e9
+            callback(msg)
+
+        events = SubscriptionEventCallbacks(message_lost=passed.lose)
+        return self._node.create_subscription(kind, topic, count, qos, raw=raw, event_callbacks=events)
+
+    def advertise(self, kind: type, topic: str, qos: QoSProfile, overridable: QoSOverridingOptions | None = None) -> Publisher:
+        """A publisher of the node, as Node.create_publisher makes it; `overridable` are its QoS that parameters may change."""
+        self._outputs[topic] = self._node.create_publisher(
+            kind, topic, qos, qos_overriding_options=overridable, publisher_class=_CountingPublisher
+        )
+        return self._outputs[topic]
+
+    def publish(self) -> None:
+        """Publish now, without waiting for the next second."""
+        health = self._report()
+        name = self._node.get_fully_qualified_name()
+        figures = health.values | self._traffic()
+        values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
+        status = DiagnosticStatus(level=health.level.value, name=name, hardware_id=name, message=health.message, values=values)
+        msg = DiagnosticArray(status=[status])
+        msg.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(msg)
+
+    def _traffic(self) -> dict[str, Any]:
+        before, then = self._counted, self._counted_at
+        received = {f"{topic} received [1/s]": passed.count for topic, passed in self._inputs.items()}
+        sent = {f"{topic} sent [1/s]": out.sent for topic, out in self._outputs.items()}
+        self._counted, self._counted_at = received | sent, time.monotonic()
+        seconds = max(self._counted_at - then, 1e-9)
+        figures: dict[str, Any] = {
+            key: round((count - before.get(key, 0)) / seconds, 1) for key, count in self._counted.items()
+        }
+        for topic, passed in self._inputs.items():
+            figures[f"{topic} lost"] = passed.lost
+            if passed.latency is not None:
+                figures[f"{topic} latency [s]"] = round(passed.latency, 4)
+        return figures
+
+
+class _Input:
+    """What came on one topic."""
+
+    def __init__(self) -> None:
+        self.count = self.lost = 0
+        self.latency: float | None = None  # [s]
+
+    def lose(self, event: QoSMessageLostInfo) -> None:
+        self.lost += event.total_count_change
+
+
+class _CountingPublisher(Publisher):
+    sent = 0
+
+    def publish(self, msg: Any) -> None:
+        super().publish(msg)
+        self.sent += 1

@@ -1,0 +1,34 @@
+"""Where the object lies, on /tf: for RViz and whoever else asks tf2; only where tf2_msgs is installed."""
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, Transform, TransformStamped, Vector3
+from rclpy.node import Node
+
+from pushfric_ros.messages.conversions import OBJECT
+from pushfric_ros.messages.qos import RELIABLE
+
+
+class TransformBroadcaster:
+    """Publishes poses of the object as the transform to its frame; without tf2_msgs it says so once, and nothing more."""
+
+    def __init__(self, node: Node) -> None:
+        try:
+            from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
+        except ImportError:
+            node.get_logger().info("tf2_msgs is not installed: where the object lies is on object_pose alone, not on /tf")
+            self._out = None
+        else:
+            self._message, self._out = TFMessage, node.create_publisher(TFMessage, "/tf", RELIABLE)
+
+    def broadcast(self, msg: PoseWithCovarianceStamped) -> None:
+        """Publish a pose of the object."""
+        if self._out is not None:
+            self._out.publish(self._message(transforms=[pose_to_transform(msg)]))
+
+
+def pose_to_transform(msg: PoseWithCovarianceStamped) -> TransformStamped:
+    """The transform from the frame of a pose to the object's."""
+    pose = msg.pose.pose
+    shift = Vector3(x=pose.position.x, y=pose.position.y, z=pose.position.z)
+    return TransformStamped(
+        header=msg.header, child_frame_id=OBJECT, transform=Transform(translation=shift, rotation=pose.orientation)
+    )

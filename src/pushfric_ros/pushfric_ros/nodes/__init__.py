@@ -1,0 +1,1 @@
+"""The seven nodes: message -> one call of the core -> publish."""

@@ -1,0 +1,334 @@
+"""The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
+from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.recognition import Recognizer
+from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
+from pushfric_core.sensed_force import SensedForce
+from pushfric_core.settings import setting
+from pushfric_core.trajectory import Trajectory, TrajectoryConfig
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    FrictionEstimate,
+    PusherState,
+    Recognition,
+    SupportFriction,
+)
+from pushfric_msgs.msg import Observation as ObservationMsg
+from pushfric_msgs.srv import ExcludePush, SelectObject
+from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.object_file import ObjectModel, load_object
+from pushfric_ros.messages.conversions import (
+    estimate_to_msg,
+    force_sample_from_msg,
+    nothing_known,
+    observation_from_msg,
+    observation_to_msg,
+    pose_sample_from_msg,
+    pusher_sample_from_msg,
+    recognition_to_msg,
+    region_to_msg,
+)
+from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
+from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.transforms import TransformBroadcaster
+
+SETTLED = "settled until [ns]"
+"""Diagnostics: all poses up to this stamp have become data points, or never will."""
+
+
+def settled_in(msg: DiagnosticArray) -> int | None:
+    """What a report says under SETTLED [ns]; None where it is another node's."""
+    return next((int(value.value) for status in msg.status for value in status.values if value.key == SETTLED), None)
+
+
+SOURCES = ("poses", "observations")
+
+
+@dataclass(frozen=True)
+class EstimatorNodeConfig:
+    """Of what object, and where the data points come from."""
+
+    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
+    source: str = setting("poses", "poses: data points from object_pose and pusher_state; observations: from that topic")
+    exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
+    slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
+
+    def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise ValueError(f"source must be one of {', '.join(SOURCES)}, got {self.source!r}")
+
+
+class EstimatorNode(Node):
+    """Publishes an estimate after every data point; late subscribers get the last one."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("estimator", **kwargs)
+        config = declare(self, EstimatorNodeConfig)
+        trajectory, estimator = declare(self, TrajectoryConfig), declare(self, EstimatorConfig)
+        region = declare(self, RegionConfig)
+        self._settings = EstimatorSettings(estimator, trajectory, config.exclude_pushes, region, config.slipping_pushes)
+        self._select(load_object(config.object))
+        self._estimator.estimate()  # loads the compiled solver now, not with the first data point
+        self._observations_out = None
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        if config.source == "observations":
+            topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
+        else:
+            self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
+            self._transforms = TransformBroadcaster(self)
+            topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+            topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+            if self._settings.with_forces:
+                topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
+        self._support_friction_out = topics.advertise(SupportFriction, "support_friction", LATCHED)
+        self._center_of_friction_out = topics.advertise(PointStamped, "center_of_friction", LATCHED)
+        self._contact_friction_out = topics.advertise(ContactFriction, "contact_friction", LATCHED)
+        self._estimate_out = topics.advertise(FrictionEstimate, "friction_estimate", LATCHED)
+        self._recognition_out = topics.advertise(Recognition, "recognition", LATCHED)
+        self._markers_out = topics.advertise(MarkerArray, "markers", LATCHED)
+        self._region_out = topics.advertise(CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+        self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
+        self._publish_settings()
+        self._publish_region()
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SelectObject, "~/select_object", self._on_select_object)
+        self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
+        # time that runs backwards means another run of the cell or of a bag: what was learned before may not be mixed with it
+        backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
+
+    def _select(self, model: ObjectModel) -> None:
+        """Start afresh with an object."""
+        settings = self._settings
+        self._object = model
+        self._excluded = set(settings.excluded)
+        self._trajectory = Trajectory(model.outline, settings.trajectory)
+        self._sensed_force = SensedForce() if self._settings.with_forces else None
+        self._estimator = Estimator(model.support_points, settings.estimator)
+        self._recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
+        self._half_planes = HalfPlanes(model.outline, settings.region.region_margin)
+        self._estimate: Estimate | None = None
+        self._problem: str | None = None
+        self._refused = 0
+
+    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        try:
+            observed = self._trajectory.add_pose(pose_sample_from_msg(msg))
+        except ValueError as error:
+            self._refuse("object_pose", error)
+        else:
+            self._transforms.broadcast(msg)
+            self._take_observed(observed)
+
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        try:
+            observed = self._trajectory.add_pusher(pusher_sample_from_msg(msg))
+        except ValueError as error:
+            self._refuse("pusher_state", error)
+        else:
+            self._take_observed(observed)
+
+    def _on_wrench(self, msg: WrenchStamped) -> None:
+        assert self._sensed_force is not None
+        try:
+            complete = self._sensed_force.add_force(force_sample_from_msg(msg))
+        except ValueError as error:
+            self._refuse("wrench", error)
+        else:
+            self._take(complete)
+
+    def _on_observation(self, msg: ObservationMsg) -> None:
+        try:
+            observation = observation_from_msg(msg)
+            observation.check_contact(self._object.outline)
+        except (ValueError, PushfricError) as error:
+            self._refuse("observation", error)
+        else:
+            self._take([observation])
+
+    def _take_observed(self, observations: list[Observation]) -> None:
+        """Take the data points that were made here, with their forces where these matter."""
+        if self._sensed_force is None:
+            self._take(observations)
+            return
+        for observation in observations:
+            self._take(self._sensed_force.add_observation(observation))
+
+    def _take(self, observations: list[Observation]) -> None:
+        for observation in observations:
+            if self._observations_out is not None:
+                self._observations_out.publish(observation_to_msg(observation, self._object.name))
+            if observation.push_id in self._excluded:
+                continue
+            try:
+                self._estimate = self._estimator.add(observation)
+            except PushfricError as error:
+                self._refuse("observation", error)
+                continue
+            msg = self._publish(self._estimate)
+            self._narrow(observation)
+            self._publish_region()
+            self._draw(msg)
+            self._recognize(observation)
+
+    def _recognize(self, observation: Observation) -> None:
+        if self._recognizer is None:
+            return
+        try:
+            ranking = self._recognizer.add(observation)
+        except PushfricError as error:
+            self._refuse("observation, for recognition,", error)
+        else:
+            self._recognition_out.publish(recognition_to_msg(ranking))
+
+    def _narrow(self, observation: Observation) -> None:
+        try:
+            self._half_planes.add(line_of_motion(observation))
+        except PushfricError as error:
+            self._refuse("observation, for the region of p_CF,", error)
+
+    def _publish_region(self) -> None:
+        stamp = self._estimate.stamp if self._estimate is not None else 0
+        pushes = self._half_planes.next_pushes()
+        self._region = region_to_msg(self._half_planes.region(), pushes, stamp, self._object.name)
+        self._region_out.publish(self._region)
+
+    def _publish(self, estimate: Estimate) -> FrictionEstimate:
+        """The estimate, before all that planners do not wait for."""
+        contradiction = estimate.contradiction
+        if contradiction is not None and self._problem is None:
+            self.get_logger().error(contradiction)
+        self._problem = contradiction
+        data, slipping = self._estimator.observations, self._settings.slipping
+        slips = [observation.push_id in slipping for observation in data] if slipping else ()
+        msg = estimate_to_msg(estimate, self._object.name, slips)
+        self._estimate_out.publish(msg)
+        # w, p_CF and mu_c have no status of their own
+        self._publish_parts(msg if contradiction is None else nothing_known(self._object.name))
+        return msg
+
+    def _draw(self, msg: FrictionEstimate) -> None:
+        if msg.status in (msg.STATUS_NO_DATA, msg.STATUS_INFEASIBLE):
+            self._markers_out.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            return
+        markers = estimate_to_markers(msg, self._object.outline, self._estimator.observations[-1])
+        markers.markers += region_to_markers(self._region, self._object.outline)
+        self._markers_out.publish(markers)
+
+    def _publish_parts(self, msg: FrictionEstimate) -> None:
+        self._support_friction_out.publish(msg.support_friction)
+        self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
+        self._contact_friction_out.publish(msg.contact_friction)
+
+    def _take_back(self) -> None:
+        """Without data points, nothing that was published holds any longer."""
+        msg = nothing_known(self._object.name)
+        self._estimate_out.publish(msg)
+        self._publish_parts(msg)
+        self._draw(msg)
+        self._recognition_out.publish(Recognition())
+
+    def _publish_settings(self) -> None:
+        self._settings_out.publish(String(data=self._settings.without(self._excluded).to_text()))
+
+    def _start_afresh(self, model: ObjectModel) -> None:
+        self._select(model)
+        self._publish_settings()
+        self._take_back()
+        self._publish_region()
+
+    def _refuse(self, what: str, error: Exception) -> None:
+        """Say once, not at camera rate, that input was refused; the estimate stays as it was."""
+        self._refused += 1
+        if self._problem is None:
+            self.get_logger().error(f"{what} refused: {error}")
+        self._problem = str(error)
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._start_afresh(self._object)
+        response.success, response.message = True, f"estimation of {self._object.name} starts afresh"
+        return response
+
+    def _on_select_object(self, request: SelectObject.Request, response: SelectObject.Response) -> SelectObject.Response:
+        try:
+            self._start_afresh(load_object(request.object))
+        except InvalidInput as error:
+            response.message = str(error)
+        else:
+            response.success = True
+        return response
+
+    def _on_exclude_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
+        try:
+            estimate = self._estimator.exclude(request.push_id)
+        except ValueError as error:
+            response.message = str(error)
+            return response
+        self._excluded.add(request.push_id)  # its data points still to come, too
+        self._publish_settings()
+        response.success = True
+        response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are left"
+        self._estimate = estimate if estimate.data_points else None
+        self._half_planes = HalfPlanes(self._object.outline, self._settings.region.region_margin)
+        for observation in self._estimator.observations:
+            self._narrow(observation)
+        self._publish_region()
+        if self._estimate is None:
+            self._take_back()
+        else:
+            self._draw(self._publish(self._estimate))
+        # recognition may have refused all of that push
+        if self._recognizer is not None and any(o.push_id == request.push_id for o in self._recognizer.observations):
+            ranking = self._recognizer.exclude(request.push_id)
+            self._recognition_out.publish(recognition_to_msg(ranking) if ranking.data_points else Recognition())
+        return response
+
+    def _on_clock_jump(self, jump: TimeJump) -> None:
+        self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts afresh")
+        self._start_afresh(self._object)
+
+    def _settled(self) -> int:
+        waiting = self._sensed_force.waiting_since if self._sensed_force is not None else None
+        return self._trajectory.settled if waiting is None else min(self._trajectory.settled, waiting - 1)
+
+    def _health(self) -> Health:
+        values = {"object": self._object.name, SETTLED: self._settled(), "refused": self._refused, "data points": 0}
+        if self._estimate is not None:
+            solution = self._estimate.solution
+            values |= {
+                "data points": self._estimate.data_points,
+                "fit error": solution.objective,
+                "fit error per data point": solution.objective / self._estimate.data_points,
+                "gap": solution.gap,
+                "status": self._estimate.status.value,
+            }
+        if self._sensed_force is not None:
+            values["data points without their force yet"] = self._sensed_force.waiting
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        if self._problem is not None:
+            return Health(Level.ERROR, self._problem, values)
+        return Health(Level.OK, "estimating" if self._estimate else "waiting for data points", values)
+
+
+def main() -> None:
+    run_node(EstimatorNode)

@@ -1,0 +1,311 @@
+"""The experiment node: carries out a push plan, one push after the other, with an operator who places the object."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.action import ActionClient
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose, wrap
+from pushfric_core.push_plan import PlannedPush, placement
+from pushfric_core.settings import setting
+from pushfric_msgs.action import Push
+from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.files.plan_file import load_plan
+from pushfric_ros.messages.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg
+from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.nodes.estimator import settled_in
+
+NANOSECONDS = 1e9
+WITHDRAWN = 1e-3  # a pusher nearer than this to its stroke's beginning is not brought back any further [m]
+
+HINDRANCES = {
+    PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
+    PusherState.MODE_HOMING: "it seeks its home switch",
+    PusherState.MODE_RUNNING: "",  # for a moment only
+    PusherState.MODE_HOLD: "it is held: release it at the controller, or activate the actuator",
+    PusherState.MODE_ALARM: (
+        "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+    ),
+}
+"""Why a pusher in this mode cannot push, and what the operator does about it."""
+
+
+@dataclass(frozen=True)
+class ExperimentConfig:
+    """What is pushed where, and when the object counts as placed."""
+
+    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
+    plan: str = setting("", "path of a push plan; empty: the paper's plan, or a few pushes along each edge")
+    choose: int = setting(
+        0, "this many pushes are chosen one by one, to shrink the region of p_CF fastest; 0: those of the plan", 0, 1000
+    )
+    start: int = setting(1, "push of the plan to begin with, to go on with one that was interrupted", 1, 2**31)
+    distance: float = setting(0.05, "length of a push [m]", 0.001, 10.0)
+    speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
+    gap: float = setting(0.005, "from the resting tip to where the object is wanted [m]", 0.0, 0.1)
+    position_tolerance: float = setting(0.01, "the object may lie this far from where it is wanted [m]", 0.0, 1.0)
+    angle_tolerance: float = setting(0.2, "and be turned this much against it [rad]", 0.0, math.pi)
+    still: float = setting(0.5, "it must lie still for this long [s]", 0.0, 60.0)
+    still_distance: float = setting(0.0005, "still: moved less than this [m], turned less than it over 10 cm", 0.0, 0.1)
+    awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes that must report themselves well before the first push")
+    lost_object: float = setting(1.0, "a push is stopped when the object is unseen for this long, of wall time [s]", 0.1, 60.0)
+    lost_result: float = setting(
+        3.0, "a push is given up when the pusher idles or is silent for this long, of wall time [s]", 0.1, 60.0
+    )
+
+
+class ExperimentNode(Node):
+    """Ends its process when the plan is finished."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("experiment", **kwargs)
+        self._config = declare(self, ExperimentConfig)
+        self._object = load_object(self._config.object)
+        self._plan = [] if self._config.choose else load_plan(self._config.plan, self._object)
+        self._count = self._config.choose or len(self._plan)
+        if self._config.start > self._count:
+            where = f"{self.get_fully_qualified_name()}: parameter start"
+            raise InvalidInput(f"{where} must be at most {self._count}, the pushes of the plan; got {self._config.start}")
+        self._region: CenterOfFrictionRegion | None = None
+        self._settled = self._pushed = -1  # what the estimator has dealt with; when the last push ended [ns]
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
+        self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
+        self._progress = PlanProgress(count=self._count, push_id=self._config.start - 1)
+        self._awaited = {f"{self.get_namespace()}/{name}".replace("//", "/") for name in self._config.awaits if name}
+        self._well: set[str] = set()
+        self._action = ActionClient(self, Push, "push")
+        self._pusher: PusherState | None = None
+        self._heard = self._seen = -math.inf  # when pusher and object last showed; these and the next in wall time [s]
+        self._idle_since: float | None = None
+        self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
+        self._condition: tuple[Callable[[], bool], Future] | None = None
+        topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+        topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+        if self._config.choose:
+            topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+        self.create_timer(0.05, self._check_condition)
+        # its own group: the plan waits in its callback while the others run
+        self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
+
+    async def _carry_out(self) -> None:
+        self._start.cancel()
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        # not only are they running: they hear those they need, so that nothing of the first push is missed
+        await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
+        for push_id in range(self._config.start - 1, self._count):
+            self._progress.push_id = push_id
+            push = await self._choose() if self._config.choose else self._plan[push_id]
+            if push is None:
+                self.get_logger().warning("the region of p_CF has collapsed: no push would shrink it")
+                break
+            problem = await self._withdraw() or await self._place_and_push(push_id, push)
+            self._pushed = self.get_clock().now().nanoseconds
+            if problem is None:
+                self._progress.completed += 1
+            else:
+                self._progress.aborted += 1
+                self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
+        self._report(PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {self._count} pushes done")
+        await self._until(self._progress_out.wait_for_all_acked)
+        raise SystemExit(0)
+
+    async def _withdraw(self) -> str | None:
+        """Bring the pusher back from where an aborted push, or an earlier run, has left it; why not, if not."""
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        assert self._pusher is not None
+        if self._pusher.position <= WITHDRAWN:
+            return None
+        self._report(PlanProgress.PHASE_WAITING, "bringing the pusher back")
+        back = Push.Goal(push_id=self._progress.push_id, distance=-self._pusher.position, speed=self._config.speed)
+        problem = await self._carry(back)
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        return None if problem is None else f"the pusher could not be brought back: {problem}"
+
+    async def _place_and_push(self, push_id: int, planned: PlannedPush) -> str | None:
+        """Have the object placed and push it; what went wrong, if anything."""
+        push = f"push {push_id + 1} of {self._count}"
+        assert self._pusher is not None
+        line: PushingLine = pusher_sample_from_msg(self._pusher).line
+        wanted = placement(self._object.outline, planned, line, self._pusher.position + self._config.gap)
+        self._progress.placement = pose_to_msg(wanted)
+        msg = PoseStamped(pose=self._progress.placement)
+        msg.header.frame_id, msg.header.stamp = TABLE, self.get_clock().now().to_msg()
+        self._poses.clear()
+        self._placement_out.publish(msg)
+        where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {math.degrees(wanted.theta):.0f} degrees"
+        prompt = f"{push}: place the object at {where}"
+        await self._until_well(lambda: self._misplaced(wanted), PlanProgress.PHASE_PLACING, prompt)
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        self._report(PlanProgress.PHASE_PUSHING, push)
+        config = self._config
+        return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
+
+    async def _choose(self) -> PlannedPush | None:
+        """The push that shrinks the region of p_CF most, once the estimator knows all of the last one; None: none does."""
+
+        def missing() -> str | None:
+            return None if self._region is not None and self._settled >= self._pushed else "the region of p_CF"
+
+        await self._until_well(missing, PlanProgress.PHASE_WAITING, "waiting for")
+        assert self._region is not None
+        return next((PlannedPush(one.edge, one.offset, one.angle) for one in self._region.next_pushes), None)
+
+    async def _carry(self, goal: Push.Goal) -> str | None:
+        """Have the pusher carry out a goal; what went wrong, if anything."""
+        answered = self._action.send_goal_async(goal)
+        self._idle_since = None
+        await self._until(lambda: answered.done() or self._forgotten())
+        if not answered.done():
+            return "the pusher does not answer"
+        handle = answered.result()
+        if not handle.accepted:
+            return "the pusher refused it"
+        result = handle.get_result_async()
+        self._idle_since = None
+        await self._until(lambda: result.done() or self._forgotten() or self._pushes_unseen())
+        unseen = not result.done() and not self._forgotten()
+        if unseen:
+            handle.cancel_goal_async()
+            await self._until(lambda: result.done() or self._forgotten())
+        if not result.done():
+            return "the pusher forgot it"
+        if result.result().status == GoalStatus.STATUS_SUCCEEDED:
+            return None
+        return f"the object was not seen for {self._config.lost_object:g} s" if unseen else str(result.result().result.message)
+
+    def _report(self, phase: int, message: str) -> None:
+        self._progress.phase, self._progress.message = phase, message
+        self._progress.header.stamp = self.get_clock().now().to_msg()
+        self._progress_out.publish(self._progress)
+        self.get_logger().info(message)
+
+    async def _until_well(self, amiss: Callable[[], str | None], phase: int, prompt: str) -> None:
+        """Tell the operator what is amiss, as it changes, until nothing is any more."""
+
+        def changed() -> bool:
+            return amiss() != said
+
+        while (said := amiss()) is not None:
+            self._report(phase, f"{prompt}: {said}" if said else prompt)
+            await self._until(changed)
+
+    def _until(self, condition: Callable[[], bool]) -> Future:
+        """A future that is done once the condition, looked at 20 times a second, holds."""
+        future: Future = Future()
+        self._condition = (condition, future)
+        return future
+
+    def _check_condition(self) -> None:
+        if self._condition is not None and self._condition[0]():
+            future, self._condition = self._condition[1], None
+            future.set_result(None)
+
+    def _unwell(self) -> str | None:
+        """The nodes that are awaited."""
+        return ", ".join(sorted(name.rpartition("/")[2] for name in self._awaited - self._well)) or None
+
+    def _hindrance(self) -> str | None:
+        """Why the pusher cannot move; None where it can."""
+        if self._pusher is None or self._silent:
+            return "nothing is heard of it"
+        if self._pusher.mode != PusherState.MODE_IDLE:
+            return HINDRANCES[self._pusher.mode]
+        return None if self._action.server_is_ready() else "its action server is not there"
+
+    @property
+    def _silent(self) -> bool:
+        return time.monotonic() - self._heard > self._config.lost_result
+
+    def _forgotten(self) -> bool:
+        """A pusher that idles, or says nothing at all, has forgotten its goal."""
+        idles = self._idle_since is not None and time.monotonic() - self._idle_since > self._config.lost_result
+        return idles or self._silent
+
+    @property
+    def _unseen(self) -> bool:
+        return time.monotonic() - self._seen > self._config.lost_object
+
+    def _pushes_unseen(self) -> bool:
+        """The pusher goes forward, and nobody knows where the object is."""
+        return self._unseen and self._pusher is not None and self._pusher.push_id != PusherState.NO_PUSH
+
+    def _misplaced(self, wanted: Pose) -> str | None:
+        """What the object lacks; None once it lies still where it is wanted."""
+        if not self._poses:
+            return ""
+        if self._unseen:
+            return "it is not seen"
+        last = self._poses[-1][1]
+        off, turned = math.hypot(last.x - wanted.x, last.y - wanted.y), abs(wrap(last.theta - wanted.theta))
+        if off > self._config.position_tolerance:
+            return f"it lies {100 * off:.0f} cm off"
+        if turned > self._config.angle_tolerance:
+            return f"it is turned {10 * round(math.degrees(turned) / 10)} degrees too far"
+        still = all(
+            math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
+            for _, p in self._poses
+        )
+        long_enough = self._poses[-1][0] - self._poses[0][0] >= 0.9 * self._config.still * NANOSECONDS
+        return None if still and long_enough else "let it lie still"
+
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        self._pusher, self._heard = msg, time.monotonic()
+        if msg.mode != PusherState.MODE_IDLE or msg.push_id != PusherState.NO_PUSH:
+            self._idle_since = None
+        elif self._idle_since is None:
+            self._idle_since = time.monotonic()
+
+    def _health(self) -> Health:
+        progress = self._progress
+        values = {
+            "push": progress.push_id + 1,
+            "pushes": progress.count,
+            "completed": progress.completed,
+            "aborted": progress.aborted,
+            "awaited": self._unwell() or "none",
+        }
+        hindrance = self._hindrance()
+        if hindrance:
+            return Health(Level.WARN, f"the pusher cannot push: {hindrance}", values)
+        if progress.phase == PlanProgress.PHASE_PUSHING and self._unseen:
+            return Health(Level.WARN, "the object is not seen", values)
+        return Health(Level.OK, progress.message or "starting", values)
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
+        if (settled := settled_in(msg)) is not None:
+            self._settled = settled
+
+    def _on_region(self, msg: CenterOfFrictionRegion) -> None:
+        self._region = msg
+
+    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        try:
+            stamp, pose = pose_sample_from_msg(msg)
+        except ValueError as error:
+            self.get_logger().error(f"object_pose refused: {error}", once=True)
+            return
+        self._seen = time.monotonic()
+        oldest = stamp - int(self._config.still * NANOSECONDS)
+        self._poses = [(t, p) for t, p in self._poses if oldest <= t <= stamp] + [(stamp, pose)]
+
+
+def main() -> None:
+    run_node(ExperimentNode)

@@ -1,0 +1,249 @@
+"""The player node: a bag's messages published again, at the pace they were recorded or another."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidParameterTypeException, InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.time import Time
+from rclpy.validate_full_topic_name import validate_full_topic_name
+from rosgraph_msgs.msg import Clock as ClockMsg
+from std_srvs.srv import SetBool
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.settings import setting
+from pushfric_ros.bags.bag import BagMessage, Topic, describe, read, recorded_class
+from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.image_memory import make_room_for_images
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+
+CLOCK_TOPIC = "/clock"
+CLOCK_PERIOD_NS = 10_000_000  # of bag time
+SHORTEST_CLOCK_PERIOD_NS = 2_000_000  # of wall time: no more than 500 /clock messages a second at high rates
+BURST = 100  # messages in one callback: a player that is late still answers its service in between
+WATCH_PERIOD_NS = 20_000_000  # of wall time, between two looks at endpoints and acknowledgements
+ACKNOWLEDGE_WITHIN_NS = 5_000_000_000  # of wall time
+DEFAULT_DEPTH = 10
+LATE = 1.0  # of wall time [s]; a player further behind its rate says so
+OVERRIDABLE = QoSOverridingOptions(
+    (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+)
+
+
+@dataclass(frozen=True)
+class PlayerConfig:
+    """What is played, and how fast."""
+
+    bag: str = setting("", "folder of the bag, or a bare .mcap")
+    rate: float = setting(1.0, "multiple of the recorded speed", 0.01, 1000.0)
+    start: float = setting(0.0, "where to begin, after the beginning of the bag [s]", 0.0)
+    loop: bool = setting(False, "begin again at the end; the clock jumps back")
+    # empty lists would be declared as lists of bytes
+    topics: tuple[str, ...] = setting(("",), "topics to play; none: all")
+    exclude_topics: tuple[str, ...] = setting(("",), "topics not to play")
+    clock: bool = setting(True, "publish the bag's time on /clock, 100 times in a second of the bag")
+    wait_for: tuple[str, ...] = setting(("",), "topics that must have a subscriber before the first message")
+    paused: bool = setting(False, "begin paused, until ~/pause says otherwise")
+    exit_when_done: bool = setting(True, "end the process when all is played and acknowledged")
+
+    def __post_init__(self) -> None:
+        if not self.bag:
+            raise ValueError("bag must name the bag to play, got nothing")
+
+
+class PlayerNode(Node):
+    """Plays a bag on a steady wall clock; ~/pause (std_srvs/SetBool) holds and resumes it.
+
+    The QoS is that of the recorded publishers, unless parameters qos_overrides.TOPIC.publisher.POLICY say otherwise.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("player", **kwargs)
+        self._config = config = declare(self, PlayerConfig)
+        summary = describe(config.bag)
+        if not summary.message_count:
+            raise InvalidInput(f"{config.bag}: holds no messages, expected some to play")
+        self._begin_ns = summary.start_ns + round(config.start * 1e9)
+        if self._begin_ns > summary.end_ns:
+            length = (summary.end_ns - summary.start_ns) * 1e-9
+            raise InvalidInput(f"{config.bag}: start must lie within its {length:.3f} s, got {config.start}")
+        played = self._chosen(summary.topics)
+        classes = [recorded_class(topic) for topic in played]
+        qos = {topic.name: _offered(topic) for topic in played}
+        self._diagnostics = Diagnostics(self, self._health)
+        self._outputs: dict[str, Publisher] = {
+            topic.name: self._publisher(topic.name, kind, qos[topic.name]) for topic, kind in zip(played, classes, strict=True)
+        }
+        self._played = tuple(self._outputs)
+        self._latched = [name for name in qos if qos[name].durability == DurabilityPolicy.TRANSIENT_LOCAL]
+        if config.clock:
+            self._outputs[CLOCK_TOPIC] = self._diagnostics.advertise(ClockMsg, CLOCK_TOPIC, RELIABLE)
+        self._awaited = [self._outputs[name] for name in self._names("wait_for", config.wait_for, self._outputs)]
+        self._clock_period_ns = max(CLOCK_PERIOD_NS, round(SHORTEST_CLOCK_PERIOD_NS * config.rate))
+        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._paused = config.paused
+        self._done = False
+        self._count = 0
+        self._next: BagMessage | None = None
+        self._anchor(self._begin_ns)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self._timer = self.create_timer(WATCH_PERIOD_NS * 1e-9, self._await_subscribers, clock=self._wall)
+
+    @property
+    def done(self) -> bool:
+        """All is played, and acknowledged by the subscribers that acknowledge."""
+        return self._done
+
+    def _publisher(self, name: str, kind: type, qos: QoSProfile) -> Publisher:
+        """A topic's publisher; rclpy writes the overrides into `qos`."""
+        try:
+            return self._diagnostics.advertise(kind, name, qos, OVERRIDABLE)
+        except (InvalidParameterTypeException, RuntimeError, ValueError) as error:
+            where = f"{self.get_fully_qualified_name()}: parameters qos_overrides.{name}.publisher"
+            raise InvalidInput(f"{where} must be a QoS: {error}") from error
+
+    def _chosen(self, topics: tuple[Topic, ...]) -> list[Topic]:
+        recorded = [topic.name for topic in topics]
+        wanted = self._names("topics", self._config.topics, recorded) or recorded
+        unwanted = self._names("exclude_topics", self._config.exclude_topics, recorded)
+        if self._config.clock:
+            unwanted.append(CLOCK_TOPIC)  # two clocks would contradict each other
+        return [topic for topic in topics if topic.name in wanted and topic.name not in unwanted]
+
+    def _names(self, parameter: str, texts: tuple[str, ...], known: Collection[str]) -> list[str]:
+        """Full names of the topics a parameter lists."""
+        where = f"{self.get_fully_qualified_name()}: parameter {parameter}"
+        names = []
+        for text in filter(None, texts):
+            try:
+                # not remapped: that applies to what is published, not to the bag
+                name = expand_topic_name(text, self.get_name(), self.get_namespace())
+                validate_full_topic_name(name)
+            except InvalidTopicNameException as error:
+                raise InvalidInput(f"{where}: {text!r} is not a topic") from error
+            if name not in known:
+                raise InvalidInput(f"{where}: {name} is not played from {self._config.bag}, expected one of {', '.join(known)}")
+            names.append(name)
+        return names
+
+    def _await_subscribers(self) -> None:
+        if not self._paused and all(output.get_subscription_count() for output in self._awaited):
+            self._rewind()
+            self._call_in(0, self._play)
+
+    def _rewind(self) -> None:
+        """Go to where playing begins; what was latched there is published again."""
+        self._messages = read(self._config.bag, self._played, self._begin_ns)
+        self._next = next(self._messages, None)
+        self._next_clock_ns = self._begin_ns
+        self._publish_clock()
+        latched = {message.topic: message for message in read(self._config.bag, self._latched, end_ns=self._begin_ns)}
+        for message in latched.values():
+            self._publish(message)
+        self._anchor(self._begin_ns)
+
+    def _play(self) -> None:
+        """Publish what is due and come back when the next is."""
+        now_ns = self._bag_time()
+        wait_ns = 0
+        for _ in range(BURST):
+            if self._next is None:
+                self._end()
+                return
+            clock_is_next = self._config.clock and self._next_clock_ns <= self._next.log_time_ns
+            wait_ns = (self._next_clock_ns if clock_is_next else self._next.log_time_ns) - now_ns
+            if wait_ns > 0:
+                break
+            if clock_is_next:
+                self._publish_clock()
+            else:
+                self._publish(self._next)
+                self._next = next(self._messages, None)
+        self._call_in(WATCH_PERIOD_NS if self._paused else max(0, round(wait_ns / self._config.rate)), self._play)
+
+    def _end(self) -> None:
+        if self._config.loop:
+            self._rewind()
+            self._call_in(0, self._play)
+            return
+        self.get_logger().info(f"{self._count} messages played")
+        self._give_up_ns = self._wall.now().nanoseconds + ACKNOWLEDGE_WITHIN_NS
+        self._call_in(0, self._await_acknowledgements)
+
+    def _await_acknowledgements(self) -> None:
+        if not all(output.wait_for_all_acked(Duration(seconds=0)) for output in self._outputs.values()):
+            if self._wall.now().nanoseconds < self._give_up_ns:
+                self._call_in(WATCH_PERIOD_NS, self._await_acknowledgements)
+                return
+            self.get_logger().warning("a subscriber did not acknowledge all messages")
+        self._timer.cancel()
+        self._done = True
+        if self._config.exit_when_done:
+            raise SystemExit(0)
+
+    def _call_in(self, wait_ns: int, callback: Callable[[], None]) -> None:
+        """Let the one timer call `callback` after some wall time [ns]."""
+        self._timer.callback = callback
+        self._timer.timer_period_ns = max(1, wait_ns)
+        self._timer.reset()
+
+    def _anchor(self, bag_ns: int) -> None:
+        """Let the bag's time run on from here."""
+        self._anchor_bag_ns, self._anchor_wall_ns = bag_ns, self._wall.now().nanoseconds
+
+    def _bag_time(self) -> int:
+        if self._paused:
+            return self._anchor_bag_ns
+        return self._anchor_bag_ns + round((self._wall.now().nanoseconds - self._anchor_wall_ns) * self._config.rate)
+
+    def _publish(self, message: BagMessage) -> None:
+        self._outputs[message.topic].publish(message.raw)
+        self._count += 1
+
+    def _publish_clock(self) -> None:
+        if self._config.clock:
+            self._outputs[CLOCK_TOPIC].publish(ClockMsg(clock=Time(nanoseconds=self._next_clock_ns).to_msg()))
+            self._next_clock_ns += self._clock_period_ns
+
+    def _health(self) -> Health:
+        late = 0.0 if self._next is None else max(0, self._bag_time() - self._next.log_time_ns) * 1e-9 / self._config.rate
+        values = {"messages": self._count, "rate": self._config.rate, "paused": self._paused, "late [s]": round(late, 3)}
+        missing = [output.topic_name for output in self._awaited if not output.get_subscription_count()]
+        if missing and not self._count:
+            return Health(Level.WARN, f"waiting for subscribers of {', '.join(missing)}", values)
+        if late > LATE:
+            return Health(Level.WARN, f"cannot keep up: {late:.1f} s late, try a lower rate", values)
+        return Health(Level.OK, "all is played" if self._done else "paused" if self._paused else "playing", values)
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._anchor(self._bag_time())
+        self._paused = request.data
+        response.success = True
+        response.message = f"{'paused' if self._paused else 'playing'} at {self._anchor_bag_ns * 1e-9:.3f} s"
+        return response
+
+
+def _offered(topic: Topic) -> QoSProfile:
+    """One offer that satisfies every subscriber the recorded publishers satisfied; rates and lifetimes are not promised."""
+    reliable = any(qos.reliability == ReliabilityPolicy.RELIABLE for qos in topic.qos_profiles) or not topic.qos_profiles
+    latched = any(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in topic.qos_profiles)
+    return QoSProfile(
+        # discovery does not tell the depth: 0 in bags of `ros2 bag record`
+        depth=max((qos.depth for qos in topic.qos_profiles), default=0) or DEFAULT_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def main() -> None:
+    make_room_for_images()
+    run_node(PlayerNode)

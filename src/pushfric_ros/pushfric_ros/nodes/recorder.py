@@ -1,0 +1,238 @@
+"""The recorder node: the bytes of every message of the chosen topics into a bag."""
+
+import pathlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_full_topic_name import validate_full_topic_name
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.settings import setting
+from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.files.object_file import OBJECT_FILE, load_object, save_object
+from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+
+QUEUE_DEPTH = 1000
+FLUSH_PERIOD = 0.5  # [s] of wall time: a crash costs the last second at most, even where a flush is late
+QOS = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
+
+
+class KnownTopic(NamedTuple):
+    """A topic that is subscribed at once, before anyone publishes it."""
+
+    name: str
+    type_name: str
+    qos: QoSProfile
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """What is recorded, and where to."""
+
+    bag: str = setting("", "folder of the bag, new or empty")
+    # an empty list would be declared as one of bytes
+    topics: tuple[str, ...] = setting(("",), "each 'name package/msg/Type qos', qos one of sensor_data, reliable, latched")
+    object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
+    discover: bool = setting(False, "record every other topic too, from when it is first seen")
+
+    def __post_init__(self) -> None:
+        if not self.bag:
+            raise ValueError("bag must name the folder to record into, got nothing")
+        names = [topic.name for topic in self.known_topics]
+        if len(set(names)) < len(names):
+            raise ValueError(f"topics must name each topic once, got {', '.join(names)}")
+        if not (self.discover or names):
+            raise ValueError("topics must name what to record unless discover is true, got nothing")
+
+    @property
+    def known_topics(self) -> list[KnownTopic]:
+        """The topics, parsed.
+
+        Raises:
+            ValueError: one is not 'name type qos'.
+        """
+        return [_known_topic(text) for text in self.topics if text]
+
+
+def _known_topic(text: str) -> KnownTopic:
+    words = text.split()
+    if len(words) != 3 or words[2] not in QOS:
+        raise ValueError(f"topics must be 'name package/msg/Type {'|'.join(QOS)}', got {text!r}")
+    return KnownTopic(words[0], words[1], QOS[words[2]])
+
+
+class _Losses:
+    """The messages of one topic that never came here."""
+
+    def __init__(self) -> None:
+        self._told = 0  # by the middleware: lost on the way, but not those that a full queue pushed out
+        self._missing = 0  # from the publisher's numbering: both, but known of a single publisher only
+        self._last: int | None = None
+
+    @property
+    def messages(self) -> int:
+        return max(self._told, self._missing)
+
+    def told(self, event: QoSMessageLostInfo) -> None:
+        self._told += event.total_count_change
+
+    def count(self, number: int | None, publishers: Callable[[], int]) -> None:
+        """Take the publisher's number of a message that came; None where the middleware has none."""
+        # numbers that begin again are those of a restarted publisher
+        if number is not None and self._last is not None and number > self._last + 1 and publishers() == 1:
+            self._missing += number - self._last - 1
+        self._last = number
+
+
+class RecorderNode(Node):
+    """Records raw messages, stamped with the node's clock as they come; the bag is finished when the node is destroyed.
+
+    Under use_sim_time, what comes before the first /clock waits for it and gets the first time known.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("recorder", **kwargs)
+        config = declare(self, RecorderConfig)
+        known = [self._resolved(topic) for topic in config.known_topics]
+        for topic in known:  # before there is a file
+            message_class(topic.type_name)
+        model = load_object(config.object) if config.object else None
+        self._bag = BagWriter(config.bag)
+        if model is not None:
+            file = pathlib.Path(config.bag) / OBJECT_FILE
+            try:
+                save_object(model, file)
+            except OSError as error:
+                raise InvalidInput(f"{file}: cannot be written: {error.strerror}") from error
+        self._bytes = 0
+        self._reported = (time.monotonic(), 0)  # when the diagnostics last did, and how many messages
+        self._losses: dict[str, _Losses] = {}  # by topic
+        self._reported_lost: dict[str, int] = {}
+        self._waiting: list[tuple[str, bytes]] = []  # for the first /clock
+        self._refused: set[str] = set()
+        for topic in known:
+            self._record(topic.name, topic.type_name, [topic.qos], topic.qos)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        if config.discover:
+            self.create_timer(0.1, self._discover, clock=wall)
+        self.create_timer(FLUSH_PERIOD, self._flush, clock=wall)
+        self._diagnostics = Diagnostics(self, self._health)
+
+    def destroy_node(self) -> None:
+        """Finish the bag and leave.
+
+        Raises:
+            InvalidInput: it could not be finished, as where the disk is full.
+        """
+        try:
+            self._write_waiting(self.get_clock().now().nanoseconds)
+            self._bag.close()
+        finally:
+            super().destroy_node()
+
+    def _resolved(self, topic: KnownTopic) -> KnownTopic:
+        try:
+            validate_full_topic_name(expand_topic_name(topic.name, self.get_name(), self.get_namespace()))
+        except InvalidTopicNameException as error:
+            raise InvalidInput(f"{self.get_fully_qualified_name()}: parameter topics: {topic.name!r} is not a topic") from error
+        return topic._replace(name=self.resolve_topic_name(topic.name))
+
+    def _record(
+        self, name: str, type_name: str, offered: Sequence[QoSProfile], wanted: QoSProfile, hash_text: str | None = None
+    ) -> None:
+        self._bag.add_topic(name, type_name, offered, hash_text)
+        deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
+        losses = self._losses[name] = _Losses()
+
+        def on_message(raw: bytes, info: dict[str, Any]) -> None:
+            losses.count(info["publication_sequence_number"], lambda: subscription.get_publisher_count())
+            self._on_message(name, raw)
+
+        events = SubscriptionEventCallbacks(message_lost=losses.told)
+        subscription = self.create_subscription(
+            message_class(type_name), name, on_message, deep, raw=True, event_callbacks=events
+        )
+
+    def _on_message(self, name: str, raw: bytes) -> None:
+        self._bytes += len(raw)
+        now = self.get_clock().now().nanoseconds
+        if now == 0:
+            self._waiting.append((name, raw))
+            return
+        self._write_waiting(now)
+        self._bag.write(name, now, raw)
+
+    def _write_waiting(self, stamp_ns: int) -> None:
+        waiting, self._waiting = self._waiting, []
+        for name, raw in waiting:
+            self._bag.write(name, stamp_ns, raw)
+
+    def _flush(self) -> None:
+        now = self.get_clock().now().nanoseconds
+        if now > 0:
+            self._write_waiting(now)
+        self._bag.flush()
+
+    def _discover(self) -> None:
+        """Record the topics that others publish; those named with a leading underscore are hidden."""
+        for name, type_names in self.get_topic_names_and_types():
+            if name in self._bag.topics or name in self._refused or "/_" in name:
+                continue
+            publishers = self.get_publishers_info_by_topic(name)
+            if not publishers:
+                continue
+            offered = [publisher.qos_profile for publisher in publishers]
+            try:
+                self._record(name, type_names[0], offered, _met_by_all(offered), str(publishers[0].topic_type_hash))
+            except InvalidInput as error:
+                self._refused.add(name)
+                self.get_logger().error(f"{name} is not recorded: {error}")
+
+    def _health(self) -> Health:
+        count = self._bag.message_count + len(self._waiting)
+        # a loss is warned of when it happens, and then stands in the count: what is recorded from then on is whole again
+        before_lost, self._reported_lost = self._reported_lost, {n: losses.messages for n, losses in self._losses.items()}
+        lost = {name: total - before_lost.get(name, 0) for name, total in self._reported_lost.items()}
+        values: dict[str, Any] = {
+            "messages": count,
+            "bytes": self._bytes,
+            "lost": sum(self._reported_lost.values()),
+            "topics": len(self._bag.topics),
+        }
+        (then, before), self._reported = self._reported, (time.monotonic(), count)
+        values["messages/s"] = round((count - before) / max(self._reported[0] - then, 1e-9), 1)
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        if any(lost.values()):
+            where = ", ".join(f"{number} of {name}" for name, number in lost.items() if number)
+            return Health(Level.WARN, f"messages were lost before they could be recorded: {where}", values)
+        if self._waiting:
+            return Health(Level.WARN, f"{len(self._waiting)} messages wait for a first /clock", values)
+        return Health(Level.OK, f"{count} messages recorded", values)
+
+
+def _met_by_all(offered: Sequence[QoSProfile]) -> QoSProfile:
+    """The strongest request that every one of the publishers meets."""
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in offered)
+    latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offered)
+    return QoSProfile(
+        depth=QUEUE_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def main() -> None:
+    run_node(RecorderNode)

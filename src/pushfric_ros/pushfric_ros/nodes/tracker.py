@@ -1,0 +1,324 @@
+"""The tracker node: camera images -> the object's pose on the table."""
+
+import array
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image as ImageMsg
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose, transform
+from pushfric_core.settings import setting
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.messages.qos import LATCHED, SENSOR_DATA
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.vision.camera import Image, load_camera
+from pushfric_ros.vision.contour_tracker import ContourTracker
+from pushfric_ros.vision.edge_fit import NotSeen, Sighting
+from pushfric_ros.vision.fiducial_tracker import FiducialTracker, load_fiducials
+from pushfric_ros.vision.frame_source import Device
+
+IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""More than a second of frames: a busy moment loses none."""
+
+TO_GREY = {
+    "mono8": (1, None),
+    "mono16": (2, None),
+    "bgr8": (3, cv2.COLOR_BGR2GRAY),
+    "rgb8": (3, cv2.COLOR_RGB2GRAY),
+    "bgra8": (4, cv2.COLOR_BGRA2GRAY),
+    "rgba8": (4, cv2.COLOR_RGBA2GRAY),
+    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2GRAY),
+    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2GRAY),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2GRAY),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2GRAY),
+    "yuyv": (2, cv2.COLOR_YUV2GRAY_YUYV),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2GRAY_YUYV),
+    "uyvy": (2, cv2.COLOR_YUV2GRAY_UYVY),
+    "yuv422": (2, cv2.COLOR_YUV2GRAY_UYVY),
+    "nv12": (1, None),
+    "nv21": (1, None),
+    "nv24": (1, None),
+}
+"""The encodings understood: bytes per pixel of the (first) plane, and OpenCV's conversion; of YUV this takes the luminance."""
+
+PLANES = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
+"""Size of all planes of an image, luminance and colours, over that of the luminance, which comes first."""
+
+TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
+"""Sources that are topics."""
+
+DISORDER = 1_000_000_000
+"""Frames that come late by up to this [ns] are dropped; a longer step back is another run of the clock."""
+
+REPLACED = 0.03
+"""An object seen this far [m] from where it was the frame before was taken there by hand."""
+
+FROZEN_FRAMES = 3
+"""As many identical frames in a row come from no living camera."""
+
+OVERLAY_PERIOD = 0.2
+"""Between overlays [s]."""
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """What is looked for, and where its images come from."""
+
+    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
+    calibration: str = setting("", "path of the camera's calibration YAML: CameraInfo's fields and table_homography")
+    source: str = setting(
+        "topic",
+        "topic: image_raw; compressed: image_raw/compressed; else a device index, URL, video file, folder or glob of pictures",
+    )
+    fiducials: str = setting("", "path of the YAML file of the markers on the object; empty: it is seen by its outline")
+    object_height: float = setting(0.0, "of the outline or markers over the table [m]; 0: as the object's file says", 0.0, 1.0)
+    threshold: int = setting(0, "grey level between table and object; 0: found in each frame (Otsu)", 0, 255)
+    time_offset: float = setting(0.0, "added to the stamps of the images [s]", -10.0, 10.0)
+
+
+class TrackerNode(Node):
+    """Publishes the object's pose for every frame that shows it, and nothing for the others."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("tracker", **kwargs)
+        config = declare(self, TrackerConfig)
+        if not config.calibration:
+            raise InvalidInput("the tracker needs calibration, the path of the camera's calibration YAML")
+        self._config = config
+        self._object = load_object(config.object)
+        self._camera = load_camera(config.calibration)
+        self._height = config.object_height or self._object.height
+        self._track = self._make_tracker()
+
+        self._stamp = 0  # of the newest frame [ns]
+        self._frame: Image | None = None  # the newest
+        self._alike = 1  # as many frames in a row
+        self._last: Pose | None = None  # where the object was last seen
+        self._placement: Pose | None = None  # where it is awaited and was not seen yet
+        self._in_sight = False
+        self._sighting: Sighting | None = None  # in the newest frame
+        self._reason = "no frame yet"  # why not
+        self._counts = dict.fromkeys(("frames", "seen", "late frames dropped", "unusable frames"), 0)
+        self._reported = (time.monotonic(), 0, 0)
+        self._latency = 0.0
+        self._overlay_time = 0.0
+        self._complaints: set[str] = set()
+
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
+        topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
+        self._device: Device | None = None
+        self._source = TOPICS.get(config.source, config.source)
+        if config.source == "topic":
+            topics.subscribe(ImageMsg, self._source, self._on_image, IMAGE_QUEUE)
+        elif config.source == "compressed":
+            topics.subscribe(CompressedImage, self._source, self._on_compressed_image, IMAGE_QUEUE)
+        else:
+            arrived = self.create_guard_condition(self._on_device_frames)
+            size = (self._camera.width, self._camera.height)
+            self._device = Device(config.source, size, lambda: self.get_clock().now().nanoseconds, arrived.trigger)
+            self._device.start()
+
+    def destroy_node(self) -> None:
+        """Let go of the camera with the node."""
+        if self._device is not None:
+            self._device.close()
+        super().destroy_node()
+
+    def _make_tracker(self) -> Callable[[Image, Pose | None], Sighting]:
+        """What finds the object in a frame, given about where it should be."""
+        outline = self._object.outline.vertices
+        if self._config.fiducials:
+            markers = FiducialTracker(self._camera, outline, self._height, load_fiducials(self._config.fiducials))
+            return lambda frame, _: markers.track(frame)  # markers need no expectation
+        return ContourTracker(self._camera, outline, self._height, self._config.threshold or None).track
+
+    def _on_placement(self, msg: PoseStamped) -> None:
+        try:
+            self._placement = pose_from_msg(msg.pose)
+        except ValueError as error:
+            self._complain(f"placement ignored: {error}")
+
+    def _on_image(self, msg: ImageMsg) -> None:
+        try:
+            frame = grey_from_msg(msg)
+        except ValueError as error:
+            self._refuse(str(error))
+            return
+        self._on_frame(frame, stamp_from_msg(msg.header.stamp))
+
+    def _on_compressed_image(self, msg: CompressedImage) -> None:
+        data = np.frombuffer(msg.data, np.uint8)
+        frame = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+        if frame is None:
+            self._refuse(f"not a picture: {len(data)} bytes of format {msg.format!r}")
+            return
+        self._on_frame(frame, stamp_from_msg(msg.header.stamp))
+
+    def _on_device_frames(self) -> None:
+        assert self._device is not None
+        while self._device.frames:
+            stamp, frame = self._device.frames.popleft()
+            self._on_frame(frame, stamp)
+
+    def _on_frame(self, frame: Image, stamp: int) -> None:
+        if frame.shape != (self._camera.height, self._camera.width):
+            self._refuse(
+                f"the camera is calibrated for {self._camera.width} x {self._camera.height} px, "
+                f"the image has {frame.shape[1]} x {frame.shape[0]}"
+            )
+            return
+        if not stamp:
+            self._refuse("the images carry no time stamp")
+            return
+        if -DISORDER < stamp - self._stamp <= 0:
+            self._counts["late frames dropped"] += 1
+            return
+        if stamp < self._stamp:
+            self._in_sight = False
+        self._stamp = stamp
+        self._counts["frames"] += 1
+        self._alike = self._alike + 1 if self._frame is not None and _same(frame, self._frame) else 1
+        self._frame = frame
+        try:
+            if self._alike >= FROZEN_FRAMES:
+                raise NotSeen("frozen frame")
+            self._sighting = self._look(frame)
+        except NotSeen as reason:
+            self._sighting, self._reason, self._in_sight = None, str(reason), False
+        else:
+            self._counts["seen"] += 1
+            self._last, self._in_sight = self._sighting.pose, True
+            self._publish(self._sighting, stamp)
+        if self._overlay_out.get_subscription_count() and time.monotonic() - self._overlay_time >= OVERLAY_PERIOD:
+            self._publish_overlay(frame, stamp)
+
+    def _look(self, frame: Image) -> Sighting:
+        """Tell orientations that look alike apart: in sight by continuity, on its return by where it was to be put."""
+        awaited = self._placement or self._last
+        sighting = self._track(frame, self._last if self._in_sight else awaited)
+        returns = not self._in_sight
+        if self._in_sight and self._last and _apart(sighting.pose, self._last):
+            sighting, returns = self._track(frame, awaited), True
+        if returns and self._placement and not _apart(sighting.pose, self._placement):
+            self._placement = None
+        return sighting
+
+    def _publish(self, sighting: Sighting, stamp: int) -> None:
+        msg = PoseWithCovarianceStamped()
+        msg.header.stamp, msg.header.frame_id = self._shifted(stamp), TABLE
+        msg.pose.pose = pose_to_msg(sighting.pose)
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_((0, 1, 5), (0, 1, 5))] = sighting.covariance
+        msg.pose.covariance = covariance.ravel()
+        self._pose_out.publish(msg)
+        self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
+
+    def _publish_overlay(self, frame: Image, stamp: int) -> None:
+        """The frame with the outline where it was seen, or why it was not."""
+        self._overlay_time = time.monotonic()
+        picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
+        if self._sighting is not None:
+            corners = self._camera.project(transform(self._sighting.pose, self._object.outline.vertices), self._height)
+            cv2.polylines(picture, [np.rint(corners).astype(np.int32)], True, (0, 200, 0))
+        text = f"{self._sighting.residual_px:.2f} px" if self._sighting else self._reason
+        cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 200, 255))
+        _, jpeg = cv2.imencode(".jpg", picture)
+        msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))
+        msg.header.stamp, msg.header.frame_id = self._shifted(stamp), "camera"
+        self._overlay_out.publish(msg)
+
+    def _shifted(self, stamp: int) -> Any:
+        return stamp_to_msg(stamp + round(self._config.time_offset * 1e9))
+
+    def _refuse(self, why: str) -> None:
+        self._counts["unusable frames"] += 1
+        self._sighting, self._reason, self._in_sight = None, why, False
+        self._complain(f"frames are unusable: {why}")
+
+    def _complain(self, text: str) -> None:
+        """Log a line once."""
+        if text not in self._complaints:
+            self._complaints.add(text)
+            self.get_logger().error(text)
+
+    def _health(self) -> Health:
+        now = time.monotonic()
+        then, frames_before, seen_before = self._reported
+        self._reported = now, self._counts["frames"], self._counts["seen"]
+        frames, seen = self._counts["frames"] - frames_before, self._counts["seen"] - seen_before
+        values = {
+            "object": self._object.name,
+            "frames/s": round(frames / max(now - then, 1e-9), 1),
+            **self._counts,
+            "last reason": self._reason,
+            "latency [s]": round(self._latency, 4),
+        }
+        if self._sighting is not None:
+            values |= {
+                "residual [px]": round(self._sighting.residual_px, 3),
+                "orientations": self._sighting.orientations,
+                "visible": round(self._sighting.visible_fraction, 2),
+            }
+        if self._device is not None:
+            values["device frames dropped"] = self._device.dropped
+        if not frames:
+            return Health(Level.ERROR, f"no frames from {self._source}", values)
+        if not seen:
+            return Health(Level.WARN, f"not seen: {self._reason}", values)
+        return Health(Level.OK, "seen", values)
+
+
+def grey_from_msg(msg: ImageMsg) -> Image:
+    """The image (height, width) in grey; where grey values lie side by side in the message, it shares the message's memory.
+
+    Of mono16 the upper byte is taken, of YUV the luminance as it is.
+
+    Raises:
+        ValueError: an encoding other than those of TO_GREY, or sizes that do not fit the data.
+    """
+    if msg.encoding not in TO_GREY:
+        raise ValueError(f"encoding must be {', '.join(TO_GREY)}, got {msg.encoding!r}")
+    pixel_size, conversion = TO_GREY[msg.encoding]
+    data, what = np.frombuffer(msg.data, np.uint8), f"{msg.width} x {msg.height} {msg.encoding}"
+    if not msg.width * msg.height:
+        raise ValueError(f"an image must have pixels, got {what}")
+    if msg.step < msg.width * pixel_size:
+        raise ValueError(f"{what} must have a step of {msg.width * pixel_size} or more, got {msg.step}")
+    size = msg.step * math.ceil(msg.height * PLANES.get(msg.encoding, 1))
+    if len(data) != size:
+        raise ValueError(f"{what} with step {msg.step} must have {size} bytes, got {len(data)}")
+    rows = data[: msg.height * msg.step].reshape(msg.height, msg.step)[:, : msg.width * pixel_size]
+    if pixel_size == 1 and conversion is None:
+        return rows
+    pixels = rows.reshape(msg.height, msg.width, pixel_size)
+    if conversion is None:
+        return np.asarray(cv2.extractChannel(pixels, 0 if msg.is_bigendian else 1))
+    return np.asarray(cv2.cvtColor(pixels, conversion))
+
+
+def _same(frame: Image, other: Image) -> bool:
+    """Whether two images are equal; a few rows tell those of a living camera apart."""
+    return np.array_equal(frame[::16], other[::16]) and np.array_equal(frame, other)
+
+
+def _apart(a: Pose, b: Pose) -> bool:
+    return bool(np.hypot(a.x - b.x, a.y - b.y) > REPLACED)
+
+
+def main() -> None:
+    run_node(TrackerNode)

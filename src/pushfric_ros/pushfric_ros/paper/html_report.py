@@ -1,0 +1,659 @@
+"""The reproduction as one self-contained HTML page: every table and figure beside the paper's numbers."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import jinja2
+import numpy as np
+
+from pushfric_core.simulation import TABLE_1
+from pushfric_ros.paper.experiments import CONDUCT, GRIDS
+from pushfric_ros.paper.tables import Nested
+
+CLOSE = 0.3
+"""A number within this share of the reference agrees with it."""
+
+CLOSE_MU = 0.05
+"""A coefficient of friction of Table 3 within this of the reference agrees with it."""
+
+SURE = 0.95
+"""What holds in this share of the seeds counts as reproduced: 19 of 20."""
+
+NONE = "\N{EN DASH}"
+INFEASIBLE = "\N{INFINITY}"
+
+MEASURED = {"delrin": "0.1 … 0.3", "wood": "0.2 … 0.4", "rubber": "0.7 … 1.1"}
+"""The author's own measurements of mu_c, Table 3."""
+
+
+class Cell(NamedTuple):
+    """A number of the report."""
+
+    text: str
+    detail: str = ""  # quartiles, or of how many
+    tone: str = ""  # class of the style sheet
+
+
+class Table(NamedTuple):
+    """Numbers in rows; a row of one cell is a heading over those that follow it."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    groups: Sequence[tuple[str, int]] = ()  # heads over so many columns each
+
+
+class Section(NamedTuple):
+    """A table or a figure of the paper."""
+
+    key: str
+    title: str
+    text: str
+    table: Table | None = None
+
+
+def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
+    """The page.
+
+    Args:
+        summary: the content of tables.json.
+        figures: SVG elements by key.
+    """
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(PAGE).render(
+        seeds=summary["seeds"],
+        code=summary["code"],
+        verdicts=_verdicts(summary),
+        sections=_sections(summary),
+        figures=figures,
+        misses=_misses(summary),
+        differing=_differing(summary),
+        close=round(100 * CLOSE),
+        close_mu=CLOSE_MU,
+        infeasible=INFEASIBLE,
+    )
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """A number for people, in a cell."""
+    if value is None:
+        return NONE
+    # adding zero takes the sign off a zero
+    return INFEASIBLE if math.isinf(value) else f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def agrees(leaf: Nested, absolute: float | None = None) -> bool | None:
+    """Whether a number is near enough to the reference; None without one.
+
+    Args:
+        leaf: of tables.json.
+        absolute: how near; without it, within `CLOSE` of the reference's size.
+    """
+    if "held" in leaf:
+        return bool(leaf["held"] >= SURE * leaf["of"])
+    if "reference" not in leaf:
+        return None
+    allowed = CLOSE * abs(leaf["reference"]) if absolute is None else absolute
+    return bool(abs(leaf["median"] - leaf["reference"]) <= allowed)
+
+
+def measured(leaf: Nested, digits: int = 2, absolute: float | None = None) -> Cell:
+    """Median and quartiles; how often, for a truth value."""
+    tone = {True: "good", False: "off", None: ""}[agrees(leaf, absolute)]
+    if "held" in leaf:
+        return Cell(f"{leaf['held']} of {leaf['of']}", tone=tone)
+    low, high = leaf["quartiles"]
+    same = number(low, digits) == number(high, digits)
+    return Cell(number(leaf["median"], digits), "" if same else f"{number(low, digits)} … {number(high, digits)}", tone)
+
+
+def _paper(leaf: Nested, digits: int = 2) -> Cell:
+    return Cell("yes" if leaf.get("paper") is True else number(leaf.get("paper"), digits))
+
+
+def _reference(leaf: Nested, digits: int = 2) -> Cell:
+    return Cell(number(leaf.get("reference"), digits))
+
+
+def _all(leaf: Nested, digits: int = 2, absolute: float | None = None) -> list[Cell]:
+    return [_paper(leaf, digits), _reference(leaf, digits), measured(leaf, digits, absolute)]
+
+
+def _point(leaf: Nested, source: str) -> Cell:
+    """The centre of friction as the paper prints it."""
+    known = [leaf[axis].get(source) for axis in ("x", "y")]
+    return Cell(NONE if None in known else f"({number(known[0])}, {number(known[1])})")
+
+
+def _sections(summary: Nested) -> list[Section]:
+    """In the paper's order."""
+    whole = float(np.prod(TABLE_1["delrin_rect_right"].outline.size)) * 1e4
+    return [
+        Section(
+            "table1",
+            "Table 1: data points",
+            "How many data points the pushes of each object gave. Contacts are evenly spaced along the edges; those of the "
+            f"objects on feet lie nearer to the middle, at {100 * CONDUCT['delrin_square3'].closer:.0f} % (square) and "
+            f"{100 * CONDUCT['wood_rect4'].closer:.0f} % (others) of the even distance, as nearer to its corners an object "
+            "turns about a foot. Pushes run over the whole stroke of 5 cm; those of the flat objects, which in the paper "
+            "“tended to rotate quickly, resulting in fewer useful data points”, end after a turn of "
+            f"{math.degrees(CONDUCT['delrin_rect_center'].longest_turn):.0f}°.",
+            Table(
+                ("object", "paper", "this run"),
+                [
+                    [Cell(name), _paper(leaf["data_points"], 0), measured(leaf["data_points"], 0)]
+                    for name, leaf in summary["table1"].items()
+                ],
+            ),
+        ),
+        Section(
+            "figure3",
+            "Figure 3: trajectories",
+            "Two pushes of rubber_rect4 in the table frame, as the camera saw them, smoothed: outline and contact at each data "
+            "point, darker with time. The pusher moves upwards along x = 0.",
+        ),
+        Section(
+            "table2",
+            "Table 2 and Figure 4: centre of friction over four grids",
+            "Estimated p_CF, and its error in percent of the object's sides. The figure shows the grids, and each seed's "
+            "estimate beside the paper's.",
+            _table2(summary["table2"]),
+        ),
+        Section(
+            "figure5",
+            "Figure 5: support friction distribution",
+            "w over 15 points, of which the corners are the feet. The figure shows one seed.",
+            _figure5(summary["figure5"]),
+        ),
+        Section(
+            "figure6",
+            "Figure 6: feet that are not on the grid",
+            "w of delrin_square3 over 6 by 6 points; the figure shows one seed. In the paper, too, w gathers at the points "
+            "near the feet; it gives no number.",
+            Table(
+                ("", "reference", "this run"),
+                [
+                    [Cell(label), _reference(leaf), measured(leaf)]
+                    for label, leaf in (
+                        ("share of w within 1 cm of a foot", summary["figure6"]["weight_within_1_cm"]),
+                        ("error of p_CF in x [%]", summary["figure6"]["percent_x"]),
+                        ("error of p_CF in y [%]", summary["figure6"]["percent_y"]),
+                    )
+                ],
+            ),
+        ),
+        Section(
+            "table3",
+            "Table 3: contact friction",
+            "Values below which 90 % and 100 % of the lower bounds on mu_c lie; of the pushes with slipping contact, the "
+            "lowest and the highest bound.",
+            _table3(summary["table3"]),
+        ),
+        Section(
+            "figure7",
+            "Figure 7: a vision error in one push",
+            "Lower bounds on mu_c of one seed. The outlier of (a) comes from a bad push of six data points; (b) leaves it out.",
+        ),
+        Section(
+            "figure8",
+            "Figure 8: slipping contact",
+            "Lower bounds on mu_c of one seed. Where the contact sticks, they say little (a); pushes at sharp angles slip, "
+            "and gather around mu_c (b).",
+        ),
+        Section(
+            "table4",
+            "Table 4: which centre of friction has delrin_rect_center?",
+            "Fit error of each hypothesis, and its ratio to the best one. Errors are scaled to the paper's 36 data points. All "
+            "but the last column are the paper's method, cor_radius 0; the last one frees supports near the centre of "
+            "rotation, which is pushfric's default.",
+            _recognition(summary, "table4"),
+        ),
+        Section(
+            "table5",
+            "Table 5: which one has delrin_rect_right?",
+            "The same, scaled to 32 data points.",
+            _recognition(summary, "table5"),
+        ),
+        Section(
+            "figure9",
+            "Figure 9: orientation of wood_rect3",
+            "Median fit error over all seeds, with quartiles. In the table: how often the true orientation fits best.",
+            _orientations(summary, "figure9"),
+        ),
+        Section(
+            "figure10",
+            "Figure 10: orientation of delrin_square3",
+            "As Figure 9, with four orientations. Within wide contact intervals several orientations may fit exactly; then "
+            "none is best. The last two columns use 85 of the data points, drawn at random: as many as the paper had.",
+            _orientations(summary, "figure10", "figure10_fewer_data_points"),
+        ),
+        Section(
+            "figure11",
+            "Figure 11: how many data points are enough",
+            "rubber_rect4: error of p_CF from random subsets of the data points, mean of 10 samplings. In the paper it "
+            "“decreases little after 20 data points”, and nearly all samplings of 20 and more find the four supports.",
+            Table(
+                ("data points", "reference", "this run", "reference", "this run", "this run"),
+                [
+                    [
+                        Cell(points.removeprefix("points_")),
+                        *_all(leaf["percent_x"])[1:],
+                        *_all(leaf["percent_y"])[1:],
+                        measured(leaf["share_with_correct_supports"]),
+                    ]
+                    for points, leaf in summary["figure11"].items()
+                ],
+                (("", 1), ("error in x [%]", 2), ("error in y [%]", 2), ("share with the four supports", 1)),
+            ),
+        ),
+        Section(
+            "figure12",
+            "Figure 12: two rods that pushing cannot tell apart",
+            "Sections f_x = 0 of their limit surfaces. They differ, but what frictionless pushes along the rod reach (blue) is "
+            "the same. The table gives the largest difference of the reachable wrenches; then by how many standard deviations "
+            "the best single push tells the rods apart, for displacements seen within 0.1 mm and 1 mrad over 1 cm, lengths "
+            "scaled to a half rod of 1 m.",
+            Table(
+                ("", "paper", "this run"),
+                [
+                    [Cell(label), Cell(paper), Cell(number(summary["figure12"][key]["median"]))]
+                    for label, key, paper in (
+                        ("largest difference of reachable wrenches", "largest_difference_of_reachable_wrenches", "identical"),
+                        ("standard deviations, without friction", "deviations_without_friction", "indistinguishable"),
+                        ("standard deviations, with a mu_c of 1", "deviations_with_mu_c_1", NONE),
+                    )
+                ],
+            ),
+        ),
+        Section(
+            "test_pushes",
+            "Section 6.2: without support points",
+            "delrin_rect_right: each push cuts off the side of its line of motion on which p_CF cannot be. The paper describes "
+            "the method and gives no numbers.",
+            Table(
+                ("", "this run"),
+                [
+                    [Cell(label), measured(summary["test_pushes"][key])]
+                    for label, key in (
+                        (f"area left of {number(whole)} cm²", "area_cm2"),
+                        ("error of its centroid in x [%]", "percent_x"),
+                        ("error of its centroid in y [%]", "percent_y"),
+                    )
+                ],
+            ),
+        ),
+        Section(
+            "figure13",
+            "Figure 13 and section 7: least squares",
+            "wood_rect4. Unconstrained least squares, by singular value decomposition, serves while the supports are known and "
+            "breaks down on 15 points. Least squares with w ≥ 0 and the linear program do not.",
+            _figure13(summary["figure13"]),
+        ),
+    ]
+
+
+def _table2(numbers: Nested) -> Table:
+    rows = []
+    for name, grids in numbers.items():
+        x, y = TABLE_1[name].support.center_of_friction * 100
+        rows.append([Cell(f"{name}: p_CF at ({number(x, 1)}, {number(y, 1)})")])
+        for grid, leaf in grids.items():
+            rows.append(
+                [
+                    Cell(grid.removeprefix("grid_")),
+                    _point(leaf, "paper"),
+                    _point(leaf, "median"),
+                    _paper(leaf["percent_x"], 1),
+                    measured(leaf["percent_x"]),
+                    _paper(leaf["percent_y"], 1),
+                    _reference(leaf["percent_y"]),
+                    measured(leaf["percent_y"]),
+                ]
+            )
+    return Table(
+        ("points", "paper", "this run", "paper", "this run", "paper", "reference", "this run"),
+        rows,
+        (("", 1), ("p_CF [cm]", 2), ("error in x [%]", 2), ("error in y [%]", 3)),
+    )
+
+
+def _table3(numbers: Nested) -> Table:
+    rows = []
+    for name, leaves in numbers.items():
+        label = name.replace("_all_data", ", with the bad push").replace("_slipping", ", slipping contact only")
+        known = TABLE_1[name.removesuffix("_all_data").removesuffix("_slipping")]
+        low, high = (leaves[key] for key in (("low", "high") if "low" in leaves else ("p90", "p100")))
+        rows.append(
+            [
+                Cell(label),
+                *_all(low, absolute=CLOSE_MU),
+                *_all(high, absolute=CLOSE_MU),
+                Cell(MEASURED[name.split("_")[0]]),
+                Cell(number(known.mu_c, 1)),
+            ]
+        )
+    return Table(
+        ("object", "paper", "reference", "this run", "paper", "reference", "this run", "measured", "simulated"),
+        rows,
+        (("", 1), ("90 %, or lowest", 3), ("100 %, or highest", 3), ("paper", 1), ("truth", 1)),
+    )
+
+
+def _figure5(numbers: Nested) -> Table:
+    labels = {
+        "corners_are_top_four": ("the four largest weights are the feet", 0, None),
+        "weight_at_corners": ("share of w at the feet", 2, None),
+        "nonzero_weights": ("nonzero weights", 0, None),
+        "percent_x": ("error of p_CF in x [%]", 2, "< 2"),
+        "percent_y": ("error of p_CF in y [%]", 2, "< 2"),
+    }
+    rows = []
+    for key, (label, digits, said) in labels.items():
+        row = [Cell(label)]
+        for leaves in numbers.values():
+            row += [Cell(said) if said else _paper(leaves[key], digits), measured(leaves[key], digits)]
+        rows.append(row)
+    return Table(("", "paper", "this run", "paper", "this run"), rows, (("", 1), *((name, 2) for name in numbers)))
+
+
+def _recognition(summary: Nested, table: str) -> Table:
+    rows = []
+    for size in GRIDS:
+        numbers, freed = summary[table][f"grid_{size}"], summary[f"{table}_default"][f"grid_{size}"]
+        right, right_freed = measured(numbers["correct"]), measured(freed["correct"])
+        rows.append(
+            [Cell(f"{size} points: the right one in {right.text}; with cor_radius auto in {right_freed.text}", tone=right.tone)]
+        )
+        for name in ("left", "center", "right"):
+            error, ratio = numbers[f"error_{name}"], numbers[f"ratio_{name}"]
+            rows.append([Cell(name), *_all(error), *_all(ratio), measured(freed[f"ratio_{name}"])])
+    return Table(
+        ("hypothesis", "paper", "reference", "this run", "paper", "reference", "this run", "this run"),
+        rows,
+        (("", 1), ("fit error [cm]", 3), ("ratio to the best", 3), ("with cor_radius auto", 1)),
+    )
+
+
+def _orientations(summary: Nested, *keys: str) -> Table:
+    cases = [summary[key][case] for key in keys for case in ("supports", "supports_and_center")]
+    rows = [
+        [
+            Cell(half_width.removeprefix("half_width_").replace("_", " ")),
+            *(measured(case[half_width]["correct"]) for case in cases),
+        ]
+        for half_width in cases[0]
+    ]
+    heads = ("half-width", *("supports only", "with p_CF") * len(keys))
+    return Table(heads, rows, (("", 1), ("all data points", 2), ("85 data points", 2)) if len(keys) > 1 else ())
+
+
+def _figure13(numbers: Nested) -> Table:
+    labels = {
+        "feet": "least squares, actual supports",
+        "grid_15": "least squares, 15 points",
+        "grid_15_nonnegative": "least squares with w ≥ 0, 15 points",
+        "grid_15_linear_program": "linear program, 15 points",
+    }
+    parts = {"percent_x": "error in x [%]", "percent_y": "error in y [%]", "w_min": "least weight", "w_max": "largest weight"}
+    rows = []
+    for case, label in labels.items():
+        leaf = numbers[case]
+        rows.append([Cell(label)])
+        rows.append([Cell("p_CF [cm]"), _point(leaf, "paper"), _point(leaf, "reference"), _point(leaf, "median")])
+        rows += [[Cell(part), *_all(leaf[key])] for key, part in parts.items()]
+    return Table(("", "paper", "reference", "this run"), rows)
+
+
+def leaves(nested: Nested, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Nested]]:
+    """All leaves of tables.json, with the keys that lead there."""
+    for key, value in nested.items():
+        if isinstance(value, dict):
+            if {"median", "held"} & value.keys():
+                yield (*path, key), value
+            else:
+                yield from leaves(value, (*path, key))
+
+
+def ratios(summary: Nested) -> list[Nested]:
+    """Of the wrong hypotheses of Tables 4 and 5, on grids of 9 points and more."""
+    return [
+        leaf
+        for table, truth in (("table4", "center"), ("table5", "right"))
+        for grid in ("grid_9", "grid_15", "grid_24")
+        for key, leaf in summary[table][grid].items()
+        if key.startswith("ratio") and key != f"ratio_{truth}"
+    ]
+
+
+def _verdicts(summary: Nested) -> list[Cell]:
+    """The claims of the paper, and whether they hold here; the worst case of each."""
+
+    def worst(found: Sequence[Nested]) -> tuple[str, bool]:
+        leaf = min(found, key=lambda one: one["held"] / one["of"])
+        return measured(leaf).text, bool(agrees(leaf))
+
+    def near(found: Sequence[Nested], absolute: float | None = None) -> tuple[str, bool]:
+        close = [agrees(leaf, absolute) for leaf in found if "reference" in leaf]
+        return f"{sum(map(bool, close))} of {len(close)}", all(close)
+
+    flat_and_wood = [
+        leaf for name in ("delrin_rect_center", "delrin_rect_right", "wood_rect4") for leaf in summary["table3"][name].values()
+    ]
+    published = [leaf for leaf in ratios(summary) if abs(leaf["median"] / leaf["paper"] - 1) <= CLOSE]
+    found = (
+        (
+            "the right one of three look-alikes (Tables 4 and 5, each grid of 9 points and more)",
+            worst([summary[table][f"grid_{size}"]["correct"] for table in ("table4", "table5") for size in (9, 15, 24)]),
+        ),
+        (f"ratios of Tables 4 and 5 within {CLOSE:.0%} of the reference".replace("%", " %"), near(ratios(summary))),
+        (
+            f"the same within {CLOSE:.0%} of the paper".replace("%", " %"),
+            (f"{len(published)} of {len(ratios(summary))}", len(published) == len(ratios(summary))),
+        ),
+        (
+            "the four feet found among 15 points (Figure 5, each object)",
+            worst([figure["corners_are_top_four"] for figure in summary["figure5"].values()]),
+        ),
+        (
+            "the true orientation (Figures 9 and 10, each half-width)",
+            worst(
+                [leaf["correct"] for key in ("figure9", "figure10") for case in summary[key].values() for leaf in case.values()]
+            ),
+        ),
+        (
+            f"mu_c of wood_rect4 and the flat objects within {CLOSE_MU} of the reference (Table 3)",
+            near(flat_and_wood, CLOSE_MU),
+        ),
+    )
+    return [Cell(text, claim, "good" if holds else "off") for claim, (text, holds) in found]
+
+
+def _misses(summary: Nested) -> list[tuple[str, str]]:
+    """What does not reproduce: the fact with this run's number, and the likely reason."""
+
+    def beside(leaf: Nested, digits: int = 2, unit: str = "") -> str:
+        return f"{number(leaf['paper'], digits)}{unit} there, {number(leaf['median'], digits)}{unit} here"
+
+    table1, table2, table3, table5 = (summary[f"table{index}"] for index in (1, 2, 3, 5))
+    slip, wood3, bad = table3["rubber_rect4_slipping"], table3["wood_rect3"], table3["wood_rect4_all_data"]
+    rubber = table3["rubber_rect4"]
+    coarse, middle, grid = table5["grid_9"], table5["grid_15"], summary["figure13"]["grid_15"]
+    errors_y = [f"{name} {beside(grids['grid_24']['percent_y'], 1, ' %')}" for name, grids in table2.items()]
+    counts = [f"{name} {beside(leaf['data_points'], 0)}" for name, leaf in table1.items()]
+    return [
+        (
+            f"Table 1, numbers of data points: {'; '.join(counts)}.",
+            "No frame is lost here, and each push of an object on feet runs over the whole stroke. Where the paper's pushes "
+            "ended it does not say. Where they end here was chosen with the reference's numbers in view, so agreement with "
+            "them is not wholly independent.",
+        ),
+        (
+            f"Table 2, errors in y with 24 points: {'; '.join(errors_y)}.",
+            "From 9 points on, the paper's errors in y all have the same sign, for both objects: a bias of its camera or its "
+            "table, such as a tilt or a misplaced origin. The simulation has none, and its p_CF scatter about the truth.",
+        ),
+        (
+            f"The 4-point grid: a fit error of {beside(summary['table4']['grid_4']['error_center'], 0, ' cm')}. The right "
+            f"one of Table 5 is found in {measured(table5['grid_4']['correct']).text}; elsewhere another one fits as well, or "
+            "none has any w with which the pusher never pulls.",
+            "Four points at the corners cannot stand for a flat bottom, so the number says most about where exactly they were "
+            "and which pushes were made, which the paper does not tell. Its own ratios are 1.00 to 1.06.",
+        ),
+        (
+            f"Table 5 on coarse grids: the ratio of the hypothesis left is {beside(coarse['ratio_left'])} with 9 points, "
+            f"{beside(middle['ratio_left'])} with 15; the true one fits with {beside(coarse['error_right'], 1, ' cm')} and "
+            f"{beside(middle['error_right'], 1, ' cm')}.",
+            "In the paper coarse grids serve delrin_rect_right worse than delrin_rect_center; here they serve both alike. The "
+            "weight on top, which here tilts the pressure linearly, probably concentrated it.",
+        ),
+        (
+            f"Table 3, wood_rect3: 90 % {beside(wood3['p90'])}; 100 % {beside(wood3['p100'])}.",
+            "Where its three feet are is a guess. Each bears a third of the load and so holds the centre of rotation in many "
+            "pushes; the direction of its own force is then unknown, and the plain rows of the paper are wrong.",
+        ),
+        (
+            f"Table 3, the bad push of wood_rect4: {beside(bad['p100'])}.",
+            "How large the paper's vision error was it does not say; here the object seems to jump by 8 mm.",
+        ),
+        (
+            f"Table 3, rubber_rect4: 90 % {beside(rubber['p90'])}; 100 % {beside(rubber['p100'])}.",
+            "Pushes that do not slip tell little of a high mu_c; the largest bound depends on a single data point.",
+        ),
+        (
+            f"Figure 5, nonzero weights of rubber_rect4: {beside(summary['figure5']['rubber_rect4']['nonzero_weights'], 0)}.",
+            "Noise gives a few other points small weights; that there were none in the paper is a matter of one data set.",
+        ),
+        (
+            f"The spread of Figure 8 (b): {number(slip['low']['paper'])} to {number(slip['high']['paper'])} there, "
+            f"{number(slip['low']['median'])} to {number(slip['high']['median'])} here.",
+            "The simulated mu_c is one number; a rubber band's varies from place to place and with speed.",
+        ),
+        (
+            f"Figure 13 on 15 points: weights from {number(grid['w_min']['paper'], 1)} to {number(grid['w_max']['paper'], 1)} "
+            f"there, {number(grid['w_min']['median'], 1)} to {number(grid['w_max']['median'], 1)} here.",
+            "How large they get depends on the smallest singular values of one data set; they mean nothing in either.",
+        ),
+        (
+            "Errors of p_CF in Table 2 and Figures 11 and 13 are not those of the reference, mostly smaller: see below.",
+            "They depend on where the contacts lie and when a push ends, which need not be the same in the two simulations.",
+        ),
+    ]
+
+
+def _differing(summary: Nested) -> Table:
+    """Each number that does not agree with the reference."""
+    rows = []
+    for path, leaf in leaves(summary):
+        absolute = CLOSE_MU if path[0] == "table3" else None
+        if agrees(leaf, absolute) is False and "reference" in leaf:
+            rows.append([Cell(" / ".join(path)), *_all(leaf, absolute=absolute)])
+    return Table(("", "paper", "reference", "this run"), rows)
+
+
+PAGE = """\
+<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Lynch 1993, reproduced</title>
+<style>
+:root { --ink: #222; --soft: #6b6b6b; --line: #e4e2dd; --paper: #fbfaf7; --blue: #2563a8; --good: #2f7d4f; --off: #c2410c; }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.55 system-ui, sans-serif; }
+main { max-width: 72rem; margin: 0 auto; padding: 3rem 1.5rem 5rem; }
+h1 { font-size: 2.1rem; line-height: 1.2; margin: 0 0 .4rem; }
+h2 { font-size: 1.25rem; margin: 0 0 .3rem; }
+p { margin: .3rem 0 1rem; max-width: 52rem; }
+.soft { color: var(--soft); }
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(18rem, 1fr)); gap: 1rem; margin: 2rem 0; }
+.card { background: #fff; border: 1px solid var(--line); border-radius: .6rem; padding: 1rem 1.1rem; font-size: .9rem; }
+.card b { display: block; font-size: 1.7rem; }
+nav { columns: 2 20rem; margin: 0 0 1rem; font-size: .92rem; }
+nav a { display: block; color: var(--blue); text-decoration: none; }
+nav a:hover { text-decoration: underline; }
+section { background: #fff; border: 1px solid var(--line); border-radius: .6rem; padding: 1.4rem 1.6rem; margin: 1.4rem 0; }
+figure { margin: .6rem 0 1rem; } figure svg { width: 100%; max-width: 58rem; height: auto; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; margin: .5rem 0; }
+th, td { text-align: right; padding: .25rem .7rem; border-bottom: 1px solid var(--line); }
+th { font-weight: 600; color: var(--soft); vertical-align: bottom; }
+th.over { text-align: center; border-bottom-color: var(--soft); } th.over:empty { border-bottom: 0; }
+td { white-space: nowrap; vertical-align: top; }
+td.under { padding-top: 1rem; font-weight: 600; }
+th:first-child, td:first-child { text-align: left; padding-left: 0; }
+td small { display: block; color: var(--soft); font-weight: 400; font-size: .76rem; line-height: 1.1; }
+.good { color: var(--good); font-weight: 600; } .off { color: var(--off); font-weight: 600; }
+dt { font-weight: 600; margin-top: .9rem; max-width: 58rem; } dd { margin: .1rem 0 0; color: var(--soft); max-width: 58rem; }
+h3 { font-size: 1rem; margin: 1.6rem 0 .2rem; }
+</style>
+</head>
+<body>
+{% macro numbers(table) %}
+<div class="wide"><table>
+{% if table.groups %}
+<tr>{% for head, columns in table.groups %}<th class="over" colspan="{{ columns }}">{{ head }}</th>{% endfor %}</tr>
+{% endif %}
+<tr>{% for head in table.heads %}<th>{{ head }}</th>{% endfor %}</tr>
+{% for row in table.rows %}
+{% if row | length == 1 %}
+<tr><td class="under" colspan="{{ table.heads | length }}">{{ row[0].text }}</td></tr>
+{% else %}
+<tr>
+{% for cell in row %}
+<td><span class="{{ cell.tone }}">{{ cell.text }}</span>{% if cell.detail %}<small>{{ cell.detail }}</small>{% endif %}</td>
+{% endfor %}
+</tr>
+{% endif %}
+{% endfor %}
+</table></div>
+{% endmacro %}
+<main>
+<h1>Estimating the friction parameters of pushed objects</h1>
+<p class="soft">The tables and figures of Lynch 1993 from simulated pushes of its six objects: {{ seeds }}
+{{ 'seed' if seeds == 1 else 'seeds' }} of camera noise and of the operator's hand, estimated by the paper's method. Each
+number of “this run” was computed in it: the median over the seeds, and the quartiles below.</p>
+<div class="cards">
+{% for card in verdicts %}
+<div class="card"><b class="{{ card.tone }}">{{ card.text }}</b>{{ card.detail }}</div>
+{% endfor %}
+</div>
+<p>The reference is the median of another simulation with the same noise, written apart from this one.
+<span class="good">Green</span>: within {{ close }} % of the reference (mu_c: within {{ close_mu }} of it), or held in 19 of
+20 seeds. <span class="off">Red</span>: not. {{ infeasible }}: infeasible, no w lets the pusher push in all data points.
+Lengths are in centimetres unless said otherwise; the unit of force is the support friction of the translating object.</p>
+<nav>
+{% for section in sections %}
+<a href="#{{ section.key }}">{{ section.title }}</a>
+{% endfor %}
+<a href="#misses">What does not reproduce, and why</a>
+</nav>
+{% for section in sections %}
+<section id="{{ section.key }}">
+<h2>{{ section.title }}</h2>
+<p>{{ section.text }}</p>
+{% if section.key in figures %}
+<figure>{{ figures[section.key] | safe }}</figure>
+{% endif %}
+{% if section.table %}
+{{ numbers(section.table) }}
+{% endif %}
+</section>
+{% endfor %}
+<section id="misses">
+<h2>What does not reproduce, and why</h2>
+<dl>
+{% for fact, reason in misses %}
+<dt>{{ fact }}</dt><dd>{{ reason }}</dd>
+{% endfor %}
+</dl>
+{% if differing.rows %}
+<h3>All numbers that do not agree with the reference</h3>
+{{ numbers(differing) }}
+{% endif %}
+</section>
+<p class="soft">Fingerprint of the code: {{ code }}</p>
+</main>
+</body>
+</html>
+"""

@@ -1,0 +1,131 @@
+"""`pushfric reproduce`: the paper's experiments over many seeds, parallel and resumable, as tables.json and an HTML report."""
+
+import importlib
+import json
+import os
+import pathlib
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from joblib import Parallel, delayed
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_ros.paper.experiments import CODE, rods, run_seed
+from pushfric_ros.paper.figures import figures
+from pushfric_ros.paper.html_report import html_report
+from pushfric_ros.paper.tables import Nested, tables
+from pushfric_ros.report.report import to_json
+
+DASK_TIMEOUT = "10s"
+"""How long the scheduler of a Dask cluster may take to answer."""
+
+
+class WorkerDiffers(PushfricError):
+    """A worker of the cluster runs another version of the code than this machine."""
+
+
+def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, console: Console) -> tuple[Nested, pathlib.Path]:
+    """Run the experiments of the seeds 0, 1 ... that DIR does not hold yet, and write the report on all.
+
+    Args:
+        out: folder; each seed's result is kept in its `seeds`, and serves again while the code is the same.
+        seeds: how many.
+        jobs: processes on this machine; -1: one for each core.
+        dask: address of the scheduler of a Dask cluster that takes their place.
+        console: for the progress bar.
+    Returns:
+        The tables, and the path of the report.
+    Raises:
+        InvalidInput: the folder cannot be written, or no cluster answers.
+        WorkerDiffers: results came from other code than this machine's.
+    """
+    try:
+        (out / "seeds").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{out}: cannot be made a folder: {error.strerror}") from error
+    kept = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
+    results = {seed: found for seed, found in kept.items() if found["code"] == CODE}
+    if len(results) < len(kept):
+        console.print(f"{out}: seeds from other code, computed anew: {len(kept) - len(results)}", markup=False)
+    missing = [seed for seed in range(seeds) if seed not in results]
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("seeds", total=seeds, completed=len(results))
+        for result in _on_cluster(missing, dask) if dask else _on_this_machine(missing, jobs):
+            if result["code"] != CODE:
+                raise WorkerDiffers(f"the worker of seed {result['seed']} runs another version of pushfric; update it")
+            _keep(out, result)
+            results[result["seed"]] = result
+            progress.advance(task)
+    rod_numbers, rod_drawings = rods()
+    summary = tables([{**results[seed]["numbers"], "figure12": rod_numbers} for seed in range(seeds)])
+    summary = {"seeds": seeds, "code": CODE, **summary}
+    _write(out / "tables.json", to_json(summary) + "\n")
+    report = out / "report.html"
+    _write(report, html_report(summary, figures(summary, [results[seed] for seed in range(seeds)], rod_drawings)))
+    return summary, report
+
+
+def _on_this_machine(seeds: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
+    parallel = Parallel(jobs, return_as="generator_unordered", initializer=_end_with, initargs=(os.getpid(),))
+    yield from parallel(delayed(run_seed)(seed) for seed in seeds)
+
+
+def _end_with(parent: int) -> None:
+    """Let this worker process end with its parent, even where that was killed: joblib's would stay for ever."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="end with the parent", daemon=True).start()
+
+
+def _on_cluster(seeds: Iterable[int], address: str) -> Iterator[dict[str, Any]]:
+    # a second of importing, which only those who have a cluster should wait for
+    distributed = importlib.import_module("distributed")
+    try:
+        client = distributed.Client(address, timeout=DASK_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"--dask: no scheduler answers at {address}: {error}") from error
+    with client:
+        futures = client.map(run_seed, list(seeds), pure=False)
+        for _, result in distributed.as_completed(futures, with_results=True):
+            yield result
+
+
+def _path(out: pathlib.Path, seed: int) -> pathlib.Path:
+    return out / "seeds" / f"{seed:04}.json"
+
+
+def _kept(out: pathlib.Path, seed: int) -> dict[str, Any] | None:
+    """The result of a seed from an earlier call, of whatever code; None where there is none."""
+    path = _path(out, seed)
+    if not path.exists():
+        return None
+    try:
+        result: dict[str, Any] = json.loads(path.read_text())
+        if (result["seed"], type(result["code"])) != (seed, str):
+            raise ValueError(f"it is not the result of seed {seed}")
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise InvalidInput(f"{path}: cannot be read: {error}; remove it to have it computed anew") from error
+    return result
+
+
+def _keep(out: pathlib.Path, result: dict[str, Any]) -> None:
+    # unlike to_json, which is for readers in any language, this keeps infinite numbers as such
+    _write(_path(out, result["seed"]), json.dumps(result))
+
+
+def _write(path: pathlib.Path, text: str) -> None:
+    """All of the file or nothing of it, however the run may end."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)

@@ -1,0 +1,1 @@
+"""What moves the tip: the protocol of a pusher, and its drivers."""

@@ -1,0 +1,218 @@
+"""The figures of a run and of a limit surface, in the manner of the paper's."""
+
+import pathlib
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import Estimate
+from pushfric_core.limit_surface import LimitSurface
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array, Wrench, transform
+from pushfric_core.simulation import TableObject
+from pushfric_ros.messages.conversions import BIN_WIDTH, BINS, histogram
+
+MILLIMETRE = 1e3
+INK, BLUE, RED, GREY, OCHRE = "#222222", "#2563a8", "#c2410c", "#9a9a9a", "#d9a404"
+
+STYLE = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+}
+
+MERIDIANS = 8
+"""Sections through the axis of moments that show the limit surface in space."""
+
+
+def summary_figure(
+    path: pathlib.Path,
+    outline: Outline,
+    estimates: Sequence[Estimate],
+    data: Sequence[Observation],
+    truth: TableObject | None,
+    slipping: Collection[int] = (),
+) -> None:
+    """Four panels: trajectories with contacts (Figure 3), w (Figure 5), mu_c (Figure 8), error of p_CF (Figure 11).
+
+    Args:
+        path: where the image goes; its suffix tells the format.
+        outline: of the object.
+        estimates: after each data point, at least one; the last is drawn.
+        data: the data points, of the last estimate.
+        truth: of a simulated object; without it the last panel shows p_CF itself.
+        slipping: pushes in which the contact is known to slip; their lower bounds on mu_c are shown apart.
+    Raises:
+        InvalidInput: the image cannot be written.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11, 8.4), layout="constrained")
+        trajectories, friction, contact, errors = figure.subplots(2, 2, height_ratios=(1, 1)).ravel()
+        _draw_trajectories(trajectories, outline, data)
+        _draw_support_friction(friction, outline, estimates[-1], truth)
+        _draw_contact_friction(contact, estimates[-1], [one.push_id in slipping for one in data], truth)
+        _draw_center_of_friction(errors, outline, estimates, truth)
+        _save(figure, path)
+
+
+def limit_surface_figure(
+    path: pathlib.Path, surface: LimitSurface, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float
+) -> None:
+    """Two panels: the surface with the part that pushes reach (Figure 12, in space), and a section with both ellipsoids.
+
+    Args:
+        path: where the image goes; its suffix tells the format.
+        surface: of an object.
+        contact_points: (k, 2) where it can be pushed [m].
+        contact_normals: (k, 2) unit, outward.
+        mu_c: contact friction coefficient.
+    Raises:
+        ValueError: as LimitSurface.reachable.
+        SolverFailed: a motion was not found.
+        InvalidInput: the image cannot be written.
+    """
+    scale = np.array((1.0, 1.0, MILLIMETRE))
+    reached = surface.reachable(contact_points, contact_normals, mu_c).wrenches * scale
+    moment = Wrench(0.0, 0.0, 1.0)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(10, 4.4), layout="constrained")
+        space = figure.add_subplot(1, 2, 1, projection="3d")
+        for angle in np.arange(MERIDIANS) * np.pi / MERIDIANS:
+            force = Wrench(float(np.cos(angle)), float(np.sin(angle)), 0.0)
+            section = surface.cross_section(force, moment).points @ (force, moment) * scale
+            space.plot(*_closed(section).T, color=GREY, lw=0.6)
+        for wrenches in reached:
+            space.plot(*wrenches.T, color=BLUE, lw=2, marker="o" if len(wrenches) == 1 else None, ms=3)
+        space.set_box_aspect(None, zoom=1.1)
+        space.set(title="Limit surface, what pushes reach in blue", xlabel="$f_x$", ylabel="$f_y$", zlabel="$m$ [mm]")
+        section = figure.add_subplot(1, 2, 2)
+        force = Wrench(0.0, 1.0, 0.0)
+        section.plot(*_closed(surface.cross_section(force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
+        angles = np.linspace(0, 2 * np.pi, 361)
+        for name, ellipsoid, style in (("axes", surface.ellipsoid(), "--"), ("fitted", surface.fitted_ellipsoid(), ":")):
+            form = ellipsoid.form[1:, 1:]
+            # the inverse of a square root of the form takes the circle to the ellipse
+            ellipse = np.column_stack((np.cos(angles), np.sin(angles))) @ np.linalg.inv(np.linalg.cholesky(form))
+            section.plot(*(ellipse * scale[1:]).T, ls=style, color=RED, lw=1.2, label=f"ellipsoid, {name}")
+        section.set(title="Section $f_x = 0$", xlabel="$f_y$", ylabel="$m$ [mm]")
+        section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
+        _save(figure, path)
+
+
+def _closed(points: Array) -> Array:
+    return np.vstack((points, points[:1]))
+
+
+def _save(figure: Figure, path: pathlib.Path) -> None:
+    known = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:] not in known:
+        raise InvalidInput(
+            f"{path}: not an image's name; expected one that ends with {', '.join(f'.{name}' for name in known)}"
+        )
+    try:
+        figure.savefig(path, dpi=130)
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:
+    """Two pushes: where the object was at each data point, and where the pusher touched it."""
+    pushes = sorted({o.push_id for o in data if o.pose is not None})
+    shown = [pushes[index] for index in sorted({len(pushes) // 5, len(pushes) - 1 - len(pushes) // 5})] if pushes else []
+    shift = 0.0
+    for color, push in zip((BLUE, RED), shown, strict=False):
+        course = [o for o in data if o.push_id == push and o.pose is not None]
+        left = min(transform(o.pose, outline.vertices)[:, 0].min() for o in course if o.pose)
+        right = max(transform(o.pose, outline.vertices)[:, 0].max() for o in course if o.pose)
+        for age, o in enumerate(course):
+            assert o.pose is not None
+            corners = transform(o.pose, _closed(outline.vertices)) + (shift - left, 0)
+            axes.plot(*(corners.T * MILLIMETRE), color=color, lw=1, alpha=0.3 + 0.7 * (age + 1) / len(course))
+            contact = transform(o.pose, o.contact_point) + (shift - left, 0)
+            axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
+        shift += right - left + 0.02
+    title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point"
+    if not shown:  # data points that do not tell where the object was: their contacts, in its frame
+        axes.plot(*(_closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
+        axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=BLUE, ms=3.5, alpha=0.6)
+        title = "Object and contact of each data point"
+    axes.set(title=title, xlabel="mm", ylabel="mm")
+    axes.set_aspect("equal")
+
+
+def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, truth: TableObject | None) -> None:
+    """w as dots of proportional area, an x where it is zero."""
+    corners = _closed(outline.vertices) * MILLIMETRE
+    axes.plot(*corners.T, color=INK, lw=1)
+    points = estimate.support_points * MILLIMETRE
+    zero = estimate.w < 1e-3
+    axes.plot(*points[zero].T, "x", color=GREY, ms=5)
+    axes.scatter(*points[~zero].T, s=1500 * estimate.w[~zero], color=BLUE, alpha=0.8, lw=0, label="estimated $w$")
+    if truth is not None and len(truth.support.points) <= 10:
+        axes.scatter(
+            *(truth.support.points * MILLIMETRE).T,
+            s=1500 * truth.support.weights,
+            facecolors="none",
+            edgecolors=RED,
+            lw=1.2,
+            label="true $w$",
+        )
+    axes.plot(*(estimate.center_of_friction * MILLIMETRE), "+", color=BLUE, ms=12, mew=2, label="estimated $p_{CF}$")
+    if truth is not None:
+        axes.plot(*(truth.support.center_of_friction * MILLIMETRE), "o", mfc="none", color=RED, ms=7, label="true $p_{CF}$")
+    axes.set(title="Support friction distribution", xlabel="x [mm]", ylabel="y [mm]")
+    axes.set_aspect("equal")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, columnspacing=1.2, handletextpad=0.3, markerscale=0.5)
+
+
+def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[bool], truth: TableObject | None) -> None:
+    """Histogram of the lower bounds on mu_c, those of slipping contacts apart; the last bin holds infinite ones as well."""
+    bounds, slips = estimate.contact_friction, np.asarray(slipping)
+    end = (BINS - 1) * BIN_WIDTH
+    left = np.arange(BINS) * BIN_WIDTH
+    axes.bar(left, histogram(bounds), BIN_WIDTH, align="edge", color=BLUE, alpha=0.8)
+    if slips.any():
+        axes.bar(left, histogram(bounds[slips]), BIN_WIDTH, align="edge", color=OCHRE, label="slipping")
+    marks = [
+        ("90 %", estimate.mu_c_p90, {"color": INK, "ls": "--", "lw": 1}),
+        ("100 %", estimate.mu_c_max, {"color": INK, "lw": 1}),
+    ]
+    marks += [("true", truth.mu_c, {"color": RED, "lw": 1.2})] if truth is not None else []
+    for name, value, style in marks:
+        axes.axvline(min(value, end + BIN_WIDTH / 2), label=f"{name}: {value:.2f}", **style)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    last = max(1.0, *(min(value, end) + BIN_WIDTH for _, value, _ in marks))
+    axes.set(title="Lower bounds on $\\mu_c$", xlabel="$\\mu_c$", ylabel="data points", xlim=(0, last))
+    if last > end:
+        axes.set_xticks(
+            [*np.arange(0, end, 0.5), end + BIN_WIDTH / 2], [*(f"{tick:g}" for tick in np.arange(0, end, 0.5)), f">{end:g}"]
+        )
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4, columnspacing=1.2, handlelength=1.0)
+
+
+def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
+    """p_CF against the number of data points: its error in percent of the sides, or where it is."""
+    counts = [estimate.data_points for estimate in estimates]
+    centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
+    if truth is None:
+        for course, color, label in zip(centers.T * MILLIMETRE, (BLUE, RED), ("x", "y"), strict=True):
+            axes.plot(counts, course, color=color, label=label)
+        axes.set(title="Centre of friction", xlabel="data points", ylabel="mm")
+    else:
+        percent = 100 * np.abs(centers - truth.support.center_of_friction) / outline.size
+        for side, color, label in zip(percent.T, (BLUE, RED), ("x", "y"), strict=True):
+            axes.plot(counts, side, color=color, label=label)
+        axes.axhline(2, color=GREY, ls=":", lw=1)
+        axes.set(title="Error of $p_{CF}$", xlabel="data points", ylabel="% of the side", yscale="log", ylim=(0.01, None))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    axes.legend()

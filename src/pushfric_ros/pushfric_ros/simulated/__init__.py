@@ -1,0 +1,1 @@
+"""The simulated cell's camera and motion controller."""

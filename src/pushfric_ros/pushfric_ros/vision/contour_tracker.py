@@ -1,0 +1,197 @@
+"""Sees a bright object on a dark table: its pose, by fitting the known outline to its edge, to a few hundredths of a pixel."""
+
+import cmath
+import math
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array, Pose, wrap
+from pushfric_ros.vision.camera import Camera, Image
+from pushfric_ros.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, NotSeen, Sighting, edge_samples
+
+AREA_RANGE = (0.6, 1.6)
+"""A blob of this much of the outline's area may be the object."""
+SPECK_AREA = 0.1
+"""What covers less of the outline's area is ignored."""
+
+_SHRUNK_WIDTH_PX = 10  # inradius of the object in the shrunk image that blobs are sought in, at least
+_COARSE_SAMPLES = 360  # over the outline; divisible by the orders of symmetry
+_SYMMETRIES = (1, 2, 3, 4, 5, 6, 8)
+_EDGE_SAMPLES = 80
+_MIN_EDGE_SAMPLES = 24
+
+
+class ContourTracker:
+    """Finds one object of known outline.
+
+    Args:
+        camera: lens and table.
+        outline_vertices: (n, 2) of the object's bright top face, object frame [m].
+        height: of that face over the table [m].
+        threshold: grey level between table and object; None: found in every frame (Otsu).
+    Raises:
+        InvalidInput: the object is too small or too thin in this camera's image.
+    """
+
+    def __init__(self, camera: Camera, outline_vertices: npt.ArrayLike, height: float, threshold: float | None = None) -> None:
+        self._camera = camera
+        self._height = height
+        self._threshold = threshold
+        self._outline = Outline(np.asarray(outline_vertices, dtype=float))
+        self._pixel = camera.metres_per_pixel(height)
+        inradius = shapely.maximum_inscribed_circle(self._outline.polygon).length / self._pixel
+        self._shrinking = max((n for n in (2, 4, 8) if inradius >= n * _SHRUNK_WIDTH_PX), default=1)
+
+        self._boundary = _boundary_samples(self._outline.vertices)
+        self._boundary_mean = self._boundary.mean()
+        self._boundary_spectrum = np.conj(np.fft.fft(self._boundary - self._boundary_mean)) / _COARSE_SAMPLES
+        self._spread = _spread(self._boundary - self._boundary_mean)
+        squared, _ = self._matches(self._boundary)
+        # k-fold symmetric: shifted by a k-th of its length, the outline matches itself to a fraction of a pixel.
+        alike = squared < (0.1 * self._pixel) ** 2
+        self._symmetry = max(k for k in _SYMMETRIES if alike[_COARSE_SAMPLES // k % _COARSE_SAMPLES])
+
+        # From where the blob puts it, the outline is out by up to half a pixel of the shrunk image.
+        slack_px = max(2, self._shrinking // 2)
+        reach_px = int(np.clip(inradius / 3, *REACH_PX))
+        points, normals = edge_samples(self._outline, (reach_px + slack_px) * self._pixel, _EDGE_SAMPLES)
+        if len(points) < _MIN_EDGE_SAMPLES:
+            raise InvalidInput(f"the object is too small or thin for the tracker: {2 * inradius:.0f} px wide, 25 px are plenty")
+        self._edge_fit = EdgeFit(camera, points, normals, height, reach_px, slack_px)
+
+    @property
+    def symmetry(self) -> int:
+        """How many orientations of the outline look alike."""
+        return self._symmetry
+
+    def track(self, image: Image, expected: Pose | None = None) -> Sighting:
+        """The object's pose in one frame.
+
+        Args:
+            image: (height, width) mono8 frame, the size of the camera's.
+            expected: about where it should be, in the table frame. Of several orientations that fit equally well the
+                nearest to it is taken; None: the nearest to 0.
+        Raises:
+            NotSeen: no object, part of it, more than one, or an outline that does not fit.
+            ValueError: the image has another size or type.
+        """
+        if image.shape != (self._camera.height, self._camera.width) or image.dtype != np.uint8:
+            size = (self._camera.height, self._camera.width)
+            raise ValueError(f"image must be uint8 of shape {size}, got {image.dtype} of shape {image.shape}")
+        blob, contrast = self._blob(image)
+        # most often the object is about where it was
+        if expected is not None and (fit := self._edge_fit.refined(image, expected, contrast)) is not None:
+            return fit._replace(orientations=self._symmetry)
+        heading = 0.0 if expected is None else expected.theta
+        starts = self._coarse_poses(blob, heading)
+        fits = [fit for start in starts if (fit := self._edge_fit.refined(image, start, contrast)) is not None]
+        if not fits:
+            raise NotSeen("outline does not fit")
+        best = min(fit.residual_px for fit in fits)
+        equal = [fit for fit in fits if fit.residual_px <= 1.5 * best]
+        nearest = min(equal, key=lambda fit: abs(wrap(fit.pose.theta - heading)))
+        return nearest._replace(orientations=len(equal) * self._symmetry)
+
+    def _blob(self, image: Image) -> tuple[Array, float]:
+        """Outline (m, 2) of the one bright blob of the object's size [m], and the contrast of the frame [grey levels]."""
+        shrunk = image
+        # Averaging pixels suppresses the noise; halving repeatedly is far faster than the same in one step.
+        for _ in range(self._shrinking.bit_length() - 1):
+            rows, columns = shrunk.shape
+            shrunk = cv2.resize(shrunk[: rows & ~1, : columns & ~1], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA)
+        darkest, brightest, _, _ = cv2.minMaxLoc(shrunk)
+        if darkest >= SATURATED or brightest == 0:
+            raise NotSeen("saturated or empty frame")
+        method = cv2.THRESH_OTSU if self._threshold is None else cv2.THRESH_BINARY
+        _, bright = cv2.threshold(shrunk, self._threshold or 0, 255, method)
+        table_level, object_level = cv2.mean(shrunk, ~bright)[0], cv2.mean(shrunk, bright)[0]
+        if table_level >= SATURATED:
+            raise NotSeen("saturated or empty frame")
+        contrast = object_level - table_level
+        if min(contrast, brightest - darkest) < MIN_CONTRAST:
+            raise NotSeen("no object")
+
+        full_area = self._outline.polygon.area
+        speck = SPECK_AREA * full_area / (self._pixel * self._shrinking) ** 2
+        whole, partial, misshapen = [], False, False
+        for contour in cv2.findContours(bright, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
+            if cv2.contourArea(contour) < speck:
+                continue
+            if _touches_border(contour, shrunk.shape):
+                partial = True
+                continue
+            corners = cv2.approxPolyDP(contour, 0.7, True).reshape(-1, 2)
+            blob = self._camera.unproject((corners + 0.5) * self._shrinking - 0.5, self._height)
+            # the contour runs through the centres of the outermost pixels
+            rim = 0.5 * self._pixel * self._shrinking * cv2.arcLength(blob.astype(np.float32), True)
+            if AREA_RANGE[0] <= (abs(_signed_area(blob)) + rim) / full_area <= AREA_RANGE[1]:
+                whole.append(blob)
+            else:
+                misshapen = True
+        if len(whole) > 1:
+            raise NotSeen("two candidates")
+        if not whole:
+            raise NotSeen("partial view" if partial else "outline does not fit" if misshapen else "no object")
+        return whole[0], contrast
+
+    def _coarse_poses(self, blob: Array, heading: float) -> list[Pose]:
+        """Poses in which the outline matches a blob's (m, 2) about equally well, one per orientation that looks different.
+
+        Of the orientations in which a symmetric outline looks the same, the nearest to a heading [rad].
+        """
+        samples = _boundary_samples(blob)
+        squared, correlation = self._matches(samples)
+        # Further shifts repeat those of a symmetric outline.
+        squared = squared[: _COARSE_SAMPLES // self._symmetry]
+        around = np.concatenate((squared[-1:], squared, squared[:1]))
+        lowest = (squared <= around[:-2]) & (squared < around[2:])
+        lowest &= squared <= (math.sqrt(max(squared.min(), 0.0)) + self._shrinking * self._pixel) ** 2
+        middle, step = samples.mean(), 2 * np.pi / self._symmetry
+        poses = []
+        for found in np.angle(correlation[np.flatnonzero(lowest)]).tolist():
+            theta = found + step * round(wrap(heading - found) / step)
+            origin = middle - cmath.rect(1.0, theta) * self._boundary_mean
+            poses.append(Pose(float(origin.real), float(origin.imag), theta))
+        return poses
+
+    def _matches(self, samples: npt.NDArray[np.complex128]) -> tuple[Array, npt.NDArray[np.complex128]]:
+        """How well the turned outline matches other boundary samples, for each shift along the boundary.
+
+        The best rotation of one set of points to another is the phase of their complex correlation; for all shifts it
+        takes one Fourier transform.
+
+        Returns:
+            (n,) mean squared misfit [m^2] and (n,) the correlation.
+        """
+        centred = samples - samples.mean()
+        correlation = np.fft.ifft(np.fft.fft(centred) * self._boundary_spectrum)
+        return _spread(centred) + self._spread - 2 * np.abs(correlation), correlation
+
+
+def _spread(centred: npt.NDArray[np.complex128]) -> float:
+    """Mean square of deviations."""
+    return float(np.vdot(centred, centred).real) / len(centred)
+
+
+def _boundary_samples(polygon: Array) -> npt.NDArray[np.complex128]:
+    """Points x + iy evenly over a polygon's (m, 2) boundary, counter-clockwise."""
+    corners = polygon[:, 0] + 1j * polygon[:, 1]
+    if _signed_area(polygon) < 0:
+        corners = corners[::-1]
+    closed = np.append(corners, corners[0])
+    length = np.concatenate(((0.0,), np.cumsum(np.abs(np.diff(closed)))))
+    return np.interp(np.arange(_COARSE_SAMPLES) * (length[-1] / _COARSE_SAMPLES), length, closed)
+
+
+def _signed_area(polygon: Array) -> float:
+    return float(cv2.contourArea(polygon.astype(np.float32), oriented=True))
+
+
+def _touches_border(contour: npt.NDArray[np.int32], shape: tuple[int, ...]) -> bool:
+    left, top, width, height = cv2.boundingRect(contour)
+    return left == 0 or top == 0 or left + width == shape[1] or top + height == shape[0]

@@ -1,0 +1,210 @@
+"""Fits the pose of a flat pattern of straight edges, bright on one side, to an image: to a few hundredths of a pixel."""
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.errors import PushfricError
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array, Pose, cross, rotation, transform, wrap
+from pushfric_ros.vision.camera import Camera, Image
+
+MIN_CONTRAST = 30.0
+"""Bright and dark differ by at least this much [grey levels]."""
+SATURATED = 200.0
+"""What is dark is never brighter [grey levels]."""
+MIN_VISIBLE = 0.7
+"""At least this part of the edges must be found."""
+MAX_RESIDUAL_PX = 0.7
+"""Edges that fit worse (rms) are not the object's."""
+
+REACH_PX = (4, 6)
+"""An edge is located from the grey levels this far to either side of it; the more, the more blur does no harm."""
+_PER_PIXEL = 2  # samples of a profile
+_LEVEL_PX = 3  # at each end of a profile: the grey level there
+_EDGE_PX = 3  # to either side of its middle, a profile is summed up
+_BLUR_PX = 0.5  # an edge no further off the middle of its window leaves clear samples at both ends
+_OUTLIER_PX = 0.4  # never rejected closer than this
+_OUTLIER_MEDIANS = 5.2  # 3.5 sigma
+_RESAMPLING_PX = 0.03  # error of an edge sample in a frame without noise
+_MIN_INFORMATION = 0.05  # of all edges' (determinant); edges that leave a direction free have none
+_NEAR_PX = 1.5  # a visible edge is this close to where it belongs
+_MAX_STEPS = 6
+_MIN_EDGE_CONTRAST = 0.35  # of the frame's; less is a hidden edge, not a shaded one
+_MAX_UNEVENNESS = 0.1  # of the contrast, at the ends of a profile; more is the border of a shadow
+
+
+class NotSeen(PushfricError):
+    """No pose can be told from this frame; the text says why."""
+
+
+class Sighting(NamedTuple):
+    """The object as seen in one frame."""
+
+    pose: Pose  # in the table frame
+    residual_px: float  # rms distance of the edges found from where they belong
+    visible_fraction: float  # of the edges
+    orientations: int  # how many orientations fit equally well
+    covariance: Array  # (3, 3) of (x, y, theta) in the table frame [m, m, rad]
+
+
+class EdgeFit:
+    """Edges of one object, sampled at points.
+
+    Args:
+        camera: lens and table.
+        points: (n, 2) on the edges, object frame [m].
+        normals: (n, 2) unit, across the edges from the bright side to the dark one.
+        height: of the edges over the table [m].
+        reach_px: how far to either side of an edge no other edge comes.
+        slack_px: edges this much further off are still found at once.
+    """
+
+    def __init__(self, camera: Camera, points: Array, normals: Array, height: float, reach_px: int, slack_px: int = 2) -> None:
+        self._camera, self._height = camera, height
+        self._pixel = camera.metres_per_pixel(height)
+        self._slack = slack_px
+        length = reach_px + slack_px
+        self._whole = _averages(length, length)
+        self._near = _averages(reach_px, min(reach_px, _EDGE_PX))
+        self._places = np.vstack([points + way * length * self._pixel * normals for way in (-1, 0, 1)])
+        way = np.linspace(-1, 1, 2 * length * _PER_PIXEL + 1, dtype=np.float32)
+        # a parabola through three places: perspective and lens bend a straight line's even steps
+        self._blend: npt.NDArray[np.float32] = np.stack((way * (way - 1) / 2, 1 - way**2, way * (way + 1) / 2), axis=1)
+        self._columns = np.arange(len(points))
+        self._rows = np.arange(2 * reach_px * _PER_PIXEL + 1)[:, None] + slack_px * _PER_PIXEL
+        # How far each point moves along its normal per unit of a body twist, in pixels.
+        self._motion = np.column_stack((normals, cross(points, normals))) / self._pixel
+        self._min_information = _MIN_INFORMATION * float(np.linalg.det(self._motion.T @ self._motion))
+
+    def refined(self, image: Image, pose: Pose, contrast: float) -> Sighting | None:
+        """A pose in the table frame, refined by least squares; None where the edges do not fit.
+
+        Args:
+            image: (height, width) mono8 frame.
+            pose: where to start, off by `slack_px` or little more.
+            contrast: between the bright and the dark side, as a rule [grey levels].
+        """
+        for _ in range(_MAX_STEPS):
+            profiles = self._profiles(image, pose)
+            # from all of each profile where its edge is about, then more precisely from the window around it
+            rough = self._solved(_edges(profiles, self._whole), contrast)
+            if rough is None:
+                return None
+            farthest = self._slack * _PER_PIXEL
+            offset = np.clip(np.rint(rough.moved * _PER_PIXEL), -farthest, farthest).astype(int)
+            edges = _edges(profiles[self._rows + offset, self._columns], self._near)
+            fit = self._solved(edges._replace(distances=edges.distances + offset / _PER_PIXEL), contrast)
+            if fit is None:
+                return None
+            x, y = transform(pose, fit.step[:2])
+            pose = Pose(float(x), float(y), wrap(pose.theta + float(fit.step[2])))
+            if np.abs(fit.moved).max() < self._slack + _BLUR_PX:
+                break
+        else:
+            return None
+        # in the end, everything close to its place counts as seen, and as misfit
+        near = fit.residuals[fit.residuals < _NEAR_PX]
+        visible = len(near) / len(self._motion)
+        rms = math.sqrt(near @ near / max(len(near), 1))
+        if visible < MIN_VISIBLE or rms > MAX_RESIDUAL_PX:
+            return None
+        turn = np.eye(3)
+        turn[:2, :2] = rotation(pose.theta)
+        covariance = turn @ fit.spread @ turn.T * max(rms, _RESAMPLING_PX) ** 2
+        return Sighting(pose, rms, visible, 1, covariance)
+
+    def _profiles(self, image: Image, pose: Pose) -> npt.NDArray[np.float32]:
+        """Grey levels (m, n) across each edge at `pose`, from its bright side to its dark one."""
+        places = self._camera.project(transform(pose, self._places), self._height)
+        samples = (self._blend @ places.astype(np.float32).reshape(3, -1)).reshape(len(self._blend), -1, 2)
+        return np.asarray(cv2.remap(image, samples, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+
+    def _solved(self, edges: "_Edges", contrast: float) -> "_Solution | None":
+        """The body motion that brings the edges to the distances found, without those that disagree with most others."""
+        seen = edges.contrasts > _MIN_EDGE_CONTRAST * contrast
+        used = seen & (edges.unevenness < _MAX_UNEVENNESS * edges.contrasts)
+        while True:
+            motion = self._motion[used]
+            information = motion.T @ motion
+            if cv2.determinant(information) < self._min_information:
+                return None
+            _, spread = cv2.invert(information)
+            step = spread @ (motion.T @ edges.distances[used])
+            moved = self._motion @ step
+            residuals = np.abs(edges.distances - moved)
+            typical = np.partition(residuals, len(residuals) // 2)[len(residuals) // 2]
+            trusted = used & (residuals <= max(_OUTLIER_PX, _OUTLIER_MEDIANS * typical))
+            if (trusted == used).all():
+                return _Solution(step, moved, residuals[seen], spread)
+            used = trusted
+
+
+class _Solution(NamedTuple):
+    step: Array  # (3,) body motion [m, m, rad]
+    moved: Array  # (n,) along the normals [px]
+    residuals: Array  # (k,) of the edges with contrast [px]
+    spread: Array  # (3, 3) covariance of the step per variance of a distance [1/px^2]
+
+
+def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Array, Array]:
+    """Points on an outline and its outward normals there, (n, 2) each.
+
+    Of about `samples` points, those where no other edge is nearer than `clearance` [m].
+    """
+    points, normals = [], []
+    for start, edge, length, normal in zip(outline.vertices, outline.edges, outline.lengths, outline.normals, strict=True):
+        count = int(np.ceil(samples * length / outline.perimeter))
+        points.append(start + ((np.arange(count) + 0.5) / count)[:, None] * edge)
+        normals.append(np.tile(normal, (count, 1)))
+    at, outward = np.concatenate(points), np.concatenate(normals)
+    # At both ends of its profile, this edge is the nearest of all.
+    clear = [
+        all(outline.distance_to(point + side * clearance * normal) > 0.95 * clearance for side in (-1, 1))
+        for point, normal in zip(at, outward, strict=True)
+    ]
+    return at[clear], outward[clear]
+
+
+def _averages(reach_px: int, edge_px: int) -> "_Averages":
+    """Of profiles of +- reach_px, summed up over +- edge_px around the middle."""
+    count, levels, summed = (
+        2 * reach_px * _PER_PIXEL + 1,
+        min(_LEVEL_PX, reach_px - 2) * _PER_PIXEL + 1,
+        2 * edge_px * _PER_PIXEL + 1,
+    )
+    weights = np.zeros((5, count), np.float32)
+    weights[0, :levels] = weights[1, -levels:] = 1 / levels
+    trapezoid = np.full(summed, 1 / (summed - 1))
+    trapezoid[[0, -1]] /= 2
+    weights[2, (count - summed) // 2 : (count + summed) // 2] = trapezoid
+    half = levels // 2
+    weights[3, :half] = weights[4, -half:] = 1 / half
+    weights[3, levels - half : levels] = weights[4, -levels : half - levels] = -1 / half
+    return _Averages(weights, edge_px)
+
+
+def _edges(profiles: npt.NDArray[np.float32], averages: "_Averages") -> "_Edges":
+    """The edges in profiles (m, n).
+
+    The bright part of a profile ends at the edge, whatever the blur: its length is the mean grey level between the
+    levels of its two ends. Those are taken from each profile itself, as light and shadow differ around the object.
+    """
+    bright, dark, mean, *slopes = (averages.weights @ profiles).astype(float)
+    contrasts = bright - dark
+    part = (mean - dark) / np.maximum(contrasts, 1.0)
+    return _Edges((2 * part - 1) * averages.edge_px, contrasts, np.maximum(*np.abs(slopes)))
+
+
+class _Edges(NamedTuple):
+    distances: Array  # (n,) from the middle of the profile to the dark side [px]
+    contrasts: Array  # (n,) [grey levels]
+    unevenness: Array  # (n,) how much the grey level changes within an end of the profile
+
+
+class _Averages(NamedTuple):
+    weights: npt.NDArray[np.float32]  # (5, m) of the samples: means over both ends and the middle, change within both ends
+    edge_px: int  # how far the middle reaches to either side

@@ -1,0 +1,105 @@
+"""Images from a camera, a video file or pictures, read by a thread of its own."""
+
+import glob
+import itertools
+import pathlib
+import threading
+from collections import deque
+from collections.abc import Callable
+
+import cv2
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.vision.camera import Image
+
+PICTURE_PERIOD = 1 / 30
+"""Between the pictures of a folder [s]."""
+
+REOPEN_PERIOD = 1.0
+"""Between attempts to find a camera that went away [s]."""
+
+
+class Device(threading.Thread):
+    """Reads frames into a short queue; of a camera's, the newest matter most.
+
+    Args:
+        source: device index, URL, video file, or folder or glob of pictures.
+        size: width and height asked of a camera [px]; None: as it comes.
+        now: the time [ns] to stamp frames with.
+        arrived: called after each frame.
+    Raises:
+        InvalidInput: there is nothing to read at `source`.
+    """
+
+    def __init__(self, source: str, size: tuple[int, int] | None, now: Callable[[], int], arrived: Callable[[], None]) -> None:
+        super().__init__(name="device")
+        self._source, self._size, self._now, self._arrived = source, size, now, arrived
+        self._closing = threading.Event()
+        self.frames: deque[tuple[int, Image]] = deque(maxlen=8)  # stamp [ns], mono8
+        self.dropped = 0
+        self._read, self._period = self._open()
+
+    @property
+    def pictures(self) -> bool:
+        """Each frame is a picture by itself."""
+        return pathlib.Path(self._source).is_dir() or glob.has_magic(self._source)
+
+    @property
+    def live(self) -> bool:
+        """A camera, which does not end."""
+        return not self._period
+
+    def close(self) -> None:
+        """End the thread and let go of the device."""
+        self._closing.set()
+        self.join()
+
+    def run(self) -> None:
+        while not self._closing.wait(self._period):
+            if self._period and len(self.frames) == self.frames.maxlen:
+                continue  # a file waits
+            frame = self._read()
+            if frame is None:
+                if self._period:
+                    return
+                self._reopen()
+                continue
+            stamp = self._now()
+            grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            self.dropped += len(self.frames) == self.frames.maxlen
+            self.frames.append((stamp, grey))
+            self._arrived()
+
+    def _open(self) -> tuple[Callable[[], Image | None], float]:
+        """What reads the next frame, None at the end, and the time between frames [s]; 0 for a camera, which sets it."""
+        if self.pictures:
+            pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
+            pictures = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sorted(glob.glob(pattern)))
+            frames = (picture for picture in pictures if picture is not None)
+            first = next(frames, None)
+            if first is None:
+                raise InvalidInput(f"no pictures at {self._source!r}")
+            sequence = itertools.chain((first,), frames)
+            return lambda: next(sequence, None), PICTURE_PERIOD
+        # what cannot be opened is said below, in one line
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+        capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
+        if not capture.isOpened():
+            expected = "topic, a device index, a URL, a video file or pictures"
+            raise InvalidInput(f"no camera at {self._source!r}: expected {expected}")
+        if pathlib.Path(self._source).is_file():
+            rate = capture.get(cv2.CAP_PROP_FPS)
+            return lambda: capture.read()[1], 1 / rate if rate > 0 else PICTURE_PERIOD
+        if self._size is not None:
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
+        return lambda: capture.read()[1], 0.0
+
+    def _reopen(self) -> None:
+        """Wait for a camera that went away."""
+        while not self._closing.wait(REOPEN_PERIOD):
+            try:
+                self._read, self._period = self._open()
+            except InvalidInput:
+                continue  # still away; the diagnostics say that no frames come
+            return

@@ -1,0 +1,438 @@
+"""OSQP's programs against HiGHS, SLSQP and nonnegative least squares, and against their own certificates."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog, minimize, nnls
+
+from pushfric_core.constraints import ConstraintRows, stack
+from pushfric_core.planar import cross, left_of
+from pushfric_core.solvers.program import Status, certify
+from pushfric_core.solvers.quadratic import LeastSquares, OsqpLinearProgram, nearest_uniform
+from pushfric_core.solvers.simplex import Simplex
+
+SEEDS = st.integers(0, 2**32 - 1)
+QUICK = settings(derandomize=True, deadline=None, max_examples=15)
+PROGRAMS = pytest.mark.parametrize("program", [OsqpLinearProgram, LeastSquares])
+
+
+def group(a, above=1.0, below=1.0):
+    a = np.atleast_2d(np.asarray(a, dtype=float))
+    return ConstraintRows(a, np.broadcast_to(above, len(a)).astype(float), np.broadcast_to(below, len(a)).astype(float))
+
+
+def pushes(rng, n, count, noise=1e-3, half_width=0.0):
+    """Data points of an object 0.1 m wide on n supports, some without weight: moment rows and the hard row f.n >= 0 of each."""
+    points = rng.uniform(-0.05, 0.05, (n, 2))
+    w = rng.dirichlet(np.full(n, 0.3))
+    groups = []
+    while len(groups) < count:
+        velocities = rng.choice((-1, 1)) * left_of(points - rng.uniform(-0.15, 0.15, 2))
+        directions = -velocities / np.hypot(*velocities.T)[:, None]
+        force, moment = w @ directions, w @ cross(points, directions)
+        if np.hypot(*force) < 0.1:
+            continue
+        contact = left_of(force) * -moment / (force @ force) + noise * rng.normal(size=2)
+        tilt = rng.uniform(-1.4, 1.4)
+        normal = (force * np.cos(tilt) + left_of(force) * np.sin(tilt)) / np.hypot(*force)
+        low, high = (cross(points - contact - side * half_width * left_of(normal), directions) for side in (-1, 1))
+        if half_width:
+            groups.append(group([low, high, directions @ normal], (1, 0, 0), (0, 1, np.inf)))
+        else:
+            groups.append(group([low, directions @ normal], (1, 0), (1, np.inf)))
+    return groups
+
+
+def highs(rows):
+    """Optimal sum of magnitudes, or None where the hard rows contradict each other."""
+    m, n = rows.a.shape
+    sides = np.concatenate((rows.above, rows.below))
+    result = linprog(
+        np.concatenate((np.zeros(n), np.where(np.isinf(sides), 0.0, sides))),
+        A_eq=np.block([[rows.a, -np.eye(m), np.eye(m)], [np.ones((1, n)), np.zeros((1, 2 * m))]]),
+        b_eq=np.append(np.zeros(m), 1.0),
+        bounds=[(0, 1)] * n + [(0, 0 if np.isinf(side) else None) for side in sides],
+        method="highs",
+    )
+    assert result.status in (0, 2), result.message
+    return result.fun if result.status == 0 else None
+
+
+def squares(rows, w):
+    """The sum of squares, row by row."""
+    total = 0.0
+    for a, above, below in zip(*rows, strict=True):
+        value = float(a @ w)
+        cost = above if value > 0 else below
+        if np.isfinite(cost):
+            total += cost * value**2
+    return total
+
+
+def slsqp(rows):
+    """Least sum of squares, about, by a general solver; coefficients of about one."""
+    n = rows.a.shape[1]
+    above, below = (np.where(np.isinf(cost), 0.0, cost) for cost in (rows.above, rows.below))
+    hard = np.concatenate((rows.a[np.isinf(rows.below)], -rows.a[np.isinf(rows.above)]))
+
+    def slope(w):
+        value = rows.a @ w
+        return 2 * (above * np.maximum(value, 0) - below * np.maximum(-value, 0)) @ rows.a
+
+    result = minimize(
+        lambda w: squares(rows, w),
+        np.full(n, 1 / n),
+        jac=slope,
+        method="SLSQP",
+        bounds=[(0, 1)] * n,
+        constraints=[
+            {"type": "eq", "fun": lambda w: w.sum() - 1, "jac": lambda w: np.ones(n)},
+            {"type": "ineq", "fun": lambda w: hard @ w, "jac": lambda w: hard},
+        ],
+        options={"ftol": 1e-14, "maxiter": 1000},
+    )
+    assert result.success, result.message
+    return result.fun
+
+
+def nearest_by_nnls(point, equal, low):
+    """The w of the simplex nearest to `point` with equal @ w = 0, low @ w >= 0: Lawson and Hanson's least distance program.
+
+    The sides may be violated by rounding, as w may be the only one.
+    """
+    n = len(point)
+    equalities = np.vstack((np.ones(n), equal))
+    _, singular, basis = np.linalg.svd(equalities)
+    rank = int((singular > 1e-10 * singular[0]).sum())
+    start = np.linalg.lstsq(equalities, np.append(1.0, np.zeros(len(equal))), rcond=1e-10)[0]
+    along = basis[rank:].T
+    start = start + along @ (along.T @ (point - start))
+    sides = np.vstack((np.eye(n), low))
+    least = np.vstack(((sides @ along).T, -sides @ start - 1e-9))
+    residual = -np.append(np.zeros(n - rank), 1.0)
+    residual += least @ nnls(least, -residual)[0]
+    return start - along @ residual[:-1] / residual[-1]
+
+
+# ---- what both programs share
+
+
+@PROGRAMS
+def test_without_rows_any_weights_are_optimal(program):
+    optimum = program(3).solve()
+    assert optimum.w.sum() == pytest.approx(1)
+    assert optimum[1:] == (0, 0, 0, 0, Status.OPTIMAL)
+
+
+@PROGRAMS
+def test_one_support_point_has_all_the_weight(program):
+    single = program(1)
+    single.add(group([2]))
+    optimum = single.solve()
+    assert optimum.w == 1
+    assert optimum.objective == pytest.approx(4 if program is LeastSquares else 2)
+    assert optimum.status is Status.OPTIMAL
+
+
+@PROGRAMS
+def test_a_hard_row_holds_whatever_it_costs(program):
+    hard = program(2)
+    hard.add(group([1, 0], above=1e6))
+    hard.add(group([2, -1], above=0, below=np.inf))
+    optimum = hard.solve()
+    np.testing.assert_allclose(optimum.w, (1 / 3, 2 / 3), atol=1e-8)
+
+
+@PROGRAMS
+def test_equalities_hold(program):
+    balanced = program(3)
+    balanced.add(group([1, 0, 0]))
+    balanced.add(group([[1, -1, 0], [2, -2, 0], [0, 0, 0], [1, 1, -1]], above=np.inf, below=np.inf))
+    optimum = balanced.solve()
+    np.testing.assert_allclose(optimum.w, (0.25, 0.25, 0.5), atol=1e-8)
+    assert balanced.conflicts() == []
+
+
+@PROGRAMS
+def test_contradicting_groups_are_named_and_their_removal_mends_it(program):
+    # w0 >= 3 w1, and w0 <= 2 w1
+    contradictory = program(2)
+    contradictory.add(group([1, -3], above=0, below=np.inf))
+    contradictory.add(group([0.1, -1]))
+    contradictory.add(group([1, -2], above=np.inf, below=0))
+    optimum = contradictory.solve()
+    assert optimum.status is Status.INFEASIBLE
+    assert contradictory.conflicts() == [0, 2]
+    assert optimum.w.min() >= 0
+    assert optimum.w.sum() == pytest.approx(1)
+    assert optimum.lower_bound == 0
+    contradictory.remove(2)
+    optimum = contradictory.solve()
+    assert optimum.status is not Status.INFEASIBLE
+    assert contradictory.conflicts() == []
+    # |0.1 w0 - w1| is 0 only at w0 = 10 / 11, which is allowed
+    np.testing.assert_allclose(optimum.w, (10 / 11, 1 / 11), atol=1e-3)
+
+
+@PROGRAMS
+@QUICK
+@given(SEEDS, st.integers(2, 10))
+def test_contradictions_are_those_that_highs_finds(program, seed, n):
+    rng = np.random.default_rng(seed)
+    contradictory, groups = program(n), []
+    for _ in range(4 * n):
+        groups.append(group(rng.normal(size=(2, n)), above=(1.0, 0.0), below=(1.0, np.inf)))
+        contradictory.add(groups[-1])
+        if (contradictory.solve().status is Status.INFEASIBLE) != (highs(stack(groups, n)) is None):
+            pytest.fail(f"HiGHS disagrees after {len(groups)} data points")
+        if contradictory.conflicts():
+            assert highs(stack([groups[k] for k in contradictory.conflicts()], n)) is None
+            break
+
+
+@PROGRAMS
+def test_bad_arguments_are_refused(program):
+    with pytest.raises(ValueError, match="n must be at least 1, got 0"):
+        program(0)
+    three = program(3)
+    with pytest.raises(ValueError, match=r"rows must have shapes \(m, 3\), \(m,\), \(m,\), got \(1, 2\), \(1,\), \(1,\)"):
+        three.add(group([1, 2]))
+    with pytest.raises(ValueError, match="coefficients of the rows must be finite"):
+        three.add(group([1, np.nan, 0]))
+    for cost in (-1, np.nan):
+        with pytest.raises(ValueError, match="costs of the rows must not be negative or NaN"):
+            three.add(group([1, 2, 3], below=cost))
+    with pytest.raises(ValueError, match="there is no group 0 to remove"):
+        three.remove(0)
+    three.add(group([1, 2, 3]))
+    three.remove(0)
+    with pytest.raises(ValueError, match="there is no group 0 to remove"):
+        three.remove(0)
+
+
+def test_nothing_is_printed(capfd):
+    for program in (OsqpLinearProgram(2), LeastSquares(2)):
+        program.add(group([[1, -3], [1, -2]], above=(0, np.inf), below=(np.inf, 0)))
+        program.solve()
+    assert capfd.readouterr() == ("", "")
+
+
+# ---- the linear program
+
+
+def test_a_linear_program_by_hand():
+    # |w0 - w1| + |w0 - 3 w1| with w0 = 1 - w1: 0.5 at w1 = 1/4
+    program = OsqpLinearProgram(2)
+    program.add(group([1, -1]))
+    program.add(group([1, -3]))
+    optimum = program.solve()
+    np.testing.assert_allclose(optimum.w, (0.75, 0.25), atol=1e-3)
+    assert optimum.objective == pytest.approx(0.5, rel=1e-3)
+    assert optimum.lower_bound == pytest.approx(0.5, rel=1e-3)
+
+
+@QUICK
+@given(SEEDS, st.integers(3, 20), st.sampled_from((0.0, 0.002)))
+def test_bounds_enclose_the_optimum_of_highs(seed, n, half_width):
+    groups = pushes(np.random.default_rng(seed), n, 12, half_width=half_width)
+    program = OsqpLinearProgram(n)
+    for k, rows in enumerate(groups):
+        program.add(rows)
+        optimum = program.solve()
+        best, worst = highs(stack(groups[: k + 1], n)), 0.1 * (k + 1)
+        assert optimum.lower_bound - 1e-6 * worst <= best <= optimum.objective + 1e-6 * worst
+        assert optimum.gap == optimum.objective - optimum.lower_bound
+        assert optimum.gap <= 0.02 * worst
+        assert optimum.status in (Status.OPTIMAL, Status.UNCERTIFIED)
+
+
+def test_columns_are_taken_up_and_given_back(rng):
+    groups = pushes(rng, 8, 90)
+    program = OsqpLinearProgram(8)
+    for rows in groups:  # two rows each: past the columns in reserve, twice
+        program.add(rows)
+        optimum = program.solve()
+    assert optimum.objective == pytest.approx(highs(stack(groups, 8)), rel=0.02)
+    for number in range(45):
+        program.remove(2 * number)
+    assert program.solve().objective == pytest.approx(highs(stack(groups[1::2], 8)), rel=0.02)
+
+
+# ---- least squares
+
+
+def test_least_squares_by_hand():
+    # (w0 - w1)^2 + 4 (w0 - 3 w1)^2 with w0 = 1 - w1: the slope in w1 is 2 (-2) (1 - 2 w1) + 8 (-4) (1 - 4 w1)
+    program = LeastSquares(2)
+    program.add(group([1, -1]))
+    program.add(group([1, -3], 4, 4))
+    optimum = program.solve()
+    w1 = 36 / 136
+    np.testing.assert_allclose(optimum.w, (1 - w1, w1), rtol=1e-12)
+    assert optimum.objective == pytest.approx((1 - 2 * w1) ** 2 + 4 * (1 - 4 * w1) ** 2)
+    assert optimum.status is Status.OPTIMAL
+
+
+def test_a_one_sided_row_costs_nothing_on_its_other_side():
+    # 5 max(0, 1 - 3 w0)^2 + w0^2: the slope is -30 (1 - 3 w0) + 2 w0
+    program = LeastSquares(2)
+    program.add(group([[2, -1], [1, 0]], above=(0, 1), below=(5, 0)))
+    np.testing.assert_allclose(program.solve().w, (15 / 46, 31 / 46))
+
+
+def test_unconstrained_least_squares_would_be_negative():
+    # w0 + w1 - w2 = 1 - 2 w2 and w0 - w1 + 2 w2 ask for (-0.25, 0.75, 0.5); without negative w the second cannot be zero
+    program = LeastSquares(3)
+    program.add(group([[1, 1, -1], [4, 1, 0.5]]))
+    optimum = program.solve()
+    assert optimum.w[0] == 0
+    # with w1 = 1 - w2: (1 - 2 w2)^2 + (1 - w2 / 2)^2
+    np.testing.assert_allclose(optimum.w, (0, 1 - 5 / 8.5, 5 / 8.5))
+
+
+@QUICK
+@given(SEEDS, st.integers(2, 25), st.sampled_from((0.0, 0.002)), st.sampled_from((0.0, 1e-3)))
+def test_least_squares_agree_with_a_general_solver(seed, n, half_width, noise):
+    groups = pushes(np.random.default_rng(seed), n, 3 * n, noise, half_width)
+    program = LeastSquares(n)
+    for k, rows in enumerate(groups):
+        program.add(rows)
+        optimum = program.solve()
+        assert optimum.status is not Status.INFEASIBLE
+        assert optimum.w.min() >= 0
+        assert optimum.w.sum() == pytest.approx(1, abs=1e-12)
+        present = stack(groups[: k + 1], n)
+        assert optimum.objective == pytest.approx(squares(present, optimum.w), rel=1e-9, abs=1e-16)
+        hard = np.isinf(present.below)
+        assert (present.a[hard] @ optimum.w).min() >= -1e-9
+    assert optimum.status is Status.OPTIMAL
+    metre = 20.0  # to about one
+    scaled = ConstraintRows(np.where(np.isinf(present.below)[:, None], 1.0, metre) * present.a, present.above, present.below)
+    assert metre**2 * optimum.objective == pytest.approx(slsqp(scaled), rel=1e-4, abs=1e-7)
+
+
+@QUICK
+@given(SEEDS, st.integers(1, 20), st.integers(1, 50), st.booleans())
+def test_rows_of_all_kinds_agree_with_a_general_solver_while_they_come_and_go(seed, n, m, hard):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(m, n)) * (rng.random((m, 1)) < 0.9)
+    above, below = rng.choice((0.0, 0.05, 1.0, 1.0, 3.0), (2, m))
+    if hard:  # such that some w satisfies them all
+        residuals = a @ rng.dirichlet(np.full(n, 0.3))
+        below[(rng.random(m) < 0.3) & (residuals > 1e-6)] = np.inf
+        above[(rng.random(m) < 0.3) & (residuals < -1e-6)] = np.inf
+    program, present = LeastSquares(n), {}
+    for number, rows in enumerate(np.array_split(np.arange(m), 1 + m // 4)):
+        present[number] = ConstraintRows(a[rows], above[rows], below[rows])
+        program.add(present[number])
+        program.solve()
+        if len(present) > 2 and rng.random() < 0.3:
+            gone = int(rng.choice(list(present)))
+            program.remove(gone)
+            del present[gone]
+    optimum, rows = program.solve(), stack(list(present.values()), n)
+    assert optimum.status is Status.OPTIMAL
+    assert optimum.objective == pytest.approx(squares(rows, optimum.w), rel=1e-9, abs=1e-13)
+    assert optimum.objective == pytest.approx(slsqp(rows), rel=1e-5, abs=1e-8)
+
+
+def test_the_bound_is_below_any_other_weights(rng):
+    groups = pushes(rng, 5, 10, half_width=0.002)
+    program = LeastSquares(5)
+    for rows in groups:
+        program.add(rows)
+    bound, present = program.solve().lower_bound, stack(groups, 5)
+    for w in rng.dirichlet(np.ones(5), 2000):
+        assert squares(present, w) >= bound or (present.a @ w)[np.isinf(present.below)].min() < 0
+
+
+def test_least_squares_of_thousands_of_rows_do_not_drift(rng):
+    groups = pushes(rng, 10, 2000, half_width=0.001)
+    program = LeastSquares(10)
+    for k, rows in enumerate(groups):
+        program.add(rows)
+        if k % 10 == 0:
+            optimum = program.solve()
+            assert optimum.status is Status.OPTIMAL
+    fresh = LeastSquares(10)
+    fresh.add(stack(groups, 10))
+    assert program.solve().objective == pytest.approx(fresh.solve().objective, rel=1e-9)
+
+
+# ---- the tie-break
+
+
+def optimum_of(rows):
+    simplex = Simplex(rows.a.shape[1])
+    simplex.add(rows)
+    assert simplex.solve().status is Status.OPTIMAL
+    return simplex.certificate()
+
+
+def test_of_equally_good_weights_the_most_even_is_taken():
+    # |w0 - w1 - w2| is zero wherever w0 = 1/2
+    rows = group([1, -1, -1])
+    nearest = nearest_uniform(rows, optimum_of(rows))
+    np.testing.assert_allclose(nearest.w, (0.5, 0.25, 0.25))
+    assert nearest.status is Status.OPTIMAL
+    assert nearest.objective == pytest.approx(0, abs=1e-15)
+
+
+def test_one_sided_rows_bound_the_choice():
+    # w0 <= w1 / 3 costs nothing: of w with w1 >= 3 w0, (1/5, 7/15, 1/3) is out as 3/5 > 7/15
+    rows = group([3, -1, 0], above=1, below=0)
+    nearest = nearest_uniform(rows, optimum_of(rows))
+    # minimise over (x, 3 x, 1 - 4 x): x + 9 x - 4 (1 - 4 x) = 0
+    x = 4 / 26
+    np.testing.assert_allclose(nearest.w, (x, 3 * x, 1 - 4 * x))
+
+
+def test_a_row_paid_for_stays_so():
+    # w0 + 2 w1 + 2 w2 + w3 is least on the edge between the first and the last
+    rows = group([1, 2, 2, 1])
+    nearest = nearest_uniform(rows, optimum_of(rows))
+    np.testing.assert_allclose(nearest.w, (0.5, 0, 0, 0.5))
+
+
+def test_without_rows_all_weights_are_the_same():
+    rows = group(np.zeros((0, 4)))
+    np.testing.assert_allclose(nearest_uniform(rows, certify(rows, np.array((1.0, 0, 0, 0)), np.zeros(0))).w, 0.25)
+
+
+def test_the_only_optimum_is_kept():
+    rows = group([[1, -1], [1, -3]])
+    solution = optimum_of(rows)
+    assert nearest_uniform(rows, solution) is solution
+
+
+def test_a_tie_is_broken_only_between_optima():
+    rows = group([1, -1])
+    with pytest.raises(ValueError, match="solution must be optimal, got uncertified"):
+        nearest_uniform(rows, certify(rows, np.array((1.0, 0.0)), np.zeros(1)))
+
+
+@QUICK
+@given(SEEDS, st.integers(3, 30), st.integers(1, 20), st.sampled_from((0.0, 0.002)))
+def test_no_optimum_is_nearer(seed, n, count, half_width):
+    rows = stack(pushes(np.random.default_rng(seed), n, count, half_width=half_width), n)
+    solution = optimum_of(rows)
+    nearest = nearest_uniform(rows, solution)
+    assert nearest.status is Status.OPTIMAL
+    assert nearest.objective == pytest.approx(solution.objective, rel=2e-9, abs=1e-15)
+    y, reduced = solution.multipliers, solution.multipliers @ rows.a
+    zero = np.eye(n)[reduced - reduced.min() > 1e-8 * np.abs(reduced).max(initial=0)]
+    inside = (y < rows.above - 1e-8) & (y > 1e-8 - rows.below)
+    low = np.concatenate((rows.a[~inside & (y >= rows.above - 1e-8)], -rows.a[~inside & (y <= 1e-8 - rows.below)]))
+    truth = nearest_by_nnls(np.full(n, 1 / n), np.concatenate((rows.a[inside], zero)), low)
+    np.testing.assert_allclose(nearest.w, truth, atol=1e-6)
+
+
+@QUICK
+@given(SEEDS, st.integers(2, 20), st.integers(1, 30))
+def test_noiseless_ties_are_broken_towards_even_weights(seed, n, count):
+    rows = stack(pushes(np.random.default_rng(seed), n, count, noise=0.0), n)
+    solution = optimum_of(rows)
+    nearest = nearest_uniform(rows, solution)
+    assert nearest.status is Status.OPTIMAL
+    assert np.linalg.norm(nearest.w - 1 / n) <= np.linalg.norm(solution.w - 1 / n) + 1e-9

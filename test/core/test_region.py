@@ -1,0 +1,355 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import PROBLEMS, flat_bar, four_feet
+
+from pushfric_core.errors import UninformativePush
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline, Touch
+from pushfric_core.planar import Twist, rotation, velocity_at
+from pushfric_core.push_plan import PlannedPush, even_pushes
+from pushfric_core.region import HalfPlane, HalfPlanes, RegionConfig, line_of_force, line_of_motion, line_of_pushing
+from pushfric_core.simulation import pushed_motion
+from pushfric_core.solvers.program import Status
+from pushfric_core.support import Support
+
+PLATE = Outline.rectangle(0.12, 0.06)
+ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
+
+
+def depth(half_plane, point):
+    return float(np.dot(half_plane.normal, point)) - half_plane.offset
+
+
+def is_half_plane(half_plane, normal, offset):
+    return half_plane.normal == pytest.approx(normal) and half_plane.offset == pytest.approx(offset)
+
+
+def seen_from_below(twist):
+    """A push at (0.02, -0.03) on the lower edge of the plate."""
+    return Observation((0.02, -0.03), (0.0, -1.0), twist)
+
+
+def test_a_turn_to_the_left_has_p_cf_left_of_the_line_of_motion():
+    (half_plane,) = line_of_motion(seen_from_below(Twist(0.0, 0.02, 1.0)))  # the contact moves by (0.03, 0.04)
+    assert is_half_plane(half_plane, (-0.8, 0.6), -0.034)
+    assert depth(half_plane, (0.0, 0.0)) == pytest.approx(0.034)
+
+
+def test_a_turn_to_the_right_has_it_right():
+    (half_plane,) = line_of_motion(seen_from_below(Twist(0.03, 0.06, -1.0)))  # the contact moves by (0, 0.04)
+    assert is_half_plane(half_plane, (1.0, 0.0), 0.02)
+
+
+@pytest.mark.parametrize("omega", [1.0, -1.0])
+def test_the_center_of_rotation_lies_on_the_same_side(omega):
+    twist = Twist(0.01, 0.03, omega)
+    (half_plane,) = line_of_motion(seen_from_below(twist))
+    assert depth(half_plane, np.array((-twist.vy, twist.vx)) / omega) > 0
+
+
+def test_a_translation_has_p_cf_on_the_line():
+    one, other = line_of_motion(seen_from_below(Twist(0.0, 0.02, 0.0)))
+    assert is_half_plane(one, (-1.0, 0.0), -0.02)
+    assert is_half_plane(other, (1.0, 0.0), 0.02)
+
+
+def test_the_line_of_a_normal_push_is_the_normal():
+    twist = Twist(0.01, 0.02, 0.5)  # sliding along the tip
+    (half_plane,) = line_of_pushing(seen_from_below(twist), (0.0, 3.0))
+    assert is_half_plane(half_plane, (-1.0, 0.0), -0.02)
+    assert line_of_force(seen_from_below(twist), 0.0) == (half_plane,)
+
+
+@pytest.mark.parametrize(("omega", "normal"), [(1.0, (-0.8, -0.6)), (-1.0, (0.8, -0.6))])
+def test_the_line_of_force_is_the_edge_of_the_cone_that_bounds_least(omega, normal):
+    """For a turn to the left, p_CF lies left of the edge on the right: of (4, 3) / 5 tilted from (0, 1) by mu_c = 4 / 3."""
+    (half_plane,) = line_of_force(seen_from_below(Twist(0.0, 0.02, omega)), 4 / 3)
+    assert half_plane.normal == pytest.approx((np.sign(omega) * -0.6, 0.8))
+    assert depth(half_plane, (0.02, -0.03)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_translation_leaves_the_cone():
+    half_planes = line_of_force(seen_from_below(Twist(0.0, 0.02, 0.0)), 0.5)
+    inside, outside = (0.02 + 0.01, -0.03 + 0.021), (0.02 + 0.01, -0.03 + 0.019)
+    assert min(depth(one, inside) for one in half_planes) > 0
+    assert min(depth(one, outside) for one in half_planes) < 0
+
+
+def pushed(support, outline, push, mu_c):
+    """The data point of a planned push, and the direction of the pusher."""
+    normal = outline.normals[push.edge]
+    point = outline.vertices[push.edge] + outline.edges[push.edge] * (0.5 + push.offset / outline.lengths[push.edge])
+    direction = rotation(push.angle) @ -normal
+    motion = pushed_motion(support, Touch(0.0, point, normal, push.edge), 0.02 * direction, mu_c)
+    return Observation(tuple(point), tuple(normal), motion.twist), direction
+
+
+@settings(derandomize=True, max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), mu_c=st.floats(0, 1.5), share=st.floats(-0.95, 0.95))
+def test_every_half_plane_holds_the_true_center(seed, mu_c, share):
+    """All three rules, for random supports, sticking or sliding: the forward model against Mason's theorems."""
+    rng = np.random.default_rng(seed)
+    points = PLATE.grid(4, 3)
+    support = Support(points, rng.dirichlet(np.full(len(points), 0.3)))
+    angle = float(rng.uniform(-1.4, 1.4))
+    within = share * float(np.arctan(mu_c))
+    for turn in (angle, within, 0.0):
+        edge = int(rng.integers(4))
+        push = PlannedPush(edge, float(rng.uniform(-0.49, 0.49) * PLATE.lengths[edge]), turn)
+        observation, direction = pushed(support, PLATE, push, mu_c)
+        half_planes = line_of_motion(observation) + line_of_force(observation, mu_c)
+        if turn in (within, 0.0):
+            half_planes += line_of_pushing(observation, direction)
+        for half_plane in half_planes:
+            assert depth(half_plane, support.center_of_friction) > -1e-5  # the model rounds Coulomb's corner
+
+
+def test_the_region_starts_as_the_hull_and_shrinks():
+    half_planes = HalfPlanes(ELL)
+    assert half_planes.region().area == pytest.approx(0.01 - 0.06**2 / 2)
+    region = half_planes.add([HalfPlane((-1.0, 0.0), -0.04)])
+    assert region.area == pytest.approx(0.04 * 0.1)
+    assert region.center == pytest.approx((0.02, 0.05))
+    region = half_planes.add([HalfPlane((0.0, 1.0), 0.05), HalfPlane((0.0, 1.0), 0.03)])
+    assert region.area == pytest.approx(0.04 * 0.05)
+    assert region.center == pytest.approx((0.02, 0.075))
+    assert (region.violation, region.status) == (0.0, Status.OPTIMAL)
+
+
+def test_two_translations_leave_a_point():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add(line_of_motion(seen_from_below(Twist(0.0, 0.02, 0.0))))
+    region = half_planes.add(line_of_motion(Observation((-0.06, 0.01), (-1.0, 0.0), Twist(0.02, 0.0, 0.0))))
+    assert region.center == pytest.approx((0.02, 0.01))
+    assert 0 < region.area < 1e-15
+    assert region.violation == 0.0
+
+
+def test_contradictions_are_settled_by_the_least_sum_of_violations():
+    """x >= 10 mm, x >= 11 mm and x <= 4 mm: two against one."""
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((1.0, 0.0), 0.010)])
+    half_planes.add([HalfPlane((-1.0, 0.0), -0.004)])
+    region = half_planes.add([HalfPlane((1.0, 0.0), 0.011)])
+    assert region.polygon.is_empty
+    assert region.area == 0.0
+    assert region.status is Status.OPTIMAL
+    # at x = 10: 6 mm + 1 mm; further right the first two cost as much as they save
+    assert region.violation == pytest.approx(0.007)
+    assert 0.010 - 1e-9 <= region.center[0] <= 0.011 + 1e-9
+    assert PLATE.contains(region.center[None]).all()
+    assert half_planes.add([HalfPlane((0.0, 1.0), 0.0)]).area == 0.0
+
+
+def test_half_planes_beyond_the_object_are_met_at_its_hull():
+    region = HalfPlanes(PLATE).add([HalfPlane((0.0, 1.0), 0.1)])
+    assert region.center[1] == pytest.approx(0.03)
+    assert region.violation == pytest.approx(0.07)
+
+
+@settings(derandomize=True, max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_no_point_of_a_fine_grid_violates_less(seed):
+    rng = np.random.default_rng(seed)
+    angles, offsets = rng.uniform(-np.pi, np.pi, 12), rng.uniform(-0.01, 0.03, 12)
+    sides = [HalfPlane((np.cos(a), np.sin(a)), o) for a, o in zip(angles, offsets, strict=True)]
+    half_planes = HalfPlanes(PLATE)
+    for side in sides:
+        region = half_planes.add([side])
+    grid = PLATE.grid(61, 31, inset=0.0)
+    tried = sum(np.maximum(side.offset - grid @ side.normal, 0.0) for side in sides)
+    own = sum(max(-depth(side, region.center), 0.0) for side in sides)
+    assert own == pytest.approx(region.violation, abs=1e-8)
+    assert own <= tried.min() + 1e-8
+    inside = grid[tried == 0]
+    assert shapely.dwithin(region.polygon, shapely.points(inside), 1e-9).all()
+    assert len(inside) == 0 or region.area > 0
+
+
+@pytest.mark.parametrize("make", PROBLEMS)
+def test_random_pushes_close_in_on_the_center(make):
+    problem = make()
+    half_planes = HalfPlanes(problem.outline)
+    for observation in problem.observations:
+        region = half_planes.add(line_of_motion(observation))
+    assert region.area < 0.06 * problem.outline.polygon.area
+    assert shapely.dwithin(region.polygon, shapely.Point(problem.truth.center_of_friction), 1e-6)
+    assert np.linalg.norm(region.center - problem.truth.center_of_friction) < 0.015
+
+
+def test_a_margin_widens_every_half_plane_but_not_the_program():
+    """x >= 10 mm and x <= 8 mm contradict each other by 2 mm: a margin of 1.5 mm each is enough, one of 0.9 mm is not."""
+    sides = HalfPlane((1.0, 0.0), 0.010), HalfPlane((-1.0, 0.0), -0.008)
+    region = HalfPlanes(PLATE, margin=0.0015).add(sides)
+    assert (region.collapsed, region.violation) == (False, 0.0)
+    assert region.area == pytest.approx(0.001 * 0.06, rel=1e-4)
+    assert region.center == pytest.approx((0.009, 0.0))
+    region = HalfPlanes(PLATE, margin=0.0009).add(sides)
+    assert region.collapsed
+    assert region.violation == pytest.approx(0.002)
+
+
+def test_a_margin_lies_in_its_range():
+    with pytest.raises(ValueError, match=r"region_margin must lie in \[0.0, 0.1\], got -0.001"):
+        RegionConfig(region_margin=-0.001)
+    for margin in (-0.001, np.inf, np.nan):
+        with pytest.raises(ValueError, match="margin must be at least 0 and finite"):
+            HalfPlanes(PLATE, margin)
+
+
+def test_the_corners_run_counter_clockwise():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((-1.0, 0.0), -0.02)])
+    corners = half_planes.region().corners
+    assert {tuple(corner) for corner in corners.round(6)} == {(-0.06, -0.03), (0.02, -0.03), (0.02, 0.03), (-0.06, 0.03)}
+    x, y = corners.T
+    assert np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2 == pytest.approx(0.08 * 0.06)
+    assert half_planes.add([HalfPlane((1.0, 0.0), 0.03)]).corners.shape == (0, 2)
+
+
+def chosen(ranked):
+    return [(one.push.edge, one.push.offset, one.push.angle) for one in ranked]
+
+
+def test_the_next_push_halves_the_region_across():
+    """A region of 40 x 60 mm at the left: halved from below and above at x = -40 mm, from the sides at y = 0. The margin makes
+    cuts across the longer side the better ones: 2 mm are left of 60 mm, not of 40 mm."""
+    half_planes = HalfPlanes(PLATE, margin=0.002)
+    half_planes.add([HalfPlane((-1.0, 0.0), 0.022)])  # x <= -22 mm, and its margin
+    ranked = half_planes.next_pushes()
+    assert chosen(ranked) == [(1, 0.0, 0.0), (3, 0.0, 0.0), (0, -0.04, 0.0), (2, 0.04, 0.0)]
+    assert [one.expected_area for one in ranked] == pytest.approx([0.04 * 0.032, 0.04 * 0.032, 0.022 * 0.06, 0.022 * 0.06])
+
+
+def test_without_a_margin_too_the_longer_side_comes_first():
+    ranked = HalfPlanes(PLATE).next_pushes()
+    assert chosen(ranked) == [(0, 0.0, 0.0), (2, 0.0, 0.0), (1, 0.0, 0.0), (3, 0.0, 0.0)]
+    assert [one.expected_area for one in ranked] == pytest.approx([0.0036] * 4)
+
+
+def test_pushes_keep_away_from_corners():
+    """A region from x = 53.75 to 60 mm: a push may come as near as 54 mm, which leaves 4 % of it on one side."""
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((1.0, 0.0), 0.05375)])
+    ranked = half_planes.next_pushes()
+    assert chosen(ranked)[2:] == [(0, 0.054, 0.0), (2, -0.054, 0.0)]
+    assert ranked[2].expected_area == pytest.approx((0.04**2 + 0.96**2) * 0.00625 * 0.06)
+
+
+def test_edges_that_no_straight_push_reaches_are_left_out():
+    """The slot of a keyhole: from outside, pushes along x meet its outer sides only."""
+    keyhole = Outline(
+        0.01 * np.array(((0, 0), (10, 0), (10, 10), (6, 10), (6, 8), (9, 8), (9, 4), (1, 4), (1, 8), (4, 8), (4, 10), (0, 10)))
+    )
+    edges = {one.push.edge for one in HalfPlanes(keyhole).next_pushes()}
+    assert edges.isdisjoint({3, 4, 5, 7, 8, 9})
+    assert {0, 1, 2, 6, 10, 11} >= edges >= {0, 1, 11}
+
+
+def best_order(pushes):
+    return [(push.edge % 2, abs(round(push.offset, 4))) for push in pushes]
+
+
+def test_a_plan_cuts_in_both_directions():
+    """Of a square without a margin: halves, quarters, then the strips of one direction and of the other."""
+    plan = HalfPlanes(Outline.rectangle(0.08, 0.08)).plan(6)
+    assert best_order([one.push for one in plan]) == [(0, 0.0), (1, 0.0), (0, 0.02), (0, 0.02), (1, 0.02), (1, 0.02)]
+    assert {one.push.offset for one in plan} == {0.0, 0.02, -0.02}
+    # k parts of equal size leave 1 / k; one half in halves, the other in one: 1/2 (1/4 + 1/2)
+    assert [one.expected_area / 0.0064 for one in plan] == pytest.approx([1 / 2, 1 / 4, 3 / 16, 1 / 8, 3 / 32, 1 / 16])
+
+
+def test_a_plan_promises_what_it_leaves_on_average(rng):
+    """Against the regions that noiseless outcomes leave of p_CF here and there, each cut out one by one."""
+    plan = HalfPlanes(ELL, margin=0.003).plan(5)
+    hull = HalfPlanes(ELL).region().polygon
+    places = [place for place in rng.uniform(0, 0.1, (3000, 2)) if shapely.contains_xy(hull, *place)]
+    areas = []
+    for place in places:
+        left = hull
+        for push, _ in plan:
+            normal, along = ELL.normals[push.edge], ELL.edges[push.edge] / ELL.lengths[push.edge]
+            contact = ELL.vertices[push.edge] + ELL.edges[push.edge] / 2 + push.offset * along
+            side = np.sign((place - contact) @ along) * along
+            x, y = contact - 0.003 * side - 0.5 * normal
+            far = 1.0 * side
+            strip = [
+                (x, y),
+                (x + normal[0], y + normal[1]),
+                (x + normal[0] + far[0], y + normal[1] + far[1]),
+                (x + far[0], y + far[1]),
+            ]
+            left = left.intersection(shapely.Polygon(strip))
+        areas.append(left.area)
+    assert np.mean(areas) == pytest.approx(plan[-1].expected_area, rel=0.05)
+
+
+@pytest.mark.parametrize("make", [four_feet, flat_bar])
+def test_the_next_push_shrinks_faster_than_a_plan_and_a_plan_faster_than_even_pushes(make):
+    """Not so on three feet, where one of the even pushes happens to point exactly at p_CF."""
+    problem = make()
+    outline, support = problem.outline, problem.truth
+    count = 8
+
+    def area_after(choose):
+        half_planes = HalfPlanes(outline)
+        for index in range(count):
+            observation, direction = pushed(support, outline, choose(half_planes, index), 0.3)
+            region = half_planes.add(line_of_pushing(observation, direction))
+        assert shapely.dwithin(region.polygon, shapely.Point(support.center_of_friction), 1e-6)
+        return region.area
+
+    planned = [one.push for one in HalfPlanes(outline).plan(count)]
+    even = even_pushes(outline, [-(-count // len(outline.vertices))] * len(outline.vertices))
+    next_one, plan, evenly = (
+        area_after(choose)
+        for choose in (
+            lambda half_planes, _: half_planes.next_pushes()[0].push,
+            lambda _, index: planned[index],
+            lambda _, index: even[index],
+        )
+    )
+    assert next_one < outline.polygon.area / 2 ** (count - 1)
+    assert next_one < plan / 2
+    assert plan < evenly
+
+
+def test_a_collapsed_region_asks_for_no_push():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
+    assert half_planes.next_pushes() == []
+    assert half_planes.plan(3) == []
+
+
+def test_a_mere_point_is_planned_for_without_harm():
+    half_planes = HalfPlanes(PLATE)
+    half_planes.add(line_of_motion(seen_from_below(Twist(0.0, 0.02, 0.0))))
+    half_planes.add(line_of_motion(Observation((-0.06, 0.01), (-1.0, 0.0), Twist(0.02, 0.0, 0.0))))
+    assert [one.push.offset for one in half_planes.next_pushes() if one.push.edge == 0] == [0.02]
+
+
+def test_a_plan_has_pushes():
+    with pytest.raises(ValueError, match="count must be at least 1, got 0"):
+        HalfPlanes(PLATE).plan(0)
+
+
+def test_a_turn_about_the_contact_has_no_line_of_motion():
+    twist = Twist(-0.03, -0.02, 1.0)
+    assert not velocity_at(twist, (0.02, -0.03)).any()
+    with pytest.raises(UninformativePush, match="turned about its contact"):
+        line_of_motion(seen_from_below(twist))
+
+
+@pytest.mark.parametrize("direction", [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0, 0.0), (np.nan, 1.0)])
+def test_a_pusher_that_leaves_pushes_nothing(direction):
+    with pytest.raises(ValueError, match=r"direction must be \(2,\) and point into the object"):
+        line_of_pushing(seen_from_below(Twist(0.0, 0.02, 1.0)), direction)
+
+
+@pytest.mark.parametrize("mu_bound", [-0.1, np.inf, np.nan])
+def test_a_friction_bound_must_be_a_number(mu_bound):
+    with pytest.raises(ValueError, match="mu_bound must be at least 0 and finite"):
+        line_of_force(seen_from_below(Twist(0.0, 0.02, 1.0)), mu_bound)

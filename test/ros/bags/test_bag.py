@@ -1,0 +1,583 @@
+"""Bags: what is written is read back by us and by readers others wrote; what is broken is refused in one line or rescued."""
+
+import contextlib
+import os
+import pathlib
+import resource
+import subprocess
+import sys
+import tempfile
+
+import pytest
+import yaml
+from geometry_msgs.msg import Vector3
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import String
+
+from pushfric_core.errors import InvalidInput
+from pushfric_msgs.msg import FrictionEstimate, Hypothesis, Observation, Recognition
+from pushfric_ros.bags import bag
+from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.messages import types as message_types
+from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
+
+OBSERVATION = "pushfric_msgs/msg/Observation"
+STRING = "std_msgs/msg/String"
+
+
+def observation(number: int) -> Observation:
+    """One whose bounded list is empty and full by turns."""
+    msg = Observation(object="rubber_rect4", push_id=number, half_width=0.001 * number)
+    msg.header.stamp.sec = number
+    msg.header.frame_id = "object"
+    msg.contact_point.x = 0.01 * number
+    msg.force = [Vector3(x=1.0 * number)] if number % 2 else []
+    return msg
+
+
+def text(data: str) -> bytes:
+    return serialize_message(String(data=data))
+
+
+def write_texts(folder: pathlib.Path, count: int, flush_every: int = 0) -> list[tuple[int, bytes]]:
+    """A bag of strings a microsecond apart; returns their times and bytes."""
+    written = [(1000 * number, text(f"message {number}")) for number in range(1, count + 1)]
+    with BagWriter(folder) as writer:
+        writer.add_topic("/cell/text", STRING, [RELIABLE])
+        for number, (stamp, raw) in enumerate(written, 1):
+            writer.write("/cell/text", stamp, raw)
+            if flush_every and number % flush_every == 0:
+                writer.flush()
+    return written
+
+
+def mcap_of(folder: pathlib.Path) -> pathlib.Path:
+    return folder / f"{folder.name}_0.mcap"
+
+
+@pytest.fixture
+def cell_bag(tmp_path):
+    """A bag of several types; returns its folder and what was written to it."""
+    estimate = FrictionEstimate(object="rubber_rect4", status=FrictionEstimate.STATUS_OPTIMAL, confidence=[0.002])
+    estimate.support_friction.weights = [0.25, 0.75]
+    ranking = Recognition(best="as is", hypotheses=[Hypothesis(name="as is", ratio=1.0, feasible=True)])
+    image = CompressedImage(format="jpeg", data=bytes(range(256)) * 40)
+    topics = {
+        "/cell/observation": (OBSERVATION, RELIABLE, [observation(number) for number in range(5)]),
+        "/cell/friction_estimate": ("pushfric_msgs/msg/FrictionEstimate", LATCHED, [estimate]),
+        "/cell/recognition": ("pushfric_msgs/msg/Recognition", LATCHED, [ranking]),
+        "/cell/overlay/compressed": ("sensor_msgs/msg/CompressedImage", SENSOR_DATA, [image] * 3),
+        "/cell/wrench": ("geometry_msgs/msg/WrenchStamped", SENSOR_DATA, []),
+    }
+    written = []
+    with BagWriter(tmp_path / "cell") as writer:
+        for name, (type_name, qos, messages) in topics.items():
+            writer.add_topic(name, type_name, [qos])
+            written += [(name, type_name, message) for message in messages]
+        for stamp, (name, _, message) in enumerate(written, start=1_700_000_000_000_000_000):
+            writer.write(name, stamp, serialize_message(message))
+    return tmp_path / "cell", written
+
+
+# --- what is written is read ---
+
+
+def test_what_is_written_is_read_back(cell_bag):
+    folder, written = cell_bag
+    messages = list(bag.read(folder))
+    assert [(m.topic, m.type_name, bag.deserialize(m)) for m in messages] == written
+    assert [m.log_time_ns - messages[0].log_time_ns for m in messages] == list(range(10))
+    assert list(bag.read(folder / "cell_0.mcap")) == messages
+
+
+def test_describe_tells_topics_counts_qos_and_times(cell_bag):
+    summary = bag.describe(cell_bag[0])
+    assert {topic.name: topic.message_count for topic in summary.topics} == {
+        "/cell/observation": 5,
+        "/cell/friction_estimate": 1,
+        "/cell/recognition": 1,
+        "/cell/overlay/compressed": 3,
+        "/cell/wrench": 0,
+    }
+    assert summary.message_count == 10
+    assert (summary.start_ns, summary.end_ns) == (1_700_000_000_000_000_000, 1_700_000_000_000_000_009)
+    latched = next(topic for topic in summary.topics if topic.name == "/cell/friction_estimate")
+    assert latched.type_name == "pushfric_msgs/msg/FrictionEstimate"
+    assert latched.type_hash == message_types.type_hash(latched.type_name)
+    (qos,) = latched.qos_profiles
+    assert (qos.depth, qos.reliability, qos.durability) == (1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def test_a_bag_without_messages(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/cell/text", STRING, [RELIABLE])
+    assert list(bag.read(tmp_path / "bag")) == []
+    summary = bag.describe(tmp_path / "bag")
+    assert (summary.message_count, summary.start_ns, summary.end_ns) == (0, 0, 0)
+
+
+def test_read_chooses_topics_and_times(cell_bag):
+    start = 1_700_000_000_000_000_000
+    chosen = bag.read(cell_bag[0], ["/cell/observation"], start_ns=start + 1, end_ns=start + 4)
+    assert [bag.deserialize(message).push_id for message in chosen] == [1, 2, 3]
+
+
+def test_messages_come_in_log_time_order_and_equal_times_as_written(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/a", STRING, [RELIABLE])
+        writer.add_topic("/b", STRING, [RELIABLE])
+        for topic, stamp, data in [("/a", 20, "third"), ("/b", 10, "first"), ("/a", 10, "second"), ("/b", 20, "fourth")]:
+            writer.write(topic, stamp, text(data))
+            writer.flush()
+    assert [bag.deserialize(m).data for m in bag.read(tmp_path / "bag")] == ["first", "second", "third", "fourth"]
+
+
+def test_several_files_are_one_bag(tmp_path):
+    """As `ros2 bag record --max-bag-duration` splits them."""
+    first, second = write_texts(tmp_path / "first", 3), write_texts(tmp_path / "second", 5)[3:]
+    mcap_of(tmp_path / "second").unlink()
+    with BagWriter(tmp_path / "rest") as writer:
+        writer.add_topic("/cell/text", STRING, [SENSOR_DATA])
+        for stamp, raw in second:
+            writer.write("/cell/text", stamp, raw)
+    whole = tmp_path / "whole"
+    whole.mkdir()
+    mcap_of(tmp_path / "rest").rename(whole / "whole_1.mcap")
+    mcap_of(tmp_path / "first").rename(whole / "whole_0.mcap")
+    information = yaml.safe_load((tmp_path / "first/metadata.yaml").read_text())
+    information["rosbag2_bagfile_information"]["relative_file_paths"] = ["whole_0.mcap", "whole_1.mcap"]
+    (whole / "metadata.yaml").write_text(yaml.safe_dump(information))
+    assert [(m.log_time_ns, m.raw) for m in bag.read(whole)] == first + second
+    (topic,) = bag.describe(whole).topics
+    assert topic.message_count == 5
+    assert [qos.reliability for qos in topic.qos_profiles] == [ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT]
+    (whole / "metadata.yaml").unlink()
+    assert len(list(bag.read(whole))) == 5
+
+
+# --- the layout of rosbag2 ---
+
+
+def test_rosbags_reads_the_whole_bag_by_its_embedded_definitions(cell_bag):
+    folder, written = cell_bag
+    with AnyReader([folder]) as reader:
+        assert {connection.topic: connection.msgtype for connection in reader.connections} == {
+            "/cell/wrench": "geometry_msgs/msg/WrenchStamped"
+        } | {name: type_name for name, type_name, _ in written}
+        for connection in reader.connections:  # RIHS01 computed by rosbags from the text we embedded
+            assert reader.typestore.hash_rihs01(connection.msgtype) == connection.digest
+        messages = [(c.topic, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages()]
+    assert [topic for topic, _ in messages] == [name for name, _, _ in written]
+    observations = [message for topic, message in messages if topic == "/cell/observation"]
+    assert [[force.x for force in message.force] for message in observations] == [[], [1.0], [], [3.0], []]
+    assert [message.contact_point.x for message in observations] == [0.01 * number for number in range(5)]
+    (estimate,) = [message for topic, message in messages if topic == "/cell/friction_estimate"]
+    assert (list(estimate.confidence), list(estimate.support_friction.weights)) == ([0.002], [0.25, 0.75])
+    (ranking,) = [message for topic, message in messages if topic == "/cell/recognition"]
+    assert ranking.hypotheses[0].name == "as is"
+
+
+def test_the_mcap_file_is_laid_out_as_rosbag2_does(cell_bag):
+    folder, written = cell_bag
+    with (folder / "cell_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        messages = list(reader.iter_messages())
+        (record,) = reader.iter_metadata()
+    assert [channel.topic for _, channel, _ in messages] == [name for name, _, _ in written]
+    for (_, _, message), (_, _, expected) in zip(messages, written, strict=True):
+        assert deserialize_message(message.data, type(expected)) == expected
+    assert {schema.encoding for schema, _, _ in messages} == {"ros2msg"}
+    assert {channel.message_encoding for _, channel, _ in messages} == {"cdr"}
+    schema, channel, _ = messages[0]
+    assert schema.name == OBSERVATION
+    parts = schema.data.decode().split("\n" + "=" * 80 + "\n")
+    assert "geometry_msgs/Vector3[<=1] force" in parts[0]
+    assert {part.splitlines()[0] for part in parts[1:]} == {
+        "MSG: builtin_interfaces/Time",
+        "MSG: std_msgs/Header",
+        *(f"MSG: geometry_msgs/{name}" for name in ("Point", "Pose", "Quaternion", "Twist", "Vector3")),
+    }
+    assert channel.metadata["topic_type_hash"] == message_types.type_hash(OBSERVATION)
+    assert yaml.safe_load(channel.metadata["offered_qos_profiles"])[0]["reliability"] == "reliable"
+    information = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert record.name == "rosbag2"
+    assert yaml.safe_load(record.metadata["serialized_metadata"]) == information
+
+
+def test_metadata_is_that_of_version_9(cell_bag):
+    written = (cell_bag[0] / "metadata.yaml").read_text()
+    assert "&id" not in written  # rosbag2 writes no YAML aliases
+    information = yaml.safe_load(written)["rosbag2_bagfile_information"]
+    assert information["version"] == 9
+    assert information["storage_identifier"] == "mcap"
+    assert information["relative_file_paths"] == ["cell_0.mcap"]
+    assert information["message_count"] == 10
+    assert information["duration"] == {"nanoseconds": 9}
+    infinite = {"sec": 9223372036, "nsec": 854775807}
+    assert information["topics_with_message_count"][0] == {
+        "topic_metadata": {
+            "name": "/cell/observation",
+            "type": OBSERVATION,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": [
+                {
+                    "history": "keep_last",
+                    "depth": RELIABLE.depth,
+                    "reliability": "reliable",
+                    "durability": "volatile",
+                    "deadline": infinite,
+                    "lifespan": infinite,
+                    "liveliness": "system_default",
+                    "liveliness_lease_duration": infinite,
+                    "avoid_ros_namespace_conventions": False,
+                }
+            ],
+            "type_description_hash": message_types.type_hash(OBSERVATION),
+        },
+        "message_count": 5,
+    }
+
+
+def test_a_bag_in_sqlite_is_refused(tmp_path):
+    """What `ros2 bag record` wrote by default before ROS 2 Iron."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with RosbagsWriter(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/text", STRING, typestore=store)
+        writer.write(connection, 5, store.serialize_cdr(store.types[STRING](data="from elsewhere"), STRING))
+    expected = r"metadata\.yaml: the bag is stored as 'sqlite3', expected 'mcap' \(see `ros2 bag convert`\)"
+    for use in (bag.read, bag.describe):
+        with pytest.raises(InvalidInput, match=expected):
+            use(tmp_path / "bag")
+    with pytest.raises(InvalidInput, match=r"bag_?0?\.db3: is not an MCAP file, expected a bag's folder or an \.mcap"):
+        bag.read(next((tmp_path / "bag").glob("*.db3")))
+
+
+@pytest.mark.parametrize("version", [8, 9])
+def test_a_bag_of_another_writer_is_read(tmp_path, version):
+    """Version 8 has the policies as numbers."""
+    qos = Qos(
+        QosHistory.KEEP_LAST, 7, QosReliability.BEST_EFFORT, QosDurability.TRANSIENT_LOCAL,
+        QosTime(9223372036, 854775807), QosTime(9223372036, 854775807), QosLiveliness.AUTOMATIC,
+        QosTime(9223372036, 854775807), False,
+    )  # fmt: skip
+    store = get_typestore(Stores.ROS2_JAZZY)
+    message = store.types["std_msgs/msg/String"](data="from elsewhere")
+    with RosbagsWriter(tmp_path / "bag", version=version, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/text", STRING, typestore=store, offered_qos_profiles=[qos])
+        for stamp in (5, 7):
+            writer.write(connection, stamp, store.serialize_cdr(message, STRING))
+    assert [(m.log_time_ns, bag.deserialize(m).data) for m in bag.read(tmp_path / "bag")] == [
+        (5, "from elsewhere"),
+        (7, "from elsewhere"),
+    ]
+    (topic,) = bag.describe(tmp_path / "bag").topics
+    assert topic.qos_profiles[0].depth == 7
+    assert topic.qos_profiles[0].reliability == ReliabilityPolicy.BEST_EFFORT
+    assert topic.qos_profiles[0].durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert bag.recorded_class(topic) is String
+
+
+def test_qos_survives_as_discovery_tells_it(tmp_path):
+    """Discovery knows neither history nor depth."""
+    told = QoSProfile(history=HistoryPolicy.UNKNOWN, depth=0, reliability=ReliabilityPolicy.RELIABLE,
+                      durability=DurabilityPolicy.VOLATILE, deadline=bag.INFINITE, lifespan=bag.INFINITE,
+                      liveliness_lease_duration=bag.INFINITE)  # fmt: skip
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/text", STRING, [told, told], "RIHS01_told_by_the_publisher")
+    (topic,) = bag.describe(tmp_path / "bag").topics
+    assert topic.qos_profiles == (told, told)
+    assert topic.type_hash == "RIHS01_told_by_the_publisher"
+
+
+@pytest.mark.parametrize(
+    "type_name", ["std_msgs/msg/String", "rcl_interfaces/msg/ParameterDescriptor", "visualization_msgs/msg/MarkerArray"]
+)
+def test_type_hash_is_that_of_the_specification(type_name):
+    assert message_types.type_hash(type_name) == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
+
+
+# --- cut short ---
+
+
+@pytest.fixture(scope="module")
+def flushed(tmp_path_factory):
+    """A bag of 12 messages in 4 chunks: the bytes of its file and its messages."""
+    folder = tmp_path_factory.mktemp("flushed") / "bag"
+    written = write_texts(folder, 12, flush_every=3)
+    return mcap_of(folder).read_bytes(), written
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 0.999])
+def test_recovery_saves_the_whole_chunks(tmp_path, flushed, kept):
+    content, written = flushed
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(content[: max(8, int(kept * len(content)))])
+    with pytest.raises(InvalidInput, match=r"cut\.mcap: the recording was cut short|cut\.mcap: the file is damaged"):
+        bag.describe(cut)
+    count = bag.recover(cut, tmp_path / "out")
+    saved = [(m.log_time_ns, m.raw) for m in bag.read(tmp_path / "out")]
+    assert saved == written[:count]
+    assert count % 3 == 0
+    if kept == 0.999:
+        assert count == 12
+    with AnyReader([tmp_path / "out"]) as reader:
+        assert reader.message_count == count
+        assert {c.digest for c in reader.connections} <= {message_types.type_hash(STRING)}
+
+
+def test_recovery_saves_what_lies_before_damage(tmp_path, flushed):
+    content, written = flushed
+    damaged = bytearray(content)
+    damaged[content.index(b"zstd", content.index(b"zstd") + 1) + 20] ^= 0xFF  # in the second chunk
+    (tmp_path / "damaged.mcap").write_bytes(damaged)
+    with pytest.raises(InvalidInput, match=r"damaged\.mcap: the file is damaged"):
+        list(bag.read(tmp_path / "damaged.mcap"))
+    assert bag.recover(tmp_path / "damaged.mcap", tmp_path / "out") == 3
+    assert [(m.log_time_ns, m.raw) for m in bag.read(tmp_path / "out")] == written[:3]
+
+
+def test_no_flipped_byte_causes_a_traceback(tmp_path, flushed, rng):
+    content, _ = flushed
+    damaged = tmp_path / "damaged.mcap"
+    for number, where in enumerate(rng.choice(len(content), 200, replace=False)):
+        flipped = bytearray(content)
+        flipped[where] ^= 1 << int(rng.integers(8))
+        damaged.write_bytes(flipped)
+        out = tmp_path / str(number)
+        for use in (bag.describe, lambda path: list(bag.read(path)), lambda path, out=out: bag.recover(path, out)):
+            with contextlib.suppress(InvalidInput):  # a flip in what is not read does no harm
+                use(damaged)
+
+
+def test_what_was_flushed_survives_a_killed_process(tmp_path):
+    script = f"""
+import os, signal, test_bag
+from pushfric_ros.bags.bag import BagWriter
+writer = BagWriter({str(tmp_path / "bag")!r})
+writer.add_topic("/text", test_bag.STRING, [test_bag.RELIABLE])
+for number in range(3):
+    writer.write("/text", number, test_bag.text(str(number)))
+writer.flush()
+writer.write("/text", 3, test_bag.text("lost"))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    subprocess.run([sys.executable, "-c", script], cwd=pathlib.Path(__file__).parent, check=False, timeout=60)
+    with pytest.raises(InvalidInput, match=r"bag_0\.mcap: the recording was cut short, expected a finished file"):
+        bag.read(tmp_path / "bag")
+    assert bag.recover(tmp_path / "bag", tmp_path / "out") == 3
+    assert [bag.deserialize(m).data for m in bag.read(tmp_path / "out")] == ["0", "1", "2"]
+
+
+def test_a_full_disk_is_one_error_and_what_was_flushed_is_saved(tmp_path, rng):
+    """A limit on the size of files stands in for the size of the disk: the same call of the system fails."""
+    raw = serialize_message(CompressedImage(data=rng.bytes(100_000)))
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/image", "sensor_msgs/msg/CompressedImage", [SENSOR_DATA])
+    writer.write("/image", 1, raw)
+    writer.flush()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))
+    try:
+        writer.write("/image", 2, raw)
+        with pytest.raises(InvalidInput, match="bag: cannot write the bag: File too large"):
+            writer.flush()
+        writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with pytest.raises(ValueError, match="the bag is closed"):
+        writer.write("/image", 3, raw)
+    assert bag.recover(tmp_path / "bag", tmp_path / "out") == 1
+    assert [m.raw for m in bag.read(tmp_path / "out")] == [raw]
+
+
+def test_recovery_takes_the_object_along(tmp_path):
+    write_texts(tmp_path / "bag", 1)
+    (tmp_path / "bag/object.yaml").write_text("name: plate")
+    for path, out in ((tmp_path / "bag", tmp_path / "a"), (mcap_of(tmp_path / "bag"), tmp_path / "b")):
+        assert bag.recover(path, out) == 1
+        assert (out / "object.yaml").read_text() == "name: plate"
+
+
+def test_messages_of_a_channel_that_is_lost_are_left_out(tmp_path):
+    """Without chunks there are no checksums: a damaged number of a channel shows only in what refers to it."""
+    path = tmp_path / "loose.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b"string data"))
+        writer.add_message(channel, 1, text("kept"), 1)
+        writer.add_message(channel + 1, 2, text("of nobody"), 2)
+        writer.finish()
+    assert bag.recover(path, tmp_path / "out") == 1
+    assert [bag.deserialize(m).data for m in bag.read(tmp_path / "out")] == ["kept"]
+
+
+# --- refused ---
+
+
+@contextlib.contextmanager
+def as_nobody():
+    """Without root's right to write everywhere."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+@pytest.mark.parametrize("name", ["", "bag", "deeper/bag"])
+def test_an_unwritable_folder_is_refused(name):
+    with tempfile.TemporaryDirectory() as folder:  # nobody may enter tmp_path
+        os.chmod(folder, 0o555)
+        expected = pytest.raises(InvalidInput, match=r"cannot record there \(Permission denied\), expected a new folder")
+        with as_nobody(), expected:
+            BagWriter(os.path.join(folder, name))
+        assert not os.listdir(folder)
+
+
+def test_a_second_writer_is_refused(tmp_path):
+    expected = pytest.raises(InvalidInput, match="bag: already holds files, expected a new or empty folder")
+    with BagWriter(tmp_path / "bag"), expected:
+        BagWriter(tmp_path / "bag")
+
+
+def test_a_file_in_the_way_is_refused(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for path in (tmp_path / "file", tmp_path / "file/bag"):
+        with pytest.raises(InvalidInput, match=r"cannot record there \((File exists|Not a directory)\), expected a new folder"):
+            BagWriter(path)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_empty_folder_is_used(tmp_path):
+    write_texts(tmp_path, 2)
+    assert len(list(bag.read(tmp_path))) == 2
+
+
+def test_wrong_calls_of_the_writer(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/text", STRING, [RELIABLE])
+        with pytest.raises(ValueError, match="topic /text was added before"):
+            writer.add_topic("/text", STRING, [RELIABLE])
+        with pytest.raises(ValueError, match="topic /other was not added to the bag"):
+            writer.write("/other", 0, b"")
+    writer.close()
+    with pytest.raises(ValueError, match="the bag is closed"):
+        writer.flush()
+
+
+@pytest.mark.parametrize("type_name", ["std_msgs/msg/Nothing", "no_such_msgs/msg/String", "String"])
+def test_unknown_types_are_refused(tmp_path, type_name):
+    with BagWriter(tmp_path / "bag") as writer:
+        with pytest.raises(InvalidInput, match=rf"message type '{type_name}' has no installed \.json file"):
+            writer.add_topic("/text", type_name, [RELIABLE])
+        assert not writer.topics
+    with pytest.raises(InvalidInput, match=f"message type '{type_name}' is not installed, expected package/msg/Type"):
+        bag.deserialize(bag.BagMessage("/text", type_name, 0, b""))
+
+
+def test_a_changed_definition_is_noticed(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/text", STRING, [RELIABLE], "RIHS01_of_another_definition")
+    (topic,) = bag.describe(tmp_path / "bag").topics
+    with pytest.raises(InvalidInput, match="/text: was recorded with another definition of std_msgs/msg/String"):
+        bag.recorded_class(topic)
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "notes.txt").write_text("no bag at all")
+    (tmp_path / "nothing.mcap").touch()
+    for use in (bag.read, bag.describe, lambda path: bag.recover(path, tmp_path / "out")):
+        with pytest.raises(InvalidInput, match="missing: cannot be read: No such file or directory, expected a bag"):
+            use(tmp_path / "missing")
+        with pytest.raises(InvalidInput, match=r"empty: is not a bag, expected metadata\.yaml or an \.mcap file in it"):
+            use(tmp_path / "empty")
+        for name in ("notes.txt", "nothing.mcap"):
+            with pytest.raises(InvalidInput, match=f"{name}: is not an MCAP file, expected a bag's folder or an .mcap"):
+                use(tmp_path / name)
+    assert not (tmp_path / "out").exists()
+
+
+def test_metadata_that_cannot_be_used_is_refused(tmp_path):
+    write_texts(tmp_path / "bag", 1)
+    metadata = tmp_path / "bag/metadata.yaml"
+    original = metadata.read_text()
+    for broken, expected in [
+        ("]", "is not the metadata of a bag"),
+        ("version: 9", "is not the metadata of a bag"),
+        (original.replace("storage_identifier: mcap", "storage_identifier: sqlite3"), "stored as 'sqlite3', expected 'mcap'"),
+        (original.replace("compression_mode: ''", "compression_mode: MESSAGE"), "compressed by message, expected MCAP's own"),
+        (original.replace("bag_0", "lost_0"), r"lost_0\.mcap: cannot be read: No such file or directory"),
+    ]:
+        assert broken != original
+        metadata.write_text(broken)
+        with pytest.raises(InvalidInput, match=expected):
+            bag.read(tmp_path / "bag")
+
+
+def test_a_file_that_vanishes_while_read_is_reported(tmp_path):
+    write_texts(tmp_path / "bag", 1)
+    messages = bag.read(tmp_path / "bag")
+    mcap_of(tmp_path / "bag").unlink()
+    with pytest.raises(InvalidInput, match=r"bag_0\.mcap: cannot be read: No such file or directory"):
+        next(messages)
+
+
+def test_messages_that_are_not_of_ros_2_are_refused(tmp_path):
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/foreign", "json", writer.register_schema("Any", "jsonschema", b"{}"))
+        writer.add_message(channel, 0, b"{}", 0)
+        writer.finish()
+    for use in (bag.describe, lambda path: list(bag.read(path)), lambda path: bag.recover(path, tmp_path / "out")):
+        with pytest.raises(
+            InvalidInput, match=r"foreign\.mcap: /foreign is encoded as 'json', expected ROS 2 messages \(cdr\)"
+        ):
+            use(path)
+
+
+def test_qos_that_is_not_that_of_rosbag2_is_refused(tmp_path):
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", message_types.definition(STRING).encode())
+        writer.register_channel("/text", "cdr", schema, {"offered_qos_profiles": "- reliability: perfect"})
+        writer.finish()
+    with pytest.raises(InvalidInput, match=r"foreign\.mcap: /text has QoS profiles that are not those of rosbag2"):
+        bag.describe(path)
+
+
+def test_a_file_without_summary_is_read_and_recovered(tmp_path):
+    """As `ros2 bag record --storage-preset-profile fastwrite` writes it."""
+    path = tmp_path / "fast.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False, use_statistics=False, use_summary_offsets=False,
+                        repeat_channels=False, repeat_schemas=False)  # fmt: skip
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", message_types.definition(STRING).encode())
+        channel = writer.register_channel("/text", "cdr", schema)
+        for stamp in (2, 1):
+            writer.add_message(channel, stamp, text(str(stamp)), stamp)
+        writer.finish()
+    assert [bag.deserialize(m).data for m in bag.read(path)] == ["1", "2"]
+    with pytest.raises(InvalidInput, match=r"fast\.mcap: has no summary, expected one at the end"):
+        bag.describe(path)
+    assert bag.recover(path, tmp_path / "out") == 2
+    assert bag.describe(tmp_path / "out").message_count == 2

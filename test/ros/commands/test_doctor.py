@@ -1,0 +1,496 @@
+"""The doctor on real parts: a GRBL controller on a pseudo-terminal, video files and topics as camera, files that are wrong."""
+
+import json
+import math
+import os
+import shutil
+import sys
+import tempfile
+import time
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+from sensor_msgs.msg import CompressedImage, Image
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose
+from pushfric_ros.commands import cli, discovery, doctor
+from pushfric_ros.commands.doctor import Check, Frame, Level
+from pushfric_ros.files.cell_file import CameraEntry, PlanEntry, PusherEntry
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.graph import supervisor
+from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.qos import SENSOR_DATA
+from pushfric_ros.pushers.pusher import Limits, Mode
+from pushfric_ros.simulated import grbl_firmware
+from pushfric_ros.simulated.camera import SimulatedCamera
+from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_ros.vision.camera import Camera, save_camera
+
+NAME = "rubber_rect4"
+SECOND = 10**9
+CAMERA = Camera.looking_down(320, 240, (0.0, 0.06), 0.001)
+SHARP = Camera.looking_down(640, 480, (0.0, 0.06), 0.0004)
+OK, WARNING, FAILED = Level.OK, Level.WARNING, Level.FAILED
+
+
+class Listening(SimulatedGrbl):
+    """Remembers the lines it was sent."""
+
+    def __init__(self, *arguments, **options) -> None:
+        self.heard: list[str] = []
+        super().__init__(*arguments, **options)
+
+    def _system(self, line):
+        self.heard.append(line)
+        super()._system(line)
+
+    def _gcode(self, line, jog=False):
+        self.heard.append(line)
+        return super()._gcode(line, jog)
+
+
+def pusher(**changes) -> PusherEntry:
+    values = {"line_origin": (0.0, 0.0), "line_direction": (0.0, 1.0), "tip_radius": 0.003, "stroke": 0.06, "max_speed": 0.1}
+    return PusherEntry(**{"port": "/dev/pushfric-none", **values, **changes})
+
+
+def video(path, frames, rate=30):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), rate, frames[0].shape[::-1], isColor=False)
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+
+
+def cell_file(folder, port, **pushers):
+    """A cell of a camera whose pictures come from a video file."""
+    simulation = SimulatedCamera(SHARP, load_object(NAME).outline.vertices, 0.0, np.random.default_rng(0))
+    video(folder / "camera.avi", [simulation.render(Pose(0.02, 0.05, 0.3)) for _ in range(25)])
+    save_camera(SHARP, folder / "camera.yaml")
+    entry = pusher(port=str(port), **pushers).model_dump()
+    entry |= {name: list(entry[name]) for name in ("line_origin", "line_direction")}
+    content = {
+        "object": NAME,
+        "camera": {"source": str(folder / "camera.avi"), "calibration": "camera.yaml"},
+        "pusher": entry,
+    }
+    (folder / "cell.yaml").write_text(yaml.safe_dump(content))
+    return folder / "cell.yaml"
+
+
+def examined(path, folder):
+    checks = list(doctor.examine(path, folder / "runs", lambda _: None))
+    assert len({check.name for check in checks}) == len(checks)
+    assert all(check.advice or check.level is OK for check in checks)
+    return {check.name: check for check in checks}
+
+
+def test_a_good_cell_passes_and_its_pusher_is_told_nothing_that_moves_it(tmp_path):
+    with Listening(time.monotonic, homing=True) as controller:
+        checks = examined(cell_file(tmp_path, controller.port, home=True), tmp_path)
+        assert controller.position() == 0
+    rests_on_this_machine = {"ROS 2", "clock", "disk"}
+    assert {name for name, check in checks.items() if check.level is not OK} <= rests_on_this_machine
+    assert list(checks) == [
+        "ROS 2", "packages", "build", "clock", "disk", "discovery", "multicast",
+        "cell", "plan", "camera", "exposure", "calibration", "object", "port", "controller", "limits",
+    ]  # fmt: skip
+    assert set(controller.heard) == {"$I", "$$"}  # neither unlocked nor homed
+    assert checks["controller"].finding.startswith("Grbl 1.1h.20190830 at ")
+    assert checks["controller"].finding.endswith(", alarm")
+    assert checks["camera"].finding.startswith(f"{tmp_path}/camera.avi: 640 x 480 px, ")
+    assert checks["calibration"].finding == "a pixel is 0.40 mm, 100 % of the pushing line are in the picture"
+    assert checks["object"].finding.startswith("rubber_rect4 is seen at (20, 50) mm, edges fit to 0.")
+    assert checks["limits"].finding == "travel 99 mm, 100 mm/s, 500 mm/s^2"  # 100 mm, less the pull-off of homing
+    assert doctor.passed(list(checks.values()))
+
+
+def test_a_cell_without_its_parts_says_so_of_each(tmp_path):
+    path = cell_file(tmp_path, "/dev/pushfric-none")
+    (tmp_path / "camera.avi").unlink()
+    (tmp_path / "camera.yaml").write_text("image_width: 640\n")
+    checks = examined(path, tmp_path)
+    assert {name for name, check in checks.items() if check.level is FAILED} == {"camera", "calibration", "port"}
+    assert checks["camera"].finding.startswith(f"no camera at '{tmp_path}/camera.avi'")
+    assert "image_height must be an integer" in checks["calibration"].finding
+    assert checks["port"].finding == "no serial port at /dev/pushfric-none"
+    assert "/dev/serial/by-id" in checks["port"].advice
+    assert not {"controller", "limits", "exposure", "object"} & set(checks)
+    assert not doctor.passed(list(checks.values()))
+
+
+@pytest.fixture
+def machine_is_well(monkeypatch):
+    """Leaves the checks of the machine out."""
+    for name in ("ros", "packages", "build", "clock", "discovery", "multicast"):
+        monkeypatch.setattr(doctor, f"check_{name}", lambda name=name: Check(name, OK, ""))
+
+
+@pytest.mark.parametrize("content", [None, "object: brick\n", ": :"])
+def test_a_wrong_cell_file_is_refused_before_any_check(tmp_path, content):
+    if content is not None:
+        (tmp_path / "cell.yaml").write_text(content)
+    with pytest.raises(InvalidInput, match=r"cell\.yaml: "):
+        next(doctor.examine(tmp_path / "cell.yaml", tmp_path / "runs", lambda _: None))
+
+
+@pytest.mark.usefixtures("machine_is_well")
+def test_the_lock_of_the_cell_is_given_back(tmp_path, monkeypatch):
+    path = cell_file(tmp_path, "/dev/pushfric-none")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    assert examined(path, tmp_path)["cell"].level is OK
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize(("level", "code"), [(OK, 0), (WARNING, 0), (FAILED, 1)])
+def test_the_exit_code_says_whether_a_check_failed(monkeypatch, capsys, level, code):
+    monkeypatch.setattr(cli, "examine", lambda *_: [Check("port", level, "as it is")])
+    monkeypatch.setattr(sys, "argv", ["pushfric", "doctor", "--json"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert (ended.value.code or 0) == code
+    assert json.loads(capsys.readouterr().out)["passed"] is (code == 0)
+
+
+@pytest.mark.usefixtures("machine_is_well")
+def test_the_parts_of_a_running_cell_are_left_alone(tmp_path):
+    with SimulatedGrbl(time.monotonic) as controller, supervisor.lock("/cell"):
+        checks = examined(cell_file(tmp_path, controller.port), tmp_path)
+    assert "a cell named /cell runs already" in checks["cell"].finding
+    assert list(checks)[-1] == "cell"
+
+
+# The machine
+
+
+def test_the_environment_of_these_tests_is_the_one_that_was_tried():
+    assert doctor.check_ros().level is OK
+    assert doctor.check_packages().level is OK
+    assert doctor.check_build().level is OK
+
+
+def test_another_middleware_is_a_warning(monkeypatch):
+    monkeypatch.setenv("ROS_DISTRO", "rolling")
+    check = doctor.check_ros()
+    assert (check.level, "ROS 2 rolling, rmw_fastrtps_cpp" in check.finding) == (WARNING, True)
+
+
+def test_missing_and_old_packages_are_named(monkeypatch):
+    wanted = {"pushfric_core": ["numpy>=999"], "pushfric_ros": ["no-such-package>=1.2", "mcap>=1.0"]}
+    monkeypatch.setattr(doctor.importlib.metadata, "requires", wanted.get)
+    check = doctor.check_packages()
+    version = np.__version__
+    assert check.finding == f"missing or too old: no-such-package>=1.2 (not installed), numpy>=999 ({version})"
+    assert check.advice == "python3 -m pip install 'no-such-package>=1.2' 'numpy>=999'"
+
+
+def test_a_package_of_the_system_needs_no_metadata_of_pip(monkeypatch):
+    def unknown(name):
+        raise doctor.importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(doctor.importlib.metadata, "version", unknown)
+    monkeypatch.setattr(doctor.importlib.metadata, "requires", {"pushfric_ros": ["opencv-python-headless>=4.7"]}.get)
+    assert doctor.check_packages().level is OK
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "stale"),
+    [
+        ("msg/Hypothesis.msg", "string name # whose\nfloat64 fit_error\nfloat64 ratio\nbool feasible\n", []),
+        ("msg/Hypothesis.msg", "string name\nfloat64 fit_error\nbool feasible\n", ["Hypothesis.msg"]),
+        ("msg/Hypothesis.msg", "string name\nfloat32 fit_error\nfloat64 ratio\nbool feasible\n", ["Hypothesis.msg"]),
+        ("msg/Recognition.msg", "std_msgs/Header header\nstring best\nHypothesis[] hypotheses\n", []),
+        ("msg/NeverBuilt.msg", "float64 x\n", ["NeverBuilt.msg"]),
+        ("srv/SelectObject.srv", "string object\n---\nbool success\nstring message\n", []),
+        ("srv/SelectObject.srv", "string object\n---\nbool success\n", ["SelectObject.srv"]),
+    ],
+)
+def test_an_interface_whose_fields_changed_is_stale(tmp_path, file, text, stale):
+    (tmp_path / file).parent.mkdir()
+    (tmp_path / file).write_text(text)
+    assert doctor.stale_interfaces(tmp_path) == stale
+
+
+@pytest.mark.parametrize(("state", "level"), [(0, OK), (doctor.TIME_ERROR, WARNING)])
+def test_a_clock_that_nothing_synchronises_is_a_warning(monkeypatch, state, level):
+    assert doctor.clock_state() in range(6)
+    monkeypatch.setattr(doctor, "clock_state", lambda: state)
+    assert doctor.check_clock().level is level
+
+
+def test_a_clock_that_went_back_fails(monkeypatch):
+    monkeypatch.setattr(doctor.time, "time", lambda: 0.0)
+    check = doctor.check_clock()
+    assert check.level is FAILED
+    assert "which was before this program was installed" in check.finding
+
+
+@pytest.mark.parametrize(("free", "level"), [(5e9, OK), (5e8, WARNING), (5e6, FAILED)])
+def test_room_for_bags(monkeypatch, tmp_path, free, level):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1e10, 1e10 - free, free))
+    check = doctor.check_disk(tmp_path / "not" / "there")
+    assert check.level is level
+    assert f"{free / 1e9:.1f} GB free at {tmp_path}" in check.finding
+
+
+def test_a_folder_that_may_not_be_written_to_fails(monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert doctor.check_disk(tmp_path).finding == f"you may not write to {tmp_path}"
+
+
+def test_without_discovery_no_other_process_answers(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+    monkeypatch.setattr(doctor, "PATIENCE", 0.5)
+    check = doctor.check_discovery()
+    assert check.level is FAILED
+    assert check.finding.startswith("another process did not answer within 0.5 s on domain")
+    assert "discovery range OFF" in check.finding
+
+
+@pytest.mark.parametrize("domain", ["102", "-1", "seven"])
+def test_domains_that_do_not_work_fail(monkeypatch, domain):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    check = doctor.check_discovery()
+    assert (check.level, check.finding) == (FAILED, f"ROS_DOMAIN_ID is {domain!r}")
+
+
+def test_multicast_matters_only_where_other_machines_are_looked_for(monkeypatch):
+    assert doctor.check_multicast().finding == "not needed: only this machine is looked for"
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    monkeypatch.setattr(discovery, "DDS_GROUP", "10.1.2.3")  # no multicast address
+    check = doctor.check_multicast()
+    assert (check.level, check.finding.startswith("does not work: ")) == (WARNING, True)
+
+
+# The camera
+
+
+def frames(images, period=0.05, age=0.01):
+    arrivals = [1000 * SECOND + round(i * period * SECOND) for i in range(len(images))]
+    return [Frame(arrival - round(age * SECOND), arrival, image) for arrival, image in zip(arrivals, images, strict=True)]
+
+
+NOISE = [np.random.default_rng(i).integers(0, 200, (240, 320)).astype(np.uint8) for i in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("seen", "level", "finding"),
+    [
+        (frames(NOISE), OK, "image_raw: 320 x 240 px, 20.0 frames/s"),
+        (frames(NOISE, period=0.2), WARNING, "image_raw: 320 x 240 px, 5.0 frames/s"),
+        (frames(NOISE[:1]), WARNING, "image_raw: 320 x 240 px, nan frames/s"),
+        (frames(NOISE[:1] * 5), FAILED, "image_raw: 320 x 240 px, 20.0 frames/s, all of them equal"),
+        ([], FAILED, "no frames from image_raw"),
+    ],
+)
+def test_a_camera_gives_living_frames_fast_enough(seen, level, finding):
+    assert doctor.check_camera(seen, "topic")[1:3] == (level, finding)
+
+
+@pytest.mark.parametrize(
+    ("table", "thing", "level", "advice"),
+    [
+        (20, 220, OK, ""),
+        (20, 255, WARNING, "what is saturated grows"),
+        (16, 235, WARNING, "what is saturated grows"),  # the luminance of video
+        (230, 255, WARNING, "the table must be dark"),
+        (5, 20, WARNING, "too dark to see an object"),
+    ],
+)
+def test_exposure(table, thing, level, advice):
+    image = np.full((240, 320), table, np.uint8)
+    image[100:140, 100:160] = thing
+    check = doctor.check_exposure(image)
+    assert (check.level, advice in check.advice) == (level, True)
+
+
+def test_stamps_of_another_clock_or_out_of_order_fail():
+    assert doctor.check_stamps(frames(NOISE, age=0.08))[1:3] == (OK, "0.080 s old on arrival")
+    assert doctor.check_stamps(frames(NOISE, age=-3600.0))[1:3] == (FAILED, "-3600.000 s old on arrival")
+    assert doctor.check_stamps(frames(NOISE, age=5.0)).level is FAILED
+    assert "not in order" in doctor.check_stamps(frames(NOISE)[::-1]).finding
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "yuv422_yuy2"])
+def test_frames_of_a_topic_are_judged_as_those_of_a_device(ros, encoding):
+    node = ros.node("camera_driver", namespace="/cell")
+    out = node.create_publisher(Image, "image_raw", SENSOR_DATA)
+    image = iter(NOISE * 100)
+
+    def send():
+        pixels = next(image) if encoding == "mono8" else np.dstack((next(image), np.full((240, 320), 128, np.uint8)))
+        msg = Image(height=240, width=320, encoding=encoding, step=pixels[0].nbytes, data=pixels.tobytes())
+        msg.header.stamp = stamp_to_msg(time.time_ns() - 2 * SECOND)
+        out.publish(msg)
+
+    node.create_timer(0.02, send)
+    seen = doctor.watch(CameraEntry(source="topic", calibration=""), "/cell", None)
+    assert len(seen) == doctor.FRAMES
+    assert all(any(np.array_equal(frame.image, sent) for sent in NOISE) for frame in seen)
+    assert doctor.check_stamps(seen).level is FAILED
+
+
+def test_a_topic_of_no_pictures_is_refused(ros):
+    node = ros.node("camera_driver", namespace="/cell")
+    out = node.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
+    node.create_timer(0.02, lambda: out.publish(CompressedImage(format="jpeg", data=b"no picture")))
+    with pytest.raises(InvalidInput, match="image_raw/compressed: not a picture: 10 bytes of format 'jpeg'"):
+        doctor.watch(CameraEntry(source="compressed", calibration=""), "/cell", None)
+
+
+def test_a_topic_that_nobody_publishes_gives_no_frames(monkeypatch):
+    monkeypatch.setattr(doctor, "PATIENCE", 0.2)
+    assert doctor.watch(CameraEntry(source="topic", calibration=""), "/cell", None) == []
+
+
+@pytest.mark.parametrize(
+    ("camera", "changes", "level", "finding"),
+    [
+        (SHARP, {}, OK, "a pixel is 0.40 mm, 100 % of the pushing line are in the picture"),
+        (SHARP, {"line_origin": (0.0, 0.1258)}, OK, "a pixel is 0.40 mm, 50 % of the pushing line are in the picture"),
+        (SHARP, {"line_origin": (5.0, 0.0)}, FAILED, "a pixel is 0.40 mm, 0 % of the pushing line are in the picture"),
+        (CAMERA, {}, WARNING, "a pixel is 1.00 mm, 100 % of the pushing line are in the picture"),
+        (
+            Camera.looking_down(640, 480, (0.0, 0.06), 0.0005, distance=0.2, distortion=(-1.5, 0.0, 0.0, 0.0, 0.0)),
+            {},
+            FAILED,
+            "the lens makes no sense in the corners of the picture",
+        ),
+    ],
+)
+def test_calibration_against_the_pushing_line_and_itself(camera, changes, level, finding):
+    assert doctor.check_calibration(camera, None, pusher(**changes))[1:3] == (level, finding)
+
+
+def test_a_calibration_of_another_size_fails():
+    check = doctor.check_calibration(SHARP, np.zeros((240, 320), np.uint8), pusher())
+    assert check[1:3] == (FAILED, "made for 640 x 480 px, the camera gives 320 x 240")
+
+
+def test_an_object_too_small_for_the_camera_fails(tmp_path):
+    (tmp_path / "coin.yaml").write_text(yaml.safe_dump({"name": "coin", "outline": [[0, 0], [0.005, 0], [0, 0.005]]}))
+    check = doctor.check_object(CameraEntry(calibration=""), CAMERA, load_object(str(tmp_path / "coin.yaml")), None)
+    assert check.level is FAILED
+    assert "too small or thin for the tracker" in check.finding
+
+
+def test_an_object_need_not_lie_there_yet():
+    check = doctor.check_object(CameraEntry(calibration=""), CAMERA, load_object(NAME), np.zeros((240, 320), np.uint8))
+    assert check[1:3] == (OK, "rubber_rect4 is not seen now: saturated or empty frame")
+
+
+# The pusher
+
+
+@pytest.mark.parametrize(
+    ("plan", "level"), [({}, OK), ({"distance": 0.07}, FAILED), ({"speed": 0.2}, FAILED), ({"file": "none.yaml"}, FAILED)]
+)
+def test_a_plan_must_fit_the_pusher(plan, level):
+    check = doctor.check_plan(PlanEntry(**plan), pusher(), load_object(NAME))
+    assert check.level is level
+
+
+def test_a_port_without_permission_names_its_group(monkeypatch, tmp_path):
+    (tmp_path / "port").touch()
+    group = (tmp_path / "port").group()
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    check = doctor.check_port(str(tmp_path / "port"))
+    assert check.finding == f"you may not use {tmp_path}/port"
+    assert check.advice == f"sudo usermod -aG {group} $USER, then log in anew"
+
+
+def test_other_firmware_is_told(monkeypatch):
+    monkeypatch.setattr(grbl_firmware, "GREETING", "\r\nGrbl 0.9j ['$' for help]")
+    with SimulatedGrbl(time.monotonic) as controller:
+        check, limits = doctor.check_controller(pusher(port=controller.port))
+    assert (check.level, limits) == (FAILED, None)
+    assert "Grbl 0.9j" in check.finding
+    assert "is too old, expected Grbl 1.1" in check.finding
+
+
+def test_an_axis_that_there_is_not_is_told():
+    check, limits = doctor.check_controller(pusher(axis="W"))
+    assert (check.level, limits) == (FAILED, None)
+    assert check.finding.startswith("pusher.axis must be X, Y, Z, A, B or C")
+
+
+def test_a_controller_without_homing_is_idle_where_it_stands():
+    with Listening(time.monotonic, travel=0.1) as controller:
+        check, limits = doctor.check_controller(pusher(port=controller.port))
+    assert (check.level, check.finding.endswith(", idle, at 0.0 mm")) == (OK, True)
+    assert limits == Limits(math.inf, pytest.approx(0.1), pytest.approx(0.5))
+    assert set(controller.heard) == {"$I", "$$", "G21G90G94"}
+
+
+@pytest.mark.parametrize(
+    ("mode", "position", "home", "level"),
+    [
+        (Mode.IDLE, 0.0, False, OK),
+        (Mode.IDLE, 0.05, False, OK),
+        (Mode.IDLE, -0.01, False, WARNING),
+        (Mode.IDLE, 0.07, False, WARNING),
+        (Mode.IDLE, 0.07, True, OK),  # homing will tell where it is
+        (Mode.ALARM, 0.0, True, OK),  # and ends an alarm
+        (Mode.ALARM, 0.0, False, WARNING),
+        (Mode.HOLD, 0.0, False, WARNING),
+        (Mode.RUNNING, 0.0, True, WARNING),
+    ],
+)
+def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, level):
+    assert doctor.judge(mode, position, "", pusher(home=home)).level is level
+
+
+def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
+    advice = doctor.check_limits(pusher(axis="Y"), PlanEntry(), Limits(0.059, 0.1, 0.5)).advice
+    expected = (
+        "shorten pusher.stroke, 60 mm, or set $131 to the axis's travel; where it homes ($22), the pull-off $27 counts as lost"
+    )
+    assert advice == expected
+
+
+@pytest.mark.parametrize(
+    ("limits", "axis", "level", "words"),
+    [
+        (Limits(0.06, 0.1, 0.5), "X", OK, "travel 60 mm, 100 mm/s, 500 mm/s^2"),
+        (Limits(math.inf, 0.1, 0.5), "X", OK, "travel not enforced"),
+        (Limits(0.05, 0.1, 0.5), "X", FAILED, "$130"),
+        (Limits(0.05, 0.1, 0.5), "-Y", FAILED, "$131"),
+        (Limits(0.06, 0.01, 0.5), "X", FAILED, "lower plan.speed, 20 mm/s, or raise $110"),
+        (Limits(0.06, 0.05, 0.5), "Z", WARNING, "lower pusher.max_speed, 100 mm/s, or raise $112"),
+        (Limits(0.06, 0.1, 0.01), "X", WARNING, "$120"),
+    ],
+)
+def test_the_cell_must_stay_within_what_the_controller_is_set_to(limits, axis, level, words):
+    check = doctor.check_limits(pusher(axis=axis), PlanEntry(), limits)
+    assert check.level is level
+    assert words in check.finding + check.advice
+
+
+# What is told
+
+CHECKS = [Check("port", OK, "/dev/ttyUSB0"), Check("camera", FAILED, "no frames from [0]", "plug it in anew")]
+
+
+def test_the_table_has_a_line_for_each_check():
+    console = Console(width=100, file=sys.stderr, record=True)
+    console.print(doctor.table(CHECKS))
+    lines = [line.split() for line in console.export_text().splitlines()]
+    assert lines[1:] == [
+        ["ok", "port", "/dev/ttyUSB0"],
+        ["failed", "camera", "no", "frames", "from", "[0]", "plug", "it", "in", "anew"],
+    ]
+
+
+def test_the_findings_are_one_json_object():
+    assert json.loads(json.dumps(doctor.findings(CHECKS))) == {
+        "passed": False,
+        "checks": [
+            {"name": "port", "level": "ok", "finding": "/dev/ttyUSB0", "advice": ""},
+            {"name": "camera", "level": "failed", "finding": "no frames from [0]", "advice": "plug it in anew"},
+        ],
+    }
+    assert doctor.passed(CHECKS[:1])

@@ -1,0 +1,98 @@
+"""docs/interfaces.md and docs/foxglove_layout.json against what the nodes really have."""
+
+import json
+import pathlib
+import re
+
+import pytest
+
+from pushfric_ros.commands import interface_docs
+from pushfric_ros.graph import graph
+from pushfric_ros.messages.types import message_class
+
+ROOT = pathlib.Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def described():
+    return {description.node: description for description in interface_docs.describe()}
+
+
+@pytest.fixture(scope="module")
+def topics(described):
+    """Full name of every topic that a node publishes -> its type."""
+    published = [
+        endpoint for description in described.values() for endpoint in description.endpoints if endpoint.role == "publishes"
+    ]
+    return {name if name.startswith("/") else f"{graph.NAMESPACE}/{name}": kind for _, name, kind, _ in published}
+
+
+def test_the_document_is_what_the_nodes_say(described):
+    text = "\n".join((interface_docs.HEAD, *map(interface_docs.section, described.values())))
+    assert (ROOT / "docs/interfaces.md").read_text() == text, f"stale; write it anew with: {interface_docs.COMMAND}"
+
+
+def test_every_node_that_is_installed_is_described(described):
+    setup = (ROOT / "src/pushfric_ros/setup.py").read_text()
+    installed = re.search(r"NODES = \((.*?)\)", setup, re.DOTALL)[1]
+    assert list(described) == re.findall(r'"(\w+)"', installed)
+
+
+def test_what_is_recorded_is_published_with_that_type_and_quality(described):
+    endpoints = {endpoint.name: endpoint for description in described.values() for endpoint in description.endpoints
+                 if endpoint.role == "publishes"}  # fmt: skip
+    for name, kind, quality in graph.TOPICS:
+        assert endpoints[name].type == kind
+        assert ("best effort" in endpoints[name].qos) == (quality == "sensor_data"), name
+        assert ("transient local" in endpoints[name].qos) == (quality == "latched"), name
+
+
+def test_known_interfaces_are_told(described):
+    tracker, estimator = described["tracker"], described["estimator"]
+    images = [(endpoint.type, when) for endpoint, when in tracker.endpoints.items() if endpoint.name.startswith("image_raw")]
+    assert images == [
+        ("sensor_msgs/msg/Image", "not with `source: compressed`, a device as `source`"),
+        ("sensor_msgs/msg/CompressedImage", "with `source: compressed`"),
+    ]
+    assert interface_docs.Endpoint("serves", "estimator/reset", "std_srvs/srv/Trigger", "service") in estimator.endpoints
+    assert interface_docs.Endpoint("serves", "push", "pushfric_msgs/action/Push", "action") in described["actuator"].endpoints
+    assert interface_docs.Endpoint("calls", "push", "pushfric_msgs/action/Push", "action") in described["experiment"].endpoints
+    settings = {setting.name: setting for setting in (*tracker.settings, *estimator.settings)}
+    assert settings["threshold"][1:4] == ("integer", "`0`", "0 to 255")
+    assert settings["calibration"].default == "*required*"
+    assert settings["cor_radius"][1:3] == ("double or string", '`"auto"`')
+    assert "use_sim_time" not in settings
+
+
+@pytest.fixture(scope="module")
+def layout():
+    return json.loads((ROOT / "docs/foxglove_layout.json").read_text())
+
+
+def strings(value):
+    """All texts in some JSON, keys of objects among them."""
+    if isinstance(value, dict):
+        value = [*value.keys(), *value.values()]
+    return [text for item in value for text in strings(item)] if isinstance(value, list) else [value]
+
+
+def test_the_layout_shows_only_topics_and_fields_that_there_are(layout, topics):
+    paths = [text for text in strings(layout["configById"]) if isinstance(text, str) and text.startswith("/")]
+    assert {"/diagnostics", "/cell/markers", "/cell/overlay/compressed"} <= set(paths)
+    for path in paths:
+        topic, *fields = path.split(".")
+        assert topic in topics, path
+        kind = topics[topic]
+        for field in fields:
+            kind = message_class(kind if "/msg/" in kind else kind.replace("/", "/msg/")).get_fields_and_field_types()[field]
+        assert not fields or kind == "double", path
+
+
+def test_the_layout_places_each_panel_once(layout):
+    def panels(tree):
+        return [tree] if isinstance(tree, str) else [*panels(tree["first"]), *panels(tree["second"])]
+
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+    assert {name.split("!")[0] for name in layout["configById"]} == {
+        "3D", "Image", "Plot", "DiagnosticSummary", "RawMessages"
+    }  # fmt: skip

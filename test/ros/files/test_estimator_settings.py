@@ -1,0 +1,130 @@
+"""How a cell estimates goes into its bag, and comes out of it again."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from problems import observations_of
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+from typer.testing import CliRunner
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.region import RegionConfig
+from pushfric_core.simulation import TABLE_1
+from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_ros.bags import data_points
+from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.commands.cli import app
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.messages.conversions import observation_to_msg
+from pushfric_ros.messages.qos import LATCHED, RELIABLE
+
+NAME = "rubber_rect4"
+DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 8, np.random.default_rng(5))
+UNUSUAL = EstimatorSettings(
+    EstimatorConfig(terms=("moment", "cone"), mu_bound=0.4, cor_radius=0.01, tie_break=False),
+    TrajectoryConfig(window=7),
+    (2, 5),
+    RegionConfig(region_margin=0.005),
+    (3,),
+)
+
+
+def bag_of(folder, text):
+    """A bag of data points, with the settings as the estimator publishes them, where there are any."""
+    with BagWriter(folder) as writer:
+        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [RELIABLE])
+        if text is not None:
+            writer.add_topic("/cell/estimator_settings", "std_msgs/msg/String", [LATCHED])
+            for said in (EstimatorSettings().to_text(), text):  # an exclusion comes later
+                writer.write("/cell/estimator_settings", 1, serialize_message(String(data=said)))
+        for stamp, observation in enumerate(DATA):
+            writer.write("/cell/observation", 1 + stamp, serialize_message(observation_to_msg(observation, NAME)))
+    return folder
+
+
+def estimated(bag, *options):
+    run = CliRunner().invoke(app, ["estimate", str(bag), "--object", NAME, "--json", *options])
+    assert run.exit_code == 0, run.output
+    return json.loads(run.stdout)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        EstimatorSettings(),
+        UNUSUAL,
+        EstimatorSettings(EstimatorConfig(pull_penalty=math.inf, cor_radius=None)),
+        EstimatorSettings(EstimatorConfig(pull_penalty=2.5, loss="l2")),
+    ],
+)
+def test_settings_come_back_as_they_were(settings):
+    assert EstimatorSettings.from_text(settings.to_text()) == settings
+    assert EstimatorSettings.from_parameters(settings.parameters()) == settings
+
+
+def test_parameters_are_as_ros_wants_them():
+    parameters = EstimatorSettings().parameters()
+    assert (parameters["cor_radius"], parameters["terms"]) == ("auto", ["moment"])
+    assert "exclude_pushes" not in parameters  # of what an empty list is one, ROS cannot tell
+    assert UNUSUAL.parameters(["exclude_pushes", "window"]) == {"exclude_pushes": [2, 5], "window": 7}
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("[1]", "must be a JSON object"),
+        ('{"colour": 1}', "expected any of the estimator's parameters .*, got colour$"),
+        ('{"window": 4}', "^window must be odd"),
+        ('{"window": "wide"}', "^window: expected a whole number, got 'wide'$"),
+    ],
+)
+def test_other_texts_are_refused(text, error):
+    with pytest.raises(ValueError, match=error):
+        EstimatorSettings.from_text(text)
+
+
+def test_a_bag_is_estimated_as_it_was_recorded(tmp_path):
+    bag = bag_of(tmp_path / "bag", UNUSUAL.to_text())
+    assert data_points.recorded_settings(bag) == UNUSUAL
+    model = Estimator(load_object(NAME).support_points, UNUSUAL.estimator)
+    for observation in DATA:
+        if observation.push_id not in UNUSUAL.excluded:
+            expected = model.add(observation)
+    result = estimated(bag)
+    assert (result["objective"], result["w"]) == (expected.solution.objective, list(expected.w))
+    assert result["pushes"] == 6
+
+
+def test_options_outvote_what_was_recorded(tmp_path):
+    bag = bag_of(tmp_path / "bag", UNUSUAL.to_text())
+    options = ["--terms", "moment", "--cor-radius", "auto", "--tie-break", "--exclude-push", "1"]
+    plain = bag_of(tmp_path / "plain", None)
+    excluded = [part for push_id in (1, 2, 5) for part in ("--exclude-push", str(push_id))]
+    assert estimated(bag, *options)["w"] == estimated(plain, *excluded)["w"]
+
+
+def test_a_bound_on_mu_c_that_the_run_did_not_use_is_not_taken_for_known(tmp_path):
+    recorded = EstimatorSettings(EstimatorConfig(mu_bound=1.0))  # as older bags say
+    bag = bag_of(tmp_path / "bag", recorded.to_text())
+    run = CliRunner().invoke(app, ["estimate", str(bag), "--object", NAME, "--terms", "moment,cone"])
+    assert "the term cone needs a mu_bound" in str(run.exception)
+    plain = bag_of(tmp_path / "plain", None)
+    given = ["--terms", "moment,cone", "--mu-bound", "0.4"]
+    assert estimated(bag, *given) == estimated(plain, *given)
+
+
+def test_a_bag_that_says_nothing_was_recorded_with_the_defaults(tmp_path):
+    assert data_points.recorded_settings(bag_of(tmp_path / "bag", None)) == EstimatorSettings()
+
+
+def test_settings_that_are_not_understood_are_refused(tmp_path):
+    bag = bag_of(tmp_path / "bag", '{"colour": 1}')
+    with pytest.raises(
+        InvalidInput, match=r"bag: /cell/estimator_settings is not understood: expected any of the .*, got colour$"
+    ):
+        data_points.recorded_settings(bag)

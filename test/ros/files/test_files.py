@@ -1,0 +1,275 @@
+"""Files people hand in: objects, observations, support points, plans, cells."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.outline import Outline
+from pushfric_core.push_plan import PlannedPush
+from pushfric_core.simulation import TABLE_1
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.files.object_file import load_object, read_points, save_object
+from pushfric_ros.files.observation_file import read_observations
+from pushfric_ros.files.plan_file import load_plan, save_plan
+
+TRIANGLE = "name: triangle\noutline: [[0, 0], [0.15, 0], [0, 0.15]]\n"
+HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
+ROW = "0.05,0,0,-1,0.001,0.02,0.1,3\n"
+OUTLINE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
+CELL = """
+object: rubber_rect4
+camera: {calibration: camera.yaml}
+pusher: {port: /dev/ttyUSB0, line_origin: [0, 0], line_direction: [0, 1], tip_radius: 0.003, stroke: 0.06, max_speed: 0.1}
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="file.yaml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", TABLE_1)
+def test_objects_of_table_1_are_known_by_name(name):
+    model = load_object(name)
+    assert np.array_equal(model.support_points, TABLE_1[name].support_points)
+    assert model.outline == TABLE_1[name].outline
+
+
+@pytest.mark.parametrize(
+    ("support", "points"),
+    [
+        ("support: {grid: [10, 10], inset: 0.0075}", 55),
+        ("support: {points: [[0.03, 0.03], [0.09, 0.03], [0.03, 0.09]]}", 3),
+        ("support: {spacing: 0.05}", 10),
+        ("", 21),
+    ],
+)
+def test_supports_are_given_in_three_ways_or_not_at_all(write, support, points):
+    assert len(load_object(str(write(TRIANGLE + support))).support_points) == points
+
+
+def test_an_object_survives_its_file(write, tmp_path):
+    model = load_object(str(write(TRIANGLE + "support: {grid: [4, 4], inset: 0.01}\nheight: 0.02")))
+    save_object(model, tmp_path / "copy.yaml")
+    again = load_object(str(tmp_path / "copy.yaml"))
+    assert again.file == model.file
+    assert again.height == 0.02
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("name: x\n", "file.yaml: outline: expected a value, got only name$"),
+        ("name: x\noutline: here", "file.yaml: outline: expected a list, got 'here'$"),
+        (
+            "name: x\noutline: [[0, 0], [1, 0]]",
+            r"file.yaml: outline: expected a list of at least 3, got \[\[0, 0\], \[1, 0\]\]$",
+        ),
+        ("name: x\noutline: [[0, 0], [1], [0, 1]]", r"file.yaml: outline.1: expected a longer list, got \[1\]$"),
+        (
+            "name: x\noutline: [[0, 0], [1, 2, 3], [0, 1]]",
+            r"file.yaml: outline.1: expected a list of at most 2, got \[1, 2, 3\]$",
+        ),
+        ("name: x\noutline: [[0, 0], [1, 2 cm], [0, 1]]", "file.yaml: outline.1.1: expected a number, got '2 cm'$"),
+        ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
+        ("name: x\noutline: [[0, 0], [1, .nan], [0, 1]]", "outline.1.1: expected a finite number, got nan$"),
+        (TRIANGLE.replace("triangle", "5"), "name: expected a text, in quotes where it looks like a number, got 5$"),
+        (TRIANGLE.replace("triangle", "''"), "name: expected a text that is not empty, got ''$"),
+        (TRIANGLE + "height:", "height: expected a number, got nothing$"),
+        (TRIANGLE + "height: -1", "height: expected at least 0, got -1$"),
+        (TRIANGLE + "support: {grid: [4.5, 4]}", "support.grid.0: expected a whole number, got 4.5$"),
+        (TRIANGLE + "support: 3", "support: expected keys with values, got 3$"),
+        (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
+        (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
+        (TRIANGLE + "support: {spacing: -1}", "spacing must be positive"),
+        (
+            TRIANGLE + "supports: 3",
+            "yaml: expected any of the keys name, outline, support, height, hypotheses, got supports$",
+        ),
+        (TRIANGLE + f"support: {list(range(99))}", r"support: expected keys with values, got \[0, 1, .*, 2\.\.\.$"),
+        (": : :", "not YAML"),
+        ("name: 2020-13-45", "not YAML: month must be in 1..12"),
+        ("", "yaml: expected keys with values, got nothing$"),
+        ("42", "yaml: expected keys with values, got 42$"),
+    ],
+)
+def test_bad_objects_are_refused_in_one_line(write, text, error):
+    path = write(text)
+    with pytest.raises(InvalidInput, match=error) as refusal:
+        load_object(str(path))
+    assert str(path) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_unknown_object_is_refused_with_what_there_is():
+    with pytest.raises(InvalidInput, match=r"no object 'brick': expected a YAML file or one of delrin_square3"):
+        load_object("brick")
+
+
+def test_observations_are_read_in_order(write):
+    text = (
+        HEADER.strip()
+        + ",half_width,note,force_x,force_y\n0.05,0,0,-1,0.001,0.02,0.1,3,0.002,hello,1,2\n0.05,0,0,-1,0,0.02,0,4,,,,\n"
+    )
+    first, second = read_observations(write(text, "data.csv"), OUTLINE)
+    assert first.twist == (0.001, 0.02, 0.1)
+    assert (first.push_id, first.half_width, first.force) == (3, 0.002, (1.0, 2.0))
+    assert (second.push_id, second.half_width, second.force) == (4, 0.0, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("contact_x,contact_y\n1,2\n", "missing column normal_x, normal_y, vx, vy, omega, push_id; expected contact_x"),
+        (HEADER, "no data points"),
+        ("", "missing column contact_x"),
+        (HEADER + ROW + ROW.replace("0.02", "fast"), "line 3: vy must be a number, got 'fast'"),
+        (HEADER + ROW.replace("0.02", "nan"), "line 2: vy must be finite, got nan"),
+        (HEADER + ROW.replace("-1", "-0.5"), "line 2: contact_normal must have length 1"),
+        (HEADER + ROW.replace("0.05", "0.5"), r"line 2: contact_point must be within 5 mm of the outline, got \(0.5, 0\) m"),
+        (HEADER + "0.05,0,0,-1,0,0,0,3\n", "line 2: the twist of a data point must not be zero"),
+        (HEADER + "0.05,0,0,-1,0,1\n", "line 2: push_id must be a number, got None"),
+        (HEADER + ROW.replace(",3", ",3.5"), "push_id must be a whole number"),
+        (HEADER.strip() + ",force_x\n", "both of force_x and force_y"),
+    ],
+)
+def test_bad_observations_are_refused_in_one_line(write, text, error):
+    path = write(text, "data.csv")
+    with pytest.raises(InvalidInput, match=error) as refusal:
+        read_observations(path, OUTLINE)
+    assert str(path) in str(refusal.value)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "data.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InvalidInput, match="cannot be read"):
+        read_observations(tmp_path / "data.csv", OUTLINE)
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        load_cell,
+        lambda path: load_plan(str(path), load_object("wood_rect4")),
+        read_points,
+        lambda p: read_observations(p, OUTLINE),
+    ],
+)
+def test_a_file_that_is_missing_is_named_once(tmp_path, read):
+    with pytest.raises(InvalidInput) as refusal:
+        read(tmp_path / "none.yaml")
+    assert str(refusal.value) == f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
+
+
+def test_support_points_are_read(write):
+    assert read_points(write("x,y\n0.01,0.02\n0.03,0.04\n", "points.csv")).tolist() == [[0.01, 0.02], [0.03, 0.04]]
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("x\n1\n", "missing column y"),
+        ("x,y\n", "no support points"),
+        ("x,y\n1,a\n", "line 2: x and y must be numbers, got '1', 'a'"),
+        ("x,y\n1,inf\n", "line 2: x and y must be finite"),
+    ],
+)
+def test_bad_support_points_are_refused(write, text, error):
+    with pytest.raises(InvalidInput, match=error):
+        read_points(write(text, "points.csv"))
+
+
+def test_a_plan_is_read(write):
+    plan = load_plan(str(write("pushes: [{edge: 0, offset: 0.02}, {edge: 2, angle_deg: -30}]")), load_object("wood_rect4"))
+    assert plan == [(0, 0.02, 0.0), (2, 0.0, pytest.approx(math.radians(-30)))]
+
+
+def test_a_plan_survives_its_file(tmp_path):
+    pushes = [PlannedPush(0, -0.03175), PlannedPush(3, 0.012, math.radians(-20.5)), PlannedPush(2, 0.0)]
+    save_plan(pushes, tmp_path / "plan.yaml")
+    again = load_plan(str(tmp_path / "plan.yaml"), load_object("wood_rect4"))
+    assert [tuple(push) for push in again] == [pytest.approx(tuple(push), abs=1e-15) for push in pushes]
+
+
+def test_a_plan_that_cannot_be_written_says_so(tmp_path):
+    with pytest.raises(InvalidInput, match=r"nowhere/plan\.yaml: cannot be written"):
+        save_plan([PlannedPush(0, 0.0)], tmp_path / "nowhere/plan.yaml")
+
+
+def test_without_a_file_the_plan_is_the_papers(write):
+    assert len(load_plan("", load_object("rubber_rect4"))) == 14
+    assert len(load_plan("", load_object("delrin_square3"))) == 20
+    assert len(load_plan("", load_object(str(write(TRIANGLE))))) == 15
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("pushes: []", r"pushes: expected a list of at least 1, got \[\]$"),
+        ("pushes: [{edges: 1}]", "pushes.0: expected any of the keys edge, offset, angle_deg, got edges$"),
+        ("pushes: [{edge: 4}]", r"pushes.0: edge must lie in \[0, 3\], got 4"),
+        ("pushes: [{edge: 0}, {edge: 1, offset: 0.04}]", "pushes.1: offset must lie within 0.032 m of the middle of edge 1"),
+        ("pushes: [{edge: 0, angle_deg: 95}]", "pushes.0: angle must lie within 90 degrees of the inward normal"),
+    ],
+)
+def test_bad_plans_are_refused(write, text, error):
+    with pytest.raises(InvalidInput, match=error):
+        load_plan(str(write(text)), load_object("wood_rect4"))
+
+
+def test_a_cell_finds_its_files_beside_it(write, tmp_path):
+    write("", "camera.yaml")
+    cell = load_cell(write(CELL, "cell.yaml"))
+    assert cell.camera.calibration == str(tmp_path / "camera.yaml")
+    assert cell.object == "rubber_rect4"
+    assert cell.plan.distance == 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        (CELL.replace("port: /dev/ttyUSB0, ", ""), "pusher.port: expected a value, got only line_origin, line_d"),
+        (CELL.replace("stroke: 0.06", "stroke: -1"), "pusher.stroke: expected more than 0, got -1$"),
+        (CELL.replace("{calib", "{threshold: 256, calib"), "camera.threshold: expected at most 255, got 256$"),
+        (CELL.replace("{port", "{home: maybe, port"), "pusher.home: expected true or false, got 'maybe'$"),
+        (CELL + "table: 3", "yaml: expected any of the keys namespace, .*, estimator, got table$"),
+        (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: .*give file or choose, not both"),
+    ],
+)
+def test_bad_cells_are_refused(write, text, error):
+    with pytest.raises(InvalidInput, match=error):
+        load_cell(write(text, "cell.yaml"))
+
+
+def test_a_cells_estimator_section_becomes_parameters(write):
+    text = CELL + "estimator: {cor_radius: auto, half_width: 0, window: 7, terms: [moment, cone], mu_bound: 1}\n"
+    parameters = load_cell(write(text)).estimator
+    assert parameters == {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"], "mu_bound": 1.0}
+    assert isinstance(parameters["half_width"], float)  # as a node wants it
+
+
+@pytest.mark.parametrize(
+    ("section", "error"),
+    [
+        ("{half_width: x}", "estimator.half_width: expected a number, got 'x'$"),
+        ("{half_width: -1}", r"estimator: half_width must lie in \[0.0, 1.0\], got -1.0$"),
+        ("{window: 7.5}", "estimator.window: expected a whole number, got 7.5$"),
+        ("{tie_break: maybe}", "estimator.tie_break: expected true or false, got 'maybe'$"),
+        ("{terms: 5}", "estimator.terms: expected a list, got 5$"),
+        ("{terms: [moment, moments]}", "estimator: terms must be of moment, .*, force_angle, got the unknown 'moments'$"),
+        ("{terms: [moment, cone]}", "estimator: the term cone needs a mu_bound, .*, got none$"),
+        ("{exclude_pushes: [1, a]}", "estimator.exclude_pushes.1: expected a whole number, got 'a'$"),
+        ("{grid: 5}", "estimator: expected any of the estimator's parameters terms, .*, slipping_pushes, got grid$"),
+    ],
+)
+def test_a_bad_estimator_section_is_refused_in_one_line(write, section, error):
+    with pytest.raises(InvalidInput, match=error) as refusal:
+        load_cell(write(CELL + f"estimator: {section}\n"))
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,119 @@
+"""What docs/files.md and docs/cell.md say of files is so: the keys of JSON, the example of recognize, the example of a cell."""
+
+import csv
+import json
+import pathlib
+import re
+
+import numpy as np
+import pytest
+import yaml
+from problems import observations_of
+from typer.testing import CliRunner
+
+from pushfric_core.simulation import TABLE_1
+from pushfric_core.support import friction_directions
+from pushfric_ros.commands import doctor
+from pushfric_ros.commands.cli import app
+from pushfric_ros.commands.doctor import Check, Level
+from pushfric_ros.files.cell_file import CellFile, load_cell
+from pushfric_ros.files.object_file import Strict, load_object
+from pushfric_ros.files.observation_file import REQUIRED
+from pushfric_ros.files.plan_file import load_plan
+from pushfric_ros.report.report import truth
+
+ROOT = pathlib.Path(__file__).parents[3]
+TEXT = (ROOT / "docs/files.md").read_text()
+
+NAME = "delrin_rect_right"
+"""It looks the same as others, so it has hypotheses."""
+
+
+def documented(commands):
+    """The keys in the table below the line of these commands."""
+    table = TEXT.split(f"\n{commands}:\n\n")[1].split("\n\n")[0]
+    return re.findall(r"^\| `(.*?)` \|", table, re.MULTILINE)
+
+
+def keys_of(value, name=""):
+    """`a.b` for a key of an object in an object, `a[].b` for one of the objects in a list."""
+    if isinstance(value, dict):
+        return [key for own, item in value.items() for key in keys_of(item, f"{name}.{own}" if name else own)]
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return keys_of(value[0], f"{name}[]")
+    return [name]
+
+
+def printed(*arguments):
+    run = CliRunner().invoke(app, [*map(str, arguments), "--json"], catch_exceptions=False)
+    assert run.exit_code == 0, run.output
+    return json.loads(run.stdout)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Pushes with their forces: what every key needs."""
+    known = TABLE_1[NAME]
+    path = tmp_path_factory.mktemp("data") / "data.csv"
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow((*REQUIRED, "force_x", "force_y"))
+        for o in observations_of(known.outline, known.support, known.mu_c, 8, np.random.default_rng(3)):
+            friction = known.support.weights @ friction_directions(known.support.points, o.twist)
+            writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, *-friction))
+    return path
+
+
+def test_the_keys_of_an_estimate_are_documented(data):
+    figures = printed("estimate", data, "--object", NAME, "--terms", "moment,force", "--slipping-push", 1)
+    # what demo adds
+    figures |= {"truth": truth(NAME), "bag": "runs/demo"}
+    assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay`, and `demo --json FILE`"))
+
+
+@pytest.mark.parametrize("command", ["recognize", "region"])
+def test_the_keys_of_other_commands_are_documented(data, command):
+    figures = printed(command, data, "--object", NAME)
+    assert sorted(keys_of(figures)) == sorted(documented(f"`{command}`"))
+
+
+def test_the_keys_of_the_doctor_are_documented():
+    findings = doctor.findings([Check("port", Level.OK, "/dev/ttyUSB0", "")])
+    assert sorted(keys_of(findings)) == sorted(documented("`doctor`"))
+
+
+def test_the_example_of_recognize_prints_what_it_says(tmp_path, monkeypatch):
+    example = TEXT.split("`guesses.yaml` says what the object may be:")[1]
+    guesses, session = re.match(r"\s*```yaml\n(.*?)```\s*```console\n(.*?)```", example, re.DOTALL).groups()
+    command, output = session.removeprefix("$ ./pushfric ").split("\n", 1)
+    (tmp_path / "guesses.yaml").write_text(guesses)
+    (tmp_path / "bags").symlink_to(ROOT / "bags")
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke(app, command.split(), catch_exceptions=False)
+    assert run.stdout == output
+
+
+EXAMPLE = ROOT / "docs/example_cell"
+
+
+def test_the_example_of_a_cell_is_one(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # its files are found from its own folder
+    cell = load_cell(EXAMPLE / "cell.yaml")
+    model = load_object(cell.object)
+    plan = load_plan(cell.plan.file, model)
+    assert (cell.object, cell.plan.file) == (str(EXAMPLE / "object.yaml"), str(EXAMPLE / "plan.yaml"))
+    assert (model.name, len(plan)) == ("box", 6)
+    assert cell.plan.distance < cell.pusher.stroke
+
+
+def test_the_example_of_a_cell_is_the_documented_one_and_has_all_keys():
+    text = (EXAMPLE / "cell.yaml").read_text()
+    assert f"```yaml\n{text}```" in (ROOT / "docs/cell.md").read_text()
+
+    def complete(content, model):
+        assert sorted(content) == sorted(model.model_fields)
+        for name, field in model.model_fields.items():
+            if isinstance(field.annotation, type) and issubclass(field.annotation, Strict):
+                complete(content[name], field.annotation)
+
+    complete(yaml.safe_load(text), CellFile)

@@ -1,0 +1,124 @@
+"""Recognition around the core: hypotheses from object files, rankings as messages and JSON, rankings of files."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from problems import three_feet
+from rclpy.serialization import deserialize_message, serialize_message
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Twist
+from pushfric_core.recognition import Hypothesis, Ranked, Ranking, Recognizer
+from pushfric_core.simulation import TABLE_1
+from pushfric_msgs.msg import Recognition
+from pushfric_ros.bags.data_points import recognize
+from pushfric_ros.files.object_file import load_object, save_object
+from pushfric_ros.messages.conversions import recognition_to_msg
+from pushfric_ros.report.report import recognition_report, to_json
+
+# a square whose frame has its origin in a corner: its centroid is at (0.05, 0.05)
+SQUARE = """
+name: square
+outline: [[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]
+support: {points: [[0.02, 0.02], [0.08, 0.02], [0.05, 0.08]]}
+hypotheses:
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(hypotheses):
+        path = tmp_path / "square.yaml"
+        path.write_text(SQUARE + "".join(f"  - {hypothesis}\n" for hypothesis in hypotheses))
+        return load_object(str(path))
+
+    return load
+
+
+def test_a_hypothesis_stands_on_the_supports_of_the_object(load):
+    model = load(["{name: feet}", "{name: grid, support: {grid: [3, 3]}}", "{name: center, center_of_friction: [0.05, 0.04]}"])
+    feet, grid, center = model.hypotheses
+    assert [hypothesis.name for hypothesis in model.hypotheses] == ["feet", "grid", "center"]
+    assert feet.support_points == pytest.approx(model.support_points)
+    assert feet.center_of_friction is None
+    assert grid.support_points == pytest.approx(model.outline.grid(3, 3))
+    assert center.center_of_friction == pytest.approx((0.05, 0.04))
+
+
+def test_a_rotation_turns_supports_and_center_about_the_centroid(load):
+    (turned,) = load(["{name: turned, center_of_friction: [0.05, 0.04], rotation_deg: 90}"]).hypotheses
+    assert turned.support_points == pytest.approx(np.array(((0.08, 0.02), (0.08, 0.08), (0.02, 0.05))))
+    assert turned.center_of_friction == pytest.approx((0.06, 0.05))
+
+
+def test_hypotheses_survive_their_file(load, tmp_path):
+    model = load(["{name: turned, center_of_friction: [0.05, 0.04], rotation_deg: 90}", "{name: b, support: {grid: [3, 3]}}"])
+    save_object(model, tmp_path / "copy.yaml")
+    assert load_object(str(tmp_path / "copy.yaml")).file == model.file
+
+
+@pytest.mark.parametrize(
+    ("hypotheses", "error"),
+    [
+        (["{name: a}", "{name: a, rotation_deg: 90}"], "hypotheses: .*expected names that differ, got a, a"),
+        (["{name: ''}"], "hypotheses.0.name: expected a text that is not empty, got ''"),
+        (["{rotation_deg: 90}"], "hypotheses.0.name: expected a value, got only rotation_deg"),
+        (["{name: a, rotation_deg: .nan}"], "hypotheses.0.rotation_deg: .*finite"),
+        (["{name: a, support: {grid: [0, 1]}}"], "hypothesis 'a': a grid needs at least 1 column"),
+    ],
+)
+def test_bad_hypotheses_are_refused_in_one_line(load, hypotheses, error):
+    with pytest.raises(InvalidInput, match=f"square.yaml: {error}") as refusal:
+        load(hypotheses)
+    assert "\n" not in str(refusal.value)
+
+
+def test_objects_of_table_1_bring_the_hypotheses_of_the_paper():
+    left, center, right = load_object("delrin_rect_right").hypotheses
+    assert [hypothesis.name for hypothesis in (left, center, right)] == [
+        "delrin_rect_left",
+        "delrin_rect_center",
+        "delrin_rect_right",
+    ]
+    assert right.center_of_friction == pytest.approx(TABLE_1["delrin_rect_right"].support.center_of_friction, abs=1e-9)
+    upright, upside_down = load_object("wood_rect3").hypotheses
+    assert upright.support_points == pytest.approx(TABLE_1["wood_rect3"].support.points)
+    assert upside_down.support_points == pytest.approx(-TABLE_1["wood_rect3"].support.points)
+    assert len(load_object("delrin_square3").hypotheses) == 4
+    assert load_object("rubber_rect4").hypotheses == ()
+
+
+@pytest.mark.parametrize(("best", "stated"), [(Ranked("a", 0.25, 1.0), "a"), (Ranked("a", math.inf, math.inf, "why"), None)])
+def test_rankings_survive_message_wire_and_json(best, stated):
+    ranking = Ranking((best, Ranked("b", math.inf, math.inf, "no w has it")), 3, 123456789123456789)
+    msg = deserialize_message(serialize_message(recognition_to_msg(ranking)), Recognition)
+    assert (msg.header.frame_id, msg.header.stamp.nanosec) == ("object", 123456789)
+    assert msg.best == (stated or "")
+    assert json.loads(to_json(recognition_report(msg))) == {
+        "best": stated,
+        "hypotheses": [
+            {"name": "a", "fit_error": 0.25, "ratio": 1.0, "feasible": True}
+            if stated
+            else {"name": "a", "fit_error": "inf", "ratio": "inf", "feasible": False},
+            {"name": "b", "fit_error": "inf", "ratio": "inf", "feasible": False},
+        ],
+    }
+
+
+def test_files_are_ranked_with_a_line_for_each_data_point_refused():
+    problem = three_feet()
+    feet, elsewhere = problem.truth.points, problem.truth.points + 0.011
+    hypotheses = [Hypothesis("elsewhere", elsewhere), Hypothesis("feet", feet)]
+    x, y = feet[1]
+    about_a_foot = Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0), push_id=99)
+    lines, exact = [], EstimatorConfig(cor_radius=0.0)
+    ranking = recognize(Recognizer(hypotheses, exact), [about_a_foot, *problem.observations], lines.append)
+    assert ranking.best == "feet"
+    assert ranking.data_points == len(problem.observations)
+    assert lines == ["data point of push 99 refused: the object rotated exactly about its support point (0.09, 0.03)"]
+    with pytest.raises(InvalidInput, match="no data point could be used"):
+        recognize(Recognizer(hypotheses, exact), [about_a_foot], lines.append)

@@ -1,0 +1,63 @@
+"""The whole graph in one process."""
+
+import pathlib
+
+import pytest
+
+from pushfric_core.errors import InvalidInput
+from pushfric_msgs.msg import FrictionEstimate, PlanProgress
+from pushfric_ros.bags import bag, data_points
+from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.files.cell_file import PlanEntry
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.composition import compose
+from pushfric_ros.messages.qos import LATCHED
+
+PLAN = "pushes: [{edge: 0, offset: 0.03}, {edge: 2, offset: -0.02}]"
+
+
+@pytest.fixture
+def specs(tmp_path):
+    (tmp_path / "plan.yaml").write_text(PLAN)
+    cell = demo_cell("wood_rect4", tmp_path).model_copy(
+        update={"plan": PlanEntry(file=str(tmp_path / "plan.yaml"), distance=0.03)}
+    )
+    return graph.simulated_cell(cell, str(tmp_path / "bag"), seed=3, speed=8.0)
+
+
+def test_the_composed_graph_carries_out_a_plan(ros, specs, tmp_path):
+    node = ros.node("peer", namespace=graph.NAMESPACE)
+    estimates, progress = [], []
+    node.create_subscription(FrictionEstimate, "friction_estimate", estimates.append, LATCHED)
+    node.create_subscription(PlanProgress, "plan_progress", progress.append, LATCHED)
+    ros.compose(*compose(specs, graph.NAMESPACE))
+    ros.wait_for(lambda: progress and progress[-1].completed == 2, timeout=120.0, what="the end of the plan")
+    ros.wait_for(lambda: estimates and estimates[-1].pushes == 2, what="an estimate from both pushes")
+    assert progress[-1].aborted == 0
+    assert estimates[-1].data_points >= 4
+
+
+def test_every_node_of_the_graph_is_an_executable(specs):
+    source = data_points.Source("poses", "/cell", ("a", "b"))
+    names = {spec.executable for spec in (*specs, *graph.replay("bag", "object", source, 1.0, EstimatorSettings()))}
+    setup = (pathlib.Path(__file__).parents[3] / "src/pushfric_ros/setup.py").read_text()
+    assert names == {
+        "simulated_cell_node",
+        "recorder_node",
+        "estimator_node",
+        "tracker_node",
+        "actuator_node",
+        "experiment_node",
+        "player_node",
+    }
+    for name in names:
+        assert f'"{name.removesuffix("_node")}"' in setup
+
+
+def test_a_node_that_is_refused_leaves_none_behind(ros, specs, tmp_path):
+    broken = [spec if spec.name != "experiment" else graph.NodeSpec("experiment", {"object": "brick"}) for spec in specs]
+    with pytest.raises(InvalidInput, match="no object 'brick'"):
+        compose(broken, graph.NAMESPACE)
+    assert not (tmp_path / "pusher").is_symlink()
+    assert bag.describe(tmp_path / "bag").message_count == 0

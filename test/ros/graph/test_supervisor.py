@@ -1,0 +1,116 @@
+"""The supervisor with small programs in place of nodes."""
+
+import signal
+import sys
+import tempfile
+import time
+
+import pytest
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.graph import supervisor
+from pushfric_ros.graph.graph import NodeSpec
+from pushfric_ros.graph.supervisor import Ended, Supervisor
+
+NAME = "/test_supervisor"
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Supervise programs until the run ends; how it ended, and what was said."""
+    monkeypatch.setattr(supervisor, "command", lambda spec, *_: [sys.executable, "-c", spec.parameters["program"]])
+    monkeypatch.setattr(supervisor, "RESPAWN_DELAY", 0.0)
+
+    def run(**programs: NodeSpec) -> tuple[Ended, list[str]]:
+        said: list[str] = []
+        with Supervisor(list(programs.values()), NAME, lambda name, line: said.append(f"{name}: {line}")) as nodes:
+            deadline = time.monotonic() + 60
+            while (ended := nodes.poll()) is None:
+                assert time.monotonic() < deadline, said
+                time.sleep(0.01)
+        return ended, said
+
+    return run
+
+
+def node(name: str, program: str, **kwargs) -> NodeSpec:
+    return NodeSpec(name, {"program": program}, **kwargs)
+
+
+WAITS = "import time; time.sleep(300)"
+
+
+def test_a_node_that_keeps_dying_ends_the_run(run):
+    ended, said = run(
+        tracker=node("tracker", "print('no camera'); raise SystemExit(3)", respawn=True), other=node("other", WAITS)
+    )
+    assert ended == (3, "tracker ended with exit code 3, 3 times within 30 s")
+    assert said.count("supervisor: tracker ended with exit code 3; starting it again") == 2
+    assert said.count("tracker: no camera") == 3
+
+
+def test_deaths_far_apart_are_forgiven(run, monkeypatch, tmp_path):
+    """The same node dies three times and then does its work; no time is short enough for three deaths."""
+    monkeypatch.setattr(supervisor, "DEATHS_WITHIN", 0.0)
+    lives = tmp_path / "lives"
+    dies = f"open({str(lives)!r}, 'a').write('x'); raise SystemExit(len(open({str(lives)!r}).read()) < 4)"
+    ended, said = run(tracker=node("tracker", dies, respawn=True, ends_run=True))
+    assert ended == (0, "tracker has finished")
+    assert len(said) == 3
+
+
+def test_unusable_input_is_not_tried_again(run):
+    ended, said = run(tracker=node("tracker", "raise SystemExit(2)", respawn=True))
+    assert ended == (2, "tracker ended with exit code 2")
+    assert said == []
+
+
+def test_a_killed_node_is_named_with_its_signal(run):
+    ended, _ = run(other=node("other", "import os; os.kill(os.getpid(), 9)"))
+    assert ended == (1, "other was killed by SIGKILL")
+
+
+def test_two_runs_of_one_name_are_refused():
+    with (
+        Supervisor([], NAME, print),
+        pytest.raises(InvalidInput, match=f"a cell named {NAME} runs already"),
+        Supervisor([], NAME, print),
+    ):
+        pass
+    with Supervisor([], NAME, print):  # that left the name free
+        pass
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """The folder of temporary files, empty."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def handlers():
+    return [signal.getsignal(caught) for caught in (signal.SIGINT, signal.SIGTERM)]
+
+
+@pytest.mark.usefixtures("run")
+@pytest.mark.parametrize("caught", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_interrupts_nothing_but_poll(temporary, caught):
+    before = handlers()
+    with Supervisor([node("other", WAITS)], NAME, print) as nodes:
+        signal.raise_signal(caught)
+        assert len(list(temporary.iterdir())) == 2  # what the nodes are given, and the lock
+        with pytest.raises(KeyboardInterrupt):
+            nodes.poll()
+    assert handlers() == before
+    assert list(temporary.iterdir()) == []
+
+
+@pytest.mark.usefixtures("run")
+def test_a_node_that_cannot_be_started_leaves_nothing(temporary):
+    before = handlers()
+    nodes = Supervisor([node("other", WAITS), NodeSpec("odd", {})], NAME, print)
+    with pytest.raises(KeyError, match="program"), nodes:
+        pass
+    assert nodes._processes["other"].poll() is not None
+    assert handlers() == before
+    assert list(temporary.iterdir()) == []

@@ -1,0 +1,159 @@
+import math
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Pose as PoseMsg
+from geometry_msgs.msg import Quaternion
+from problems import four_feet
+from rclpy.serialization import deserialize_message, serialize_message
+
+from pushfric_core.estimator import Estimator
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Pose, Twist
+from pushfric_core.region import HalfPlane, HalfPlanes
+from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, PusherState
+from pushfric_ros.messages import conversions
+
+
+def test_stamps_keep_every_nanosecond():
+    for stamp in (0, 1, 1_700_000_000_123_456_789):
+        assert conversions.stamp_from_msg(conversions.stamp_to_msg(stamp)) == stamp
+
+
+def test_poses_survive_the_message(rng):
+    for _ in range(50):
+        pose = Pose(*rng.normal(size=2), rng.uniform(-math.pi, math.pi))
+        assert conversions.pose_from_msg(conversions.pose_to_msg(pose)) == pytest.approx(pose)
+
+
+def test_a_quaternion_need_not_be_of_unit_length():
+    assert conversions.pose_from_msg(PoseMsg(orientation=Quaternion(z=2.0, w=2.0))).theta == pytest.approx(math.pi / 2)
+
+
+def test_poses_that_are_none_are_refused():
+    with pytest.raises(ValueError, match="must be finite"):
+        conversions.pose_from_msg(conversions.pose_to_msg(Pose(math.nan, 0, 0)))
+    with pytest.raises(ValueError, match="quaternion of length 1"):
+        conversions.pose_from_msg(PoseMsg(orientation=Quaternion(w=0.0)))
+
+
+@pytest.mark.parametrize(("force", "pose"), [(None, Pose(0.25, 0.5, 0.0)), ((1.5, -0.5), None)])
+def test_observations_survive_message_and_wire_bit_for_bit(force, pose):
+    observation = Observation(
+        contact_point=(0.1, 1 / 3),
+        contact_normal=(0.6, -0.8),
+        twist=Twist(0.01, 1e-9, -0.3),
+        push_id=7,
+        half_width=0.002,
+        duration=1 / 7,
+        stamp=123456789123456789,
+        pose=pose,
+        force=force,
+    )
+    wire = serialize_message(conversions.observation_to_msg(observation, "box"))
+    msg = deserialize_message(wire, type(conversions.observation_to_msg(observation, "box")))
+    assert msg.object == "box"
+    assert conversions.observation_from_msg(msg) == observation
+
+
+def state(position=0.02, **changes):
+    msg = PusherState(position=position, speed=0.02, tip_radius=0.003, push_id=4)
+    msg.direction.x, msg.direction.y = 0.6, 0.8
+    msg.tip.x, msg.tip.y = 0.1 + 0.6 * position, -0.2 + 0.8 * position
+    for name, value in changes.items():
+        setattr(msg, name, value)
+    return msg
+
+
+def test_the_pushing_line_is_the_same_wherever_the_tip_stands():
+    lines = {conversions.pusher_sample_from_msg(state(position)).line for position in np.linspace(0, 0.06, 50)}
+    assert len(lines) == 1
+    assert lines.pop() == ((0.1, -0.2), (0.6, 0.8), 0.003)
+
+
+def test_no_push_is_none():
+    assert conversions.pusher_sample_from_msg(state(push_id=PusherState.NO_PUSH)).push_id is None
+    assert conversions.pusher_sample_from_msg(state()).push_id == 4
+
+
+def test_pusher_states_that_are_none_are_refused():
+    with pytest.raises(ValueError, match="pusher state must be finite"):
+        conversions.pusher_sample_from_msg(state(speed=math.nan))
+    bent = state()
+    bent.direction.x = 1.0
+    with pytest.raises(ValueError, match="direction of the pushing line must have length 1"):
+        conversions.pusher_sample_from_msg(bent)
+
+
+def test_an_estimate_becomes_a_message_without_loss():
+    problem = four_feet()
+    estimator = Estimator(problem.truth.points)
+    for observation in problem.observations[:9]:
+        estimate = estimator.add(observation)
+    msg = conversions.estimate_to_msg(estimate, "box")
+    assert msg.status == FrictionEstimate.STATUS_OPTIMAL
+    assert (msg.data_points, msg.pushes) == (9, 9)
+    assert list(msg.support_friction.weights) == list(estimate.w)
+    assert [(p.x, p.y) for p in msg.support_friction.support_points] == [tuple(p) for p in estimate.support_points]
+    assert (msg.center_of_friction.x, msg.center_of_friction.y) == tuple(estimate.center_of_friction)
+    assert (msg.contact_friction.p90, msg.contact_friction.max) == (estimate.mu_c_p90, estimate.mu_c_max)
+    assert msg.gap == estimate.solution.gap
+
+
+def test_the_histogram_is_bounded_however_many_data_points_there_are():
+    counts = conversions.histogram([0.0, 0.01, 0.051, 0.12, 1.99, 2.0, 3.7, 1e300, math.inf])
+    expected = [0] * 41
+    expected[0], expected[1], expected[2], expected[39], expected[40] = 2, 1, 1, 1, 4
+    assert counts.tolist() == expected
+    assert conversions.histogram([]).tolist() == [0] * 41
+
+
+def test_the_histogram_and_the_slipping_pushes_are_told():
+    problem = four_feet()
+    estimator = Estimator(problem.truth.points)
+    for observation in problem.observations:
+        estimate = estimator.add(observation)
+    slipping = [observation.push_id in (3, 4, 7) for observation in estimator.observations]
+    friction = conversions.estimate_to_msg(estimate, "box", slipping).contact_friction
+    assert (sum(friction.histogram), len(friction.histogram), friction.bin_width) == (40, 41, 0.05)
+    in_first = int(np.sum(estimate.contact_friction < 0.05))
+    assert friction.histogram[0] == in_first > 0
+    assert list(friction.slipping) == [f(estimate.contact_friction[[3, 4, 7]]) for f in (min, max)]
+    assert not conversions.estimate_to_msg(estimate, "box").contact_friction.slipping
+    assert not conversions.estimate_to_msg(estimate, "box", [False] * 40).contact_friction.slipping
+
+
+def region_msg(half_planes):
+    msg = conversions.region_to_msg(half_planes.region(), half_planes.next_pushes(), 5, "plate")
+    return deserialize_message(serialize_message(msg), CenterOfFrictionRegion)
+
+
+def test_a_region_becomes_a_message():
+    half_planes = HalfPlanes(Outline.rectangle(0.12, 0.06))
+    half_planes.add([HalfPlane((-1.0, 0.0), 0.02)])  # x <= -20 mm
+    msg = region_msg(half_planes)
+    assert (msg.object, msg.collapsed, msg.violation) == ("plate", False, 0.0)
+    for header in (msg.header, msg.polygon.header):
+        assert (header.frame_id, conversions.stamp_from_msg(header.stamp)) == (conversions.OBJECT, 5)
+    assert msg.area == pytest.approx(0.04 * 0.06)
+    corners = np.array([(point.x, point.y) for point in msg.polygon.polygon.points])
+    assert np.ptp(corners, axis=0) == pytest.approx((0.04, 0.06))
+    assert (msg.center_of_friction.x, msg.center_of_friction.y) == pytest.approx((-0.04, 0.0), abs=1e-9)
+    # across the longer side first
+    assert [(push.edge, push.offset, push.angle) for push in msg.next_pushes] == [
+        (1, 0, 0),
+        (3, 0, 0),
+        (0, -0.04, 0),
+        (2, 0.04, 0),
+    ]
+    assert [push.expected_area for push in msg.next_pushes] == pytest.approx([0.04 * 0.03] * 4)
+
+
+def test_a_collapsed_region_tells_the_point_that_is_contradicted_least():
+    half_planes = HalfPlanes(Outline.rectangle(0.12, 0.06))
+    half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
+    msg = region_msg(half_planes)
+    assert (msg.collapsed, msg.area, len(msg.polygon.polygon.points), len(msg.next_pushes)) == (True, 0.0, 0, 0)
+    assert msg.center_of_friction.y == pytest.approx(0.03)
+    assert msg.violation == pytest.approx(0.07)

@@ -1,0 +1,171 @@
+"""An estimate as markers, and a pose as a transform."""
+
+import math
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from problems import observations_of
+from rclpy.serialization import deserialize_message, serialize_message
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pushfric_core.estimator import Estimator
+from pushfric_core.planar import Pose
+from pushfric_core.region import HalfPlane, HalfPlanes
+from pushfric_core.simulation import TABLE_1
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.messages.conversions import OBJECT, TABLE, estimate_to_msg, pose_to_msg, region_to_msg, stamp_from_msg
+from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers
+from pushfric_ros.node_kit.transforms import TransformBroadcaster, pose_to_transform
+
+NAME = "rubber_rect4"
+OUTLINE = TABLE_1[NAME].outline
+DATA = observations_of(OUTLINE, TABLE_1[NAME].support, 0.5, 5, np.random.default_rng(5))
+
+
+@pytest.fixture
+def estimate():
+    estimator = Estimator(load_object(NAME).support_points)
+    for observation in DATA:
+        last = estimator.add(observation)
+    return estimate_to_msg(last, NAME)
+
+
+def by_namespace(array: MarkerArray) -> dict[str, list[Marker]]:
+    found: dict[str, list[Marker]] = {}
+    for marker in array.markers:
+        found.setdefault(marker.ns, []).append(marker)
+    return found
+
+
+def points(marker):
+    return np.array([(point.x, point.y) for point in marker.points])
+
+
+def test_all_markers_stand_in_the_object_frame_at_the_newest_data_point(estimate):
+    array = deserialize_message(serialize_message(estimate_to_markers(estimate, OUTLINE, DATA[-1])), MarkerArray)
+    first, *rest = array.markers
+    assert first.action == Marker.DELETEALL  # what a late subscriber gets is the whole picture, and the only one
+    assert len({(marker.ns, marker.id) for marker in rest}) == len(rest)
+    for marker in array.markers:
+        assert marker.header.frame_id == OBJECT
+        assert stamp_from_msg(marker.header.stamp) == DATA[-1].stamp
+    for marker in rest:
+        assert marker.frame_locked
+        assert marker.color.a > 0
+        assert max(marker.scale.x, marker.scale.y, marker.scale.z) > 0
+
+
+def test_the_areas_of_the_discs_are_proportional_to_the_weights(estimate):
+    estimate.support_friction.weights = [0.5, 0.3, 0.2] + [0.0] * (len(estimate.support_friction.weights) - 3)
+    discs = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))["support_friction"]
+    assert [disc.id for disc in discs] == [0, 1, 2]
+    areas = [math.pi / 4 * disc.scale.x**2 for disc in discs]
+    assert areas == pytest.approx([share * DISC_SHARE * OUTLINE.polygon.area for share in (0.5, 0.3, 0.2)])
+    assert [disc.type for disc in discs] == [Marker.CYLINDER] * 3
+    for disc, point in zip(discs, estimate.support_friction.support_points, strict=False):
+        assert (disc.pose.position.x, disc.pose.position.y) == (point.x, point.y)
+
+
+def test_outline_center_and_text_are_those_of_the_estimate(estimate):
+    estimate.contact_friction.p90, estimate.contact_friction.max, estimate.confidence = 0.43, math.inf, []
+    found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
+    corners = points(found["outline"][0])
+    np.testing.assert_array_equal(corners, [*OUTLINE.vertices, OUTLINE.vertices[0]])
+    assert found["center_of_friction"][0].pose.position == estimate.center_of_friction
+    assert found["mu_c"][0].text == "rubber_rect4: mu_c 0.43 (90 %), inf (100 %)"
+    assert len(found["support_points"][0].points) == len(estimate.support_friction.support_points)
+    assert "confidence" not in found
+
+
+def test_the_confidence_is_a_circle_about_the_center_of_friction(estimate):
+    estimate.confidence = [0.004]
+    (circle,) = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))["confidence"]
+    center = estimate.center_of_friction.x, estimate.center_of_friction.y
+    np.testing.assert_allclose(np.linalg.norm(points(circle) - center, axis=1), 0.004)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5, math.inf])
+def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
+    estimate.contact_friction.p90 = mu
+    found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
+    contact, normal = np.array(DATA[-1].contact_point), np.array(DATA[-1].contact_normal)
+    left, tip, right = points(found["friction_cone"][0])
+    np.testing.assert_array_equal(tip, contact)
+    for edge in (left - tip, right - tip):
+        edge = edge / np.linalg.norm(edge)
+        assert math.acos(np.clip(-edge @ normal, -1, 1)) == pytest.approx(math.atan(mu), abs=2e-3)
+    start, end = points(found["contact_normal"][0])
+    np.testing.assert_array_equal(start, contact)
+    assert (end - start) @ normal == pytest.approx(np.linalg.norm(end - start))
+
+
+def region_markers(*half_planes):
+    region = HalfPlanes(OUTLINE)
+    region.add(half_planes)
+    return region_to_markers(region_to_msg(region.region(), region.next_pushes(), 7, NAME), OUTLINE)
+
+
+def test_the_border_of_the_region_is_closed_and_an_arrow_shows_the_next_push():
+    border, arrow = region_markers(HalfPlane((-1.0, 0.0), 0.02))  # x <= -20 mm
+    assert [marker.ns for marker in (border, arrow)] == ["center_of_friction_region", "next_push"]
+    corners = points(border)
+    np.testing.assert_array_equal(corners[0], corners[-1])
+    assert corners.min(axis=0) == pytest.approx((-0.0635, -0.032))
+    assert corners.max(axis=0) == pytest.approx((-0.02, 0.032))
+    start, end = points(arrow)
+    assert end == pytest.approx((0.0635, 0.0))  # from the right, at half its height
+    assert start[0] > end[0]
+    assert start[1] == pytest.approx(0.0)
+    for marker in (border, arrow):
+        assert (marker.header.frame_id, stamp_from_msg(marker.header.stamp), marker.frame_locked) == (OBJECT, 7, True)
+
+
+def test_a_collapsed_region_has_no_markers():
+    assert region_markers(HalfPlane((0.0, 1.0), 0.1)) == []
+
+
+POSE = PoseWithCovarianceStamped()
+POSE.header.frame_id, POSE.header.stamp.sec, POSE.pose.pose = TABLE, 12, pose_to_msg(Pose(0.1, -0.2, 0.7))
+
+
+def test_a_pose_is_the_transform_from_the_table_to_the_object():
+    transform = pose_to_transform(POSE)
+    assert (transform.header, transform.child_frame_id) == (POSE.header, OBJECT)
+    assert (transform.transform.translation.x, transform.transform.translation.y) == (0.1, -0.2)
+    assert transform.transform.rotation.z == pytest.approx(math.sin(0.35))
+
+
+class Recording:
+    """Takes the place of a node where only what it is asked for matters."""
+
+    def __init__(self) -> None:
+        self.lines, self.topics, self.sent = [], [], []
+
+    def get_logger(self):
+        return SimpleNamespace(info=self.lines.append)
+
+    def create_publisher(self, kind, topic, qos):
+        self.topics.append(topic)
+        return SimpleNamespace(publish=self.sent.append)
+
+
+def test_without_tf2_msgs_it_says_so_once_and_publishes_nothing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
+    node = Recording()
+    broadcaster = TransformBroadcaster(node)
+    broadcaster.broadcast(POSE)
+    broadcaster.broadcast(POSE)
+    assert (len(node.lines), node.topics, node.sent) == (1, [], [])
+    assert "tf2_msgs is not installed" in node.lines[0]
+
+
+def test_with_tf2_msgs_every_pose_goes_to_tf(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tf2_msgs", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", SimpleNamespace(TFMessage=SimpleNamespace))
+    node = Recording()
+    TransformBroadcaster(node).broadcast(POSE)
+    assert (node.lines, node.topics) == ([], ["/tf"])
+    assert node.sent == [SimpleNamespace(transforms=[pose_to_transform(POSE)])]

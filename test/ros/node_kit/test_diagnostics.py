@@ -1,0 +1,89 @@
+"""What a node's diagnostics say of the messages that pass its topics."""
+
+from types import SimpleNamespace
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point, PointStamped
+
+from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit import diagnostics
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+
+
+@pytest.fixture
+def node(ros):
+    return ros.node("watched", namespace="/cell")
+
+
+@pytest.fixture
+def watched(node, monkeypatch):
+    """Diagnostics that take this moment for 10.0 s."""
+    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: 10.0)
+    made = Diagnostics(node, lambda: Health(Level.WARN, "so so", {"object": "brick"}))
+    monkeypatch.undo()
+    return made
+
+
+def reported(ros, watched, monkeypatch, now):
+    """The values of a report at this moment [s]."""
+    statuses: list[DiagnosticStatus] = []
+    monkeypatch.setattr(watched._publisher, "publish", lambda msg: statuses.extend(msg.status))
+    monkeypatch.setattr(diagnostics.time, "monotonic", lambda: now)
+    watched.publish()
+    monkeypatch.undo()
+    return {value.key: value.value for value in statuses[0].values}
+
+
+def test_rates_and_latency_of_what_passed_since_the_last_report(ros, node, watched, monkeypatch):
+    got = []
+    watched.subscribe(PointStamped, "points", got.append, RELIABLE)
+    watched.subscribe(Point, "bare", got.append, RELIABLE)
+    out = watched.advertise(Point, "bare", RELIABLE)
+    points = node.create_publisher(PointStamped, "points", RELIABLE)
+    ros.wait_for(lambda: points.get_subscription_count() and out.get_subscription_count(), what="the subscriptions")
+    msg = PointStamped()
+    msg.header.stamp = stamp_to_msg(node.get_clock().now().nanoseconds - 5 * 10**9)
+    for _ in range(6):
+        points.publish(msg)
+    out.publish(Point())
+    ros.wait_for(lambda: len(got) == 7, what="all messages")
+    values = reported(ros, watched, monkeypatch, 12.0)
+    assert values.pop("points latency [s]").startswith("5.")
+    assert values == {
+        "object": "brick",
+        "points received [1/s]": "3.0",
+        "points lost": "0",
+        "bare received [1/s]": "0.5",
+        "bare lost": "0",
+        "bare sent [1/s]": "0.5",
+    }
+    assert reported(ros, watched, monkeypatch, 13.0)["points received [1/s]"] == "0.0"
+
+
+def test_lost_messages_are_counted(ros, watched, monkeypatch):
+    subscription = watched.subscribe(Point, "points", lambda _: None, RELIABLE)
+    (handler,) = (handler for handler in subscription.event_handlers if handler.callback.__name__ == "lose")
+    for count in (2, 3):
+        handler.callback(SimpleNamespace(total_count_change=count))
+    assert watched.lost == 5
+    assert reported(ros, watched, monkeypatch, 11.0)["points lost"] == "5"
+
+
+def test_raw_messages_are_handed_on_as_bytes(ros, node, watched):
+    got = []
+    watched.subscribe(PointStamped, "points", got.append, RELIABLE, raw=True)
+    out = node.create_publisher(PointStamped, "points", RELIABLE)
+    ros.wait_for(out.get_subscription_count, what="the subscription")
+    out.publish(PointStamped())
+    ros.wait_for(lambda: got, what="a message")
+    assert isinstance(got[0], bytes)
+
+
+def test_a_report_comes_every_second(ros, watched):
+    got = []
+    ros.node("peer").create_subscription(DiagnosticArray, "/diagnostics", got.append, RELIABLE)
+    ros.wait_for(lambda: len(got) >= 2, what="two reports")
+    (status,) = got[0].status
+    assert (status.level, status.name, status.message) == (DiagnosticStatus.WARN, "/cell/watched", "so so")

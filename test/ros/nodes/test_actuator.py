@@ -1,0 +1,724 @@
+"""The actuator node on the simulated controller: the push action, the states it publishes, and every way out of a motion."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from pushfric_core.errors import InvalidInput
+from pushfric_msgs.action import Push
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
+from pushfric_ros.nodes.actuator import ActuatorNode
+from pushfric_ros.pushers.pusher import Mode, NotReady
+from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
+
+NUMBERS = itertools.count()
+UNKNOWN = "where the pusher stands is not known: "
+UNHOMED = UNKNOWN + "see that it is free to move, then call actuator/reset, which homes"
+UNVOUCHED = UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset"
+LINE = {"line_origin": [0.1, -0.2], "line_direction": [0.0, 2.0], "tip_radius": 0.004, "stroke": 0.08, "max_speed": 0.08}
+
+
+@pytest.fixture
+def controller(tmp_path) -> Iterator[SimulatedGrbl]:
+    """A simulated controller whose port is at tmp_path / "port", wherever it is plugged in."""
+    with SimulatedGrbl(time.monotonic) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        yield controller
+
+
+def plug_in(controller: SimulatedGrbl, link) -> None:
+    controller.start()
+    link.unlink()
+    link.symlink_to(controller.port)
+
+
+class HeldClock:
+    """Stands still until it is released."""
+
+    def __init__(self) -> None:
+        self._held: float | None = time.monotonic()
+
+    def __call__(self) -> float:
+        return time.monotonic() if self._held is None else self._held
+
+    def release(self) -> None:
+        self._held = None
+
+
+def overrides(**parameters) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in parameters.items()]
+
+
+class Cell:
+    """An actuator node, and all that another node sees of it."""
+
+    def __init__(self, ros, port, **parameters) -> None:
+        self.ros = ros
+        self.states: list[PusherState] = []
+        self.feedback: list[Push.Feedback] = []
+        self.health: list[DiagnosticStatus] = []
+        namespace = f"/cell_{next(NUMBERS)}"  # its own: nodes of earlier tests may live on until Python collects them
+        # given to the executor before it asks for anything, so that no state is missed
+        self._other = ros.node("other", namespace=namespace)
+        self._other.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
+        self._other.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.health.extend(msg.status), RELIABLE)
+        self._client = ActionClient(self._other, Push, "push")
+        self._reset = self._other.create_client(Trigger, "actuator/reset")
+        self._change = self._other.create_client(ChangeState, "actuator/change_state")
+        self._get = self._other.create_client(GetState, "actuator/get_state")
+        self.node = ActuatorNode(namespace=namespace, parameter_overrides=overrides(port=str(port), **LINE | parameters))
+        ros.compose(self.node)
+
+    def wait_for_mode(self, mode: int) -> None:
+        self.ros.wait_for(lambda: self.states and self.states[-1].mode == mode, 20.0, what=f"mode {mode}")
+
+    def ready(self) -> "Cell":
+        self.wait_for_mode(PusherState.MODE_IDLE)
+        self.ros.wait_for(self._client.server_is_ready, what="the action server")
+        # now, or a push might be over before they are found
+        for service in (self._reset, self._change, self._get):
+            self.ros.wait_for(service.service_is_ready, 30.0, what=service.srv_name)
+        return self
+
+    def send(self, distance=0.03, speed=0.08, retract=False, push_id=7):
+        """Send a goal; its handle."""
+        goal = Push.Goal(push_id=push_id, distance=distance, speed=speed, retract=retract)
+        answer = self._client.send_goal_async(goal, feedback_callback=lambda msg: self.feedback.append(msg.feedback))
+        self.ros.wait_for(answer.done, what="the answer to the goal")
+        return answer.result()
+
+    def result(self, handle) -> SimpleNamespace:
+        answer = handle.get_result_async()
+        self.ros.wait_for(answer.done, 20.0, what="the result")
+        return answer.result()
+
+    def reset(self) -> Trigger.Response:
+        return self._call(self._reset, Trigger.Request())
+
+    def change(self, transition: int) -> bool:
+        """Whether a lifecycle transition succeeded."""
+        return self._call(self._change, ChangeState.Request(transition=Transition(id=transition))).success
+
+    @property
+    def state(self) -> str:
+        return self._call(self._get, GetState.Request()).current_state.label
+
+    def _call(self, client, request):
+        self.ros.wait_for(client.service_is_ready, 30.0, what=client.srv_name)
+        answer = client.call_async(request)
+        self.ros.wait_for(answer.done, 30.0, what=f"the answer of {client.srv_name}")
+        return answer.result()
+
+    def halfway(self, controller: SimulatedGrbl, **goal):
+        """The handle of a goal whose motion is under way, and is for longer than anything is waited for."""
+        handle = self.send(**{"distance": 0.08, "speed": 0.004} | goal)
+        self.ros.wait_for(lambda: controller.position() > 0.001, what="the motion")
+        return handle
+
+    def refuses(self, controller: SimulatedGrbl, capfd, why: str) -> None:
+        """It is in alarm, takes no goal, says why, and does not move."""
+        rest = controller.position()
+        self.wait_for_mode(PusherState.MODE_ALARM)
+        self.ros.wait_for(lambda: self.health and self.health[-1].message == f"alarm: {why}", what="the diagnostic")
+        assert self.health[-1].level == DiagnosticStatus.ERROR
+        capfd.readouterr()
+        assert not self.send(0.01, push_id=8).accepted
+        assert f"push 8 rejected: the pusher must be idle, it is alarm: {why}\n" in capfd.readouterr().err
+        assert controller.position() == rest
+
+    def comes_to_rest(self, controller: SimulatedGrbl) -> float:
+        """Where the pusher rests, short of where it was sent."""
+        rest = -1.0
+
+        def rests() -> bool:
+            nonlocal rest
+            before, rest = rest, controller.position()
+            return before == rest and controller._motion is None
+
+        self.ros.wait_for(rests, what="the standstill")
+        assert rest < 0.07
+        return rest
+
+
+def test_modes_are_those_of_the_message():
+    numbers = {name[5:]: getattr(PusherState, name) for name in dir(PusherState) if name.startswith("MODE_")}
+    assert numbers.keys() == {mode.name for mode in Mode}
+
+
+def test_a_push_and_the_way_back(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", max_speed=0.05).ready()
+    result = cell.result(cell.send(0.03, 0.03, retract=True))
+    assert result.status == GoalStatus.STATUS_SUCCEEDED
+    assert result.result.outcome == Push.Result.OUTCOME_REACHED
+    assert result.result.travelled == pytest.approx(0.03, abs=2e-5)
+    assert result.result.message == "reached"
+    assert controller.position() == pytest.approx(0.0)
+    assert cell.feedback[-1].travelled == pytest.approx(0.03, abs=2e-5)
+    pushing = [state for state in cell.states if state.push_id == 7]
+    assert max(state.speed for state in pushing) == pytest.approx(0.03, rel=0.01)
+    assert all(state.speed >= 0 for state in pushing)
+    back = [state.speed for state in cell.states if state.speed < 0]
+    assert min(back) == pytest.approx(-0.05, rel=0.01)
+    assert all(state.push_id == PusherState.NO_PUSH for state in cell.states if state.speed < 0)
+    for state in pushing:
+        assert (state.header.frame_id, state.tip_radius) == ("table", 0.004)
+        assert (state.direction.x, state.direction.y) == (0.0, 1.0)
+        assert (state.tip.x, state.tip.y) == (0.1, pytest.approx(-0.2 + state.position))
+    stamps = [state.header.stamp.sec * 10**9 + state.header.stamp.nanosec for state in cell.states]
+    assert stamps == sorted(stamps)
+
+
+def test_a_push_in_simulated_time(ros, tmp_path):
+    """The clock moves in steps and faster than real time; every state tells where the pusher was at its stamp."""
+    now = [1000.0]
+    truth: dict[int, float] = {}
+    clock = ros.node("clock")
+    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
+    with SimulatedGrbl(lambda: now[0]) as controller:
+
+        def tick() -> None:
+            if cell.node._pusher._asked is not None:  # a busy machine may be slower than the clock
+                return
+            now[0] += 1 / 50
+            stamp = Time(nanoseconds=round(now[0] * 1e9))
+            truth[stamp.nanoseconds] = controller.position()
+            clock_out.publish(Clock(clock=stamp.to_msg()))
+
+        cell = Cell(ros, controller.port, use_sim_time=True)
+        clock.create_timer(1 / 250, tick)
+        cell.ready()
+        assert cell.result(cell.send(0.06, 0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+    pushing = [state for state in cell.states if state.push_id == 7]
+    assert len(pushing) > 50  # 3 s at 20 Hz
+    late = sorted(abs(state.position - truth[Time.from_msg(state.header.stamp).nanoseconds]) for state in pushing)
+    assert late[len(late) // 2] <= 0.0004 + 1e-6  # one step of the clock
+
+
+def test_pushes_follow_each_other(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    for end in (0.02, 0.04):
+        assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+        assert controller.position() == pytest.approx(end)
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        {"distance": 0.0801},
+        {"distance": 0.0},
+        {"distance": -0.01},
+        {"distance": float("nan")},
+        {"distance": float("inf")},
+        {"speed": 0.081},
+        {"speed": 0.0},
+        {"speed": float("nan")},
+        {"push_id": -1},
+    ],
+)
+def test_a_goal_beyond_the_limits_is_rejected(ros, controller, tmp_path, goal):
+    cell = Cell(ros, tmp_path / "port").ready()
+    assert not cell.send(**goal).accepted
+    assert controller.position() == 0.0
+
+
+def test_a_goal_is_rejected_while_another_runs(ros):
+    clock = HeldClock()
+    with SimulatedGrbl(clock) as controller:
+        cell = Cell(ros, controller.port).ready()
+        running = cell.send(0.06)
+        assert not cell.send(0.01, push_id=8).accepted
+        clock.release()
+        assert cell.result(running).result.outcome == Push.Result.OUTCOME_REACHED
+        assert controller.position() == pytest.approx(0.06)
+
+
+def test_a_goal_is_rejected_while_disconnected(ros, tmp_path):
+    cell = Cell(ros, tmp_path / "port")
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    ros.wait_for(cell._client.server_is_ready, what="the action server")
+    assert not cell.send().accepted
+
+
+def test_a_canceled_push_stops(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller, retract=True)
+    ros.wait_for(handle.cancel_goal_async().done, what="the answer to the cancel")
+    result = cell.result(handle)
+    assert result.status == GoalStatus.STATUS_CANCELED
+    assert result.result.outcome == Push.Result.OUTCOME_CANCELED
+    rest = controller.position()
+    assert result.result.travelled == pytest.approx(rest, abs=2e-5)
+    assert 0.001 < rest < 0.06
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
+
+
+def test_the_way_back_is_no_push(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.result(cell.send(0.04))
+    cell.states.clear()
+    assert cell.result(cell.send(-0.03, 0.05)).result.travelled == pytest.approx(-0.03, abs=2e-5)
+    assert controller.position() == pytest.approx(0.01)
+    assert {state.push_id for state in cell.states} == {PusherState.NO_PUSH}
+    assert min(state.speed for state in cell.states) == pytest.approx(-0.05, rel=0.01)
+    assert cell.feedback[-1].travelled == pytest.approx(-0.03, abs=2e-5)
+    assert not cell.send(-0.0101).accepted
+    assert not cell.send(-0.01, retract=True).accepted
+
+
+def test_a_push_whose_client_leaves_is_stopped(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.halfway(controller)
+    ros.wait_for(lambda: cell.node._client_seen, what="the client in the graph")
+    ros.wait_for(cell.node.executor.create_task(cell._client.destroy).done, what="the end of the client")
+    cell.comes_to_rest(controller)
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.node._goal is None
+
+
+def test_a_manager_leads_it_through_its_states(ros, controller, tmp_path):
+    """Without autostart: the port is left alone, then connected, then goals are taken; and the same way back."""
+    cell = Cell(ros, tmp_path / "port", autostart=False)
+    ros.wait_for(cell._client.server_is_ready, what="the action server")
+    assert cell.state == "unconfigured"
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    assert not cell.change(Transition.TRANSITION_ACTIVATE)  # there is no such transition
+    assert cell.change(Transition.TRANSITION_CONFIGURE)
+    cell.wait_for_mode(PusherState.MODE_HOLD)
+    assert cell.state == "inactive"
+    assert not cell.send().accepted
+    answer = cell.reset()
+    assert (answer.success, answer.message) == (False, "the actuator is inactive, expected active")
+    ros.wait_for(lambda: cell.health and "inactive" in cell.health[-1].message, what="the diagnostic")
+    assert cell.health[-1].level == DiagnosticStatus.WARN
+    ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of connecting")
+    assert cell.change(Transition.TRANSITION_ACTIVATE)
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert cell.change(Transition.TRANSITION_DEACTIVATE)
+    cell.wait_for_mode(PusherState.MODE_HOLD)
+    assert cell.change(Transition.TRANSITION_CLEANUP)
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    assert controller.position() == pytest.approx(0.02)
+    assert cell.change(Transition.TRANSITION_CONFIGURE)
+    cell.wait_for_mode(PusherState.MODE_HOLD)
+    assert cell.states[-1].position == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("transition", "state", "why"),
+    [
+        (Transition.TRANSITION_DEACTIVATE, "inactive", "the actuator was deactivated"),
+        (Transition.TRANSITION_ACTIVE_SHUTDOWN, "finalized", "the actuator was shut down"),
+    ],
+)
+def test_a_transition_in_mid_push_stops_it(ros, controller, tmp_path, transition, state, why):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    assert cell.change(transition)
+    result = cell.result(handle)
+    assert (result.status, result.result.outcome) == (GoalStatus.STATUS_ABORTED, Push.Result.OUTCOME_ABORTED)
+    assert result.result.message == why
+    cell.comes_to_rest(controller)
+    assert cell.state == state
+
+
+def test_a_goal_revoked_before_it_moved_never_moves(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    accepted = cell.node._on_accepted
+
+    def deactivated_at_once(goal) -> None:
+        accepted(goal)
+        cell.node.trigger_deactivate()
+
+    cell.node._server.register_handle_accepted_callback(deactivated_at_once)
+    result = cell.result(cell.send())
+    assert (result.status, result.result.message) == (GoalStatus.STATUS_ABORTED, "the actuator was deactivated")
+    assert controller.position() == 0.0
+
+
+def test_activation_waits_for_the_controller(ros, tmp_path):
+    cell = Cell(ros, tmp_path / "port", autostart=False)
+    assert cell.change(Transition.TRANSITION_CONFIGURE)
+    assert not cell.change(Transition.TRANSITION_ACTIVATE)
+    assert cell.state == "inactive"
+    with SimulatedGrbl(time.monotonic) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        ros.wait_for(lambda: cell.change(Transition.TRANSITION_ACTIVATE), 20.0, what="the activation")
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+
+
+def test_once_deactivated_it_does_not_start_by_itself(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    assert cell.change(Transition.TRANSITION_DEACTIVATE)
+    controller.unplug()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    plug_in(controller, tmp_path / "port")
+    cell.wait_for_mode(PusherState.MODE_HOLD)
+    ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of connecting")
+    assert cell.state == "inactive"
+
+
+def test_a_transition_that_fails_leaves_the_pusher(ros, controller, tmp_path, monkeypatch, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.halfway(controller)
+    monkeypatch.setattr(cell.node, "_revoke", lambda why: 1 / 0)
+    assert not cell.change(Transition.TRANSITION_DEACTIVATE)
+    assert cell.state == "unconfigured"
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    cell.comes_to_rest(controller)
+    assert "a transition failed; the pusher is left" in capfd.readouterr().err
+
+
+def test_a_clock_that_jumps_back_disturbs_nothing(ros, controller, tmp_path):
+    now = [1000.0]
+    clock = ros.node("clock")
+    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
+
+    def tick() -> None:
+        now[0] += 0.02
+        clock_out.publish(Clock(clock=Time(nanoseconds=round(now[0] * 1e9)).to_msg()))
+
+    cell = Cell(ros, tmp_path / "port", use_sim_time=True)
+    clock.create_timer(0.02, tick)
+    cell.ready()
+    handle = cell.halfway(controller, speed=0.03)
+    now[0] -= 500.0
+    assert cell.result(handle).result.outcome == Push.Result.OUTCOME_REACHED
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.states[-1].header.stamp.sec < 600
+    assert cell.result(cell.send(-0.08)).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+def test_a_limit_in_mid_push_aborts_it_until_a_person_resets(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    assert not cell.reset().success
+    controller.hit_limit()
+    result = cell.result(handle)
+    assert result.status == GoalStatus.STATUS_ABORTED
+    assert (result.result.outcome, result.result.message) == (Push.Result.OUTCOME_ABORTED, "ALARM:1 Hard limit")
+    cell.wait_for_mode(PusherState.MODE_ALARM)
+    alarmed = next(state for state in cell.states if state.mode == PusherState.MODE_ALARM)
+    assert (alarmed.push_id, alarmed.speed) == (PusherState.NO_PUSH, 0.0)  # told at once, with nothing of the push left
+    assert not cell.send(0.01).accepted
+    ros.wait_for(lambda: cell.health and "ALARM:1 Hard limit" in cell.health[-1].message, what="the diagnostic")
+    assert cell.health[-1].level == DiagnosticStatus.ERROR
+    answer = cell.reset()
+    assert (answer.success, answer.message) == (True, "unlocking")
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    rest = controller.position()
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
+
+
+def test_an_unplugged_controller_is_found_again_and_not_moved(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    controller.unplug()
+    result = cell.result(handle)
+    assert result.status == GoalStatus.STATUS_ABORTED
+    assert result.result.outcome == Push.Result.OUTCOME_ABORTED
+    assert "lost " in result.result.message
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    plug_in(controller, tmp_path / "port")
+    cell.wait_for_mode(PusherState.MODE_ALARM)  # where it stands is uncertain: see below
+    rest = controller.position()
+    cell.states.clear()
+    ros.wait_for(lambda: len(cell.states) > 5, what="more states")
+    assert controller.position() == rest
+    assert cell.states[-1].push_id == PusherState.NO_PUSH
+
+
+def test_a_controller_unplugged_at_rest_pushes_on(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.result(cell.send(0.03))
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    controller.unplug()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    plug_in(controller, tmp_path / "port")
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(0.04)
+
+
+def test_after_a_power_cut_in_mid_push_nothing_moves_until_a_person_vouches(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    controller.reset()
+    result = cell.result(handle)
+    assert result.result.outcome == Push.Result.OUTCOME_ABORTED
+    assert result.result.message.endswith("restarted")
+    cell.refuses(controller, capfd, UNVOUCHED)
+    assert cell.states[-1].position == 0.0  # so the controller says
+    assert controller.position() > 0.001
+    # what the message asks for; the restart alone does not do
+    controller.unplug()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    controller._carriage = 0.0
+    controller.reset()
+    plug_in(controller, tmp_path / "port")
+    cell.refuses(controller, capfd, UNVOUCHED)
+    assert cell.reset().success
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(0.02)
+
+
+def test_after_a_power_cut_at_the_very_beginning_of_a_push_nothing_moves(ros, capfd):
+    clock = HeldClock()
+    with SimulatedGrbl(clock) as controller:
+        cell = Cell(ros, controller.port).ready()
+        handle = cell.send(0.06)
+        ros.wait_for(lambda: controller._motion is not None, what="the motion")
+        controller.reset()
+        assert cell.result(handle).result.outcome == Push.Result.OUTCOME_ABORTED
+        cell.refuses(controller, capfd, UNVOUCHED)
+
+
+def test_after_a_power_cut_at_rest_away_from_zero_nothing_moves(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.result(cell.send(0.0005))
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    controller.reset()
+    ros.wait_for(lambda: "when the connection was lost" in capfd.readouterr().err, 20.0, what="the complaint")
+    cell.refuses(controller, capfd, UNVOUCHED)
+    assert cell.reset().success
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+
+
+def test_after_a_power_cut_while_a_canceled_push_stops_nothing_moves(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    handle.cancel_goal_async()
+    ros.wait_for(lambda: cell.node._pusher._halting, what="the stop")
+    controller.reset()
+    assert cell.result(handle).result.outcome == Push.Result.OUTCOME_ABORTED
+    cell.refuses(controller, capfd, UNVOUCHED)
+
+
+def test_a_problem_is_forgotten_with_the_next_push(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.node._fail(NotReady("an old story"))
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+    cell.health.clear()
+    ros.wait_for(lambda: cell.health, what="a diagnostic")
+    assert {value.key: value.value for value in cell.health[-1].values}["last problem"] == "none"
+
+
+def test_a_power_cut_at_rest_at_zero_loses_nothing(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    controller.reset()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+    assert controller.position() == pytest.approx(0.02)
+
+
+def test_an_alarm_is_not_forgotten_with_the_connection(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port").ready()
+    controller.hit_limit()
+    cell.wait_for_mode(PusherState.MODE_ALARM)
+    ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
+    controller.unplug()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    plug_in(controller, tmp_path / "port")
+    cell.refuses(controller, capfd, UNVOUCHED)
+
+
+def test_a_port_that_appears_later_is_connected(ros, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port")
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    ros.wait_for(lambda: cell.node._told is not None, what="the complaint")
+    with SimulatedGrbl(time.monotonic) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert capfd.readouterr().err.count(f"no serial port at {tmp_path}/port, retrying") == 1
+
+
+def test_a_port_where_garbage_comes_is_no_controller(ros, tmp_path, capfd):
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    (tmp_path / "port").symlink_to(os.ttyname(slave))
+    noise = ros.node("noise")
+    noise.create_timer(0.05, lambda: os.write(master, b"\x00\xff<Idle|MPos\r\nok\r\n\xaa"))
+    cell = Cell(ros, tmp_path / "port", connect_timeout=0.1)
+    ros.wait_for(lambda: cell.node._told is not None, 30.0, what="the complaint")
+    assert "no GRBL controller answers at " in capfd.readouterr().err
+    assert cell.states[-1].mode == PusherState.MODE_DISCONNECTED
+    assert set(os.read(master, 4096)) <= set(b"?\x18")  # nothing that moves was sent
+    ros.wait_for(lambda: any("no GRBL controller answers" in status.message for status in cell.health), what="the diagnostic")
+    with SimulatedGrbl(time.monotonic) as controller:
+        (tmp_path / "port").unlink()
+        (tmp_path / "port").symlink_to(controller.port)
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+    noise.destroy_node()
+    os.close(slave)
+    os.close(master)
+
+
+def test_homing(ros, tmp_path):
+    clock = HeldClock()
+    with SimulatedGrbl(clock, homing=True) as controller:
+        cell = Cell(ros, controller.port, home=True)
+        cell.wait_for_mode(PusherState.MODE_HOMING)
+        clock.release()
+        cell.ready()
+        assert cell.states[-1].position == pytest.approx(0.0, abs=1e-6)
+        assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+        assert controller.position() == pytest.approx(0.02)
+        assert cell.reset().message == "homing"
+        ros.wait_for(lambda: abs(controller.position()) < 1e-9, what="homing")
+
+
+def test_after_a_power_cut_a_pusher_that_homes_must_home_though_it_is_unlocked(ros, tmp_path, capfd):
+    """By somebody at a terminal, or by the firmware: grblHAL boots unlocked unless it is told otherwise."""
+    with SimulatedGrbl(time.monotonic, homing=True) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        cell = Cell(ros, tmp_path / "port", home=True).ready()
+        cell.result(cell.send(0.02))
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+        controller.unplug()
+        cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+        controller.reset()
+        controller._system("$X")
+        plug_in(controller, tmp_path / "port")
+        cell.refuses(controller, capfd, UNHOMED)
+        assert cell.reset().success
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+        assert controller.position() == pytest.approx(0.0)
+        assert cell.states[-1].position == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_pusher_that_cannot_home_does_not_push(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port", home=True)  # but $22=0
+    cell.refuses(controller, capfd, f'"$H" refused: error:5 Setting disabled: {UNHOMED}')
+
+
+class Strict(SimulatedGrbl):
+    """As grblHAL with $22=5: nothing unlocks it but homing."""
+
+    def _system(self, line: str) -> None:
+        if line == "$X":
+            self._respond(46)
+        else:
+            super()._system(line)
+
+
+def test_a_lock_that_only_homing_opens_is_named(ros, capfd):
+    with Strict(time.monotonic, homing=True) as controller:
+        cell = Cell(ros, controller.port)
+        cell.refuses(controller, capfd, f'"$X" refused: error:46 Homing required (grblHAL): {UNVOUCHED}')
+
+
+def test_a_homing_that_was_stopped_is_made_up_for(ros):
+    clock = HeldClock()
+    with SimulatedGrbl(clock, homing=True) as controller:
+        cell = Cell(ros, controller.port, home=True)
+        cell.wait_for_mode(PusherState.MODE_HOMING)
+        ros.wait_for(lambda: controller._state == "Home", what="homing")
+        assert cell.change(Transition.TRANSITION_DEACTIVATE)
+        cell.wait_for_mode(PusherState.MODE_ALARM)
+        ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
+        controller._system("$X")
+        cell.wait_for_mode(PusherState.MODE_HOLD)
+        assert cell.change(Transition.TRANSITION_ACTIVATE)
+        cell.wait_for_mode(PusherState.MODE_HOMING)
+        clock.release()
+        cell.ready()
+
+
+def test_garbage_and_lost_bytes_do_not_disturb_a_push(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.send(0.06, 0.04)
+    ros.wait_for(lambda: controller.position() > 0.005, what="the motion")
+    controller.say(b"\x00\xffnoise\r\n<Run|MPos:1.0.0>\r\nerror:7\r\nok\r\n")
+    controller.lose_bytes(5)
+    assert cell.result(handle).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+def test_a_node_that_ends_stops_its_pusher(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port").ready()
+    cell.halfway(controller)
+    executor = cell.node.executor
+    executor.remove_node(cell.node)
+    ros._nodes.remove(cell.node)
+    ended = executor.create_task(cell.node.destroy_node)
+    ros.wait_for(ended.done, what="the end of the node")
+    rest = controller.position()
+    assert rest < 0.07
+    assert controller.position() == rest
+
+
+def test_a_signal_stops_the_pusher(controller, tmp_path):
+    parameters = [f"{key}:={value}" for key, value in LINE.items()] + [f"port:={tmp_path}/port"]
+    arguments = [argument for parameter in parameters for argument in ("-p", parameter)]
+    program = "from pushfric_ros.nodes.actuator import main; main()"
+    environment = os.environ | {"ROS_DOMAIN_ID": "101"}
+    process = subprocess.Popen([sys.executable, "-c", program, "--ros-args", *arguments], env=environment)
+    client = subprocess.Popen([sys.executable, "-c", PUSH], env=environment)
+    try:
+        deadline = time.monotonic() + 60
+        while controller.position() < 0.001:
+            assert time.monotonic() < deadline, "no motion"
+            time.sleep(0.01)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+        rest = controller.position()
+        assert rest < 0.07
+        assert controller.position() == rest
+    finally:
+        for started in (process, client):
+            started.kill()
+            started.wait()
+
+
+PUSH = """
+import rclpy
+from rclpy.action import ActionClient
+from pushfric_msgs.action import Push
+rclpy.init()
+node = rclpy.create_node("client")
+client = ActionClient(node, Push, "push")
+client.wait_for_server()
+while True:
+    answer = client.send_goal_async(Push.Goal(push_id=1, distance=0.08, speed=0.004))
+    rclpy.spin_until_future_complete(node, answer)
+    if answer.result().accepted:
+        rclpy.spin(node)
+"""
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({}, "port must name the serial port of the GRBL controller, got ''"),
+        ({"port": "/dev/x", "line_direction": [0.0, 0.0]}, r"line_direction must have a length, got \(0, 0\)"),
+        ({"port": "/dev/x", "line_origin": [0.0]}, r"line_origin must be two finite numbers, got \(0.0,\)"),
+        ({"port": "/dev/x", "axis": "Q"}, "axis must be X, Y, Z, A, B or C, .*got 'Q'"),
+        ({"port": "/dev/x", "stroke": 0.0}, "parameter stroke must lie in"),
+    ],
+)
+def test_unusable_parameters_are_refused(ros, parameters, text):
+    with pytest.raises(InvalidInput, match=text):
+        ActuatorNode(parameter_overrides=overrides(**parameters))

@@ -1,0 +1,409 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
+from problems import observations_of
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import Estimator
+from pushfric_core.planar import Pose
+from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
+from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    FrictionEstimate,
+    Observation,
+    PusherState,
+    Recognition,
+    SupportFriction,
+)
+from pushfric_msgs.srv import ExcludePush, SelectObject
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.messages.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
+from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.nodes.estimator import EstimatorNode
+
+NAME = "rubber_rect4"
+FRAME = round(1e9 / 14)
+DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 5, np.random.default_rng(5))
+
+
+def estimator(**parameters):
+    return EstimatorNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in parameters.items()])
+
+
+def collect(ros, node, kind, topic, qos):
+    got = []
+    node.create_subscription(kind, topic, got.append, qos)
+    return got
+
+
+def publisher(ros, node, kind, topic, qos):
+    out = node.create_publisher(kind, topic, qos)
+    ros.wait_for(out.get_subscription_count, what=f"a subscriber of {topic}")
+    return out
+
+
+def estimator_of_observations(ros):
+    """A running estimator's peer, what it hands data points in with, and the estimates it gets."""
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations"))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    return node, out, estimates
+
+
+def pose_msg(stamp, pose):
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp, msg.pose.pose = stamp_to_msg(stamp), pose_to_msg(pose)
+    return msg
+
+
+def pusher_msg(stamp, position, push_id):
+    msg = PusherState(position=position, speed=0.02, tip_radius=0.003, push_id=push_id, mode=PusherState.MODE_RUNNING)
+    msg.header.stamp = stamp_to_msg(stamp)
+    msg.direction.y, msg.tip.y = 1.0, position
+    return msg
+
+
+def push(push_id, start):
+    """What the cell says of one push: (topic's message) in order of time."""
+    known = TABLE_1[NAME]
+    pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.03 - 0.02 * push_id, 0.04, 0.0))
+    line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
+    for frame in range(38):
+        position = frame * 0.02 / 14
+        pushed.push(line, position)
+        stamp = start + frame * FRAME
+        yield pose_msg(stamp, pushed.pose)
+        yield pusher_msg(stamp + 1, position, push_id)
+
+
+def test_every_data_point_gives_an_estimate_equal_to_the_cores(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME))
+    observations = collect(ros, node, Observation, "observation", RELIABLE)
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    ros.wait_for(
+        lambda: node.count_publishers("friction_estimate") and node.count_publishers("observation"), what="the estimator"
+    )
+    model = Estimator(load_object(NAME).support_points)
+    for push_id in range(2):
+        for msg in push(push_id, 10**18 + push_id * 10**10):
+            (states if isinstance(msg, PusherState) else poses).publish(msg)
+        ros.wait_for(lambda wanted=4 * (push_id + 1): len(observations) >= wanted, what="the data points of a push")
+    ros.wait_for(lambda: len(estimates) == len(observations), what="an estimate for every data point")
+    expected = [model.add(observation_from_msg(msg)) for msg in observations]
+    assert [msg.data_points for msg in estimates] == list(range(1, len(observations) + 1))
+    for msg, estimate in zip(estimates, expected, strict=True):
+        assert list(msg.support_friction.weights) == list(estimate.w)
+        assert msg.objective == estimate.solution.objective
+        assert msg.header.stamp == msg.support_friction.header.stamp
+
+
+def test_a_late_subscriber_gets_the_last_estimate(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations"))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    for observation in DATA[:3]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: estimates and estimates[-1].data_points == 3, what="three estimates")
+    late = ros.node("late", namespace="/cell")
+    kinds = {
+        "friction_estimate": FrictionEstimate,
+        "support_friction": SupportFriction,
+        "center_of_friction": PointStamped,
+        "contact_friction": ContactFriction,
+    }
+    got = {topic: collect(ros, late, kind, topic, LATCHED) for topic, kind in kinds.items()}
+    ros.wait_for(lambda: all(got.values()), what="the last estimates")
+    assert got["friction_estimate"][0] == estimates[-1]
+    assert got["center_of_friction"][0].point == estimates[-1].center_of_friction
+
+
+def test_bad_messages_are_refused_and_change_nothing(ros):
+    _, out, estimates = estimator_of_observations(ros)
+    good = [observation_to_msg(observation, NAME) for observation in DATA[:3]]
+    broken, still, far = (observation_to_msg(DATA[0], NAME) for _ in range(3))
+    broken.contact_point.x = math.nan
+    far.contact_point.x = 0.5
+    still.twist.linear.x = still.twist.linear.y = still.twist.angular.z = 0.0
+    for msg in (good[0], broken, good[1], still, far, good[2]):
+        out.publish(msg)
+    ros.wait_for(lambda: len(estimates) == 3, what="the good data points' estimates")
+    assert estimates[-1].data_points == 3
+
+
+def test_a_pose_that_is_nan_is_refused(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME))
+    observations = collect(ros, node, Observation, "observation", RELIABLE)
+    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    for index, msg in enumerate(push(0, 10**18)):
+        if index == 30:
+            poses.publish(pose_msg(10**18 + 15 * FRAME + 1, Pose(math.nan, 0.0, 0.0)))
+        (states if isinstance(msg, PusherState) else poses).publish(msg)
+    ros.wait_for(lambda: len(observations) >= 4, what="the data points of the push")
+    for msg in observations:
+        observation_from_msg(msg)
+
+
+def call(ros, node, kind, name, request):
+    client = node.create_client(kind, name)
+    assert client.wait_for_service(10.0)
+    future = client.call_async(request)
+    ros.wait_for(future.done, what=f"the answer of {name}")
+    return future.result()
+
+
+def test_reset_and_select_object_start_afresh(ros):
+    node, out, estimates = estimator_of_observations(ros)
+    first = observation_to_msg(DATA[0], NAME)
+    for count in (1, 2):
+        out.publish(first)
+        ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
+    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    out.publish(first)
+    ros.wait_for(lambda: len(estimates) == 4, what="an estimate")
+    assert [msg.data_points for msg in estimates] == [1, 2, 0, 1]
+    assert call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="wood_rect3")).success
+    refusal = call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="brick"))
+    assert not refusal.success
+    assert "no object 'brick'" in refusal.message
+    out.publish(first)
+    ros.wait_for(lambda: len(estimates) == 6, what="an estimate")
+    assert [(msg.object, msg.data_points) for msg in estimates[4:]] == [("wood_rect3", 0), ("wood_rect3", 1)]
+
+
+def test_a_push_is_excluded(ros):
+    node, out, estimates = estimator_of_observations(ros)
+    for observation in DATA[:4]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(estimates) == 4, what="the estimates")
+    refusal = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=9))
+    assert (refusal.success, refusal.message) == (False, "push_id must be one of 0, 1, 2, 3, got 9")
+    answer = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1))
+    assert (answer.success, answer.message) == (True, "3 data points of 3 pushes are left")
+    ros.wait_for(lambda: len(estimates) == 5, what="the estimate without the push")
+    expected = Estimator(load_object(NAME).support_points)
+    for observation in (DATA[k] for k in (0, 2, 3)):
+        model = expected.add(observation)
+    assert estimates[-1].objective == pytest.approx(model.solution.objective, abs=1e-12)
+
+
+def test_hypotheses_are_ranked_after_every_data_point(ros):
+    name = "delrin_rect_right"
+    known = TABLE_1[name]
+    data = observations_of(known.outline, known.support, known.mu_c, 12, np.random.default_rng(6))
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=name, source="observations"))
+    rankings = collect(ros, node, Recognition, "recognition", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("recognition"), what="the estimator")
+    for observation in data:
+        out.publish(observation_to_msg(observation, name))
+    ros.wait_for(lambda: len(rankings) == len(data), what="a ranking for every data point")
+    last = rankings[-1]
+    assert last.best == name
+    assert [h.name for h in last.hypotheses] == [name, "delrin_rect_center", "delrin_rect_left"]
+    assert last.hypotheses[0].ratio == 1.0
+    assert last.hypotheses[0].fit_error < last.hypotheses[1].fit_error < last.hypotheses[2].fit_error
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=3)).success
+    ros.wait_for(lambda: len(rankings) == len(data) + 1, what="the ranking without the push")
+
+
+def test_the_region_shrinks_with_every_data_point_and_grows_with_an_exclusion(ros):
+    node, out, _ = estimator_of_observations(ros)
+    at_first = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+    ros.wait_for(lambda: at_first, what="the region before any push")
+    outline = TABLE_1[NAME].outline
+    assert at_first[0].area == pytest.approx(outline.polygon.area)
+    assert [push.edge for push in at_first[0].next_pushes] == [0, 2, 1, 3]
+    regions = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("center_of_friction_region"), what="the estimator")
+    for observation in DATA[:4]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(regions) == 4, what="a region for every data point")
+    half_planes = HalfPlanes(outline, RegionConfig.region_margin)
+    expected = [half_planes.add(line_of_motion(observation)).area for observation in DATA[:4]]
+    assert [msg.area for msg in regions] == expected
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    ros.wait_for(lambda: len(regions) == 5, what="the region without the push")
+    without = HalfPlanes(outline, RegionConfig.region_margin)
+    for observation in (DATA[k] for k in (0, 2, 3)):
+        region = without.add(line_of_motion(observation))
+    assert regions[-1].area == region.area >= regions[-2].area
+    markers = collect(ros, node, MarkerArray, "markers", LATCHED)
+    ros.wait_for(lambda: markers, what="the markers")
+    assert {"center_of_friction_region", "next_push"} <= {marker.ns for marker in markers[-1].markers}
+    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    ros.wait_for(lambda: len(regions) == 6, what="the region after the reset")
+    assert regions[-1] == at_first[0]
+
+
+def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations", region_margin=0.01, slipping_pushes=[0, 2]))
+    regions = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+    frictions = collect(ros, node, ContactFriction, "contact_friction", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("contact_friction"), what="the estimator")
+    core, half_planes = Estimator(load_object(NAME).support_points), HalfPlanes(TABLE_1[NAME].outline, 0.01)
+    for observation in DATA[:3]:
+        estimate, region = core.add(observation), half_planes.add(line_of_motion(observation))
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(frictions) == 3, what="mu_c")
+    ros.wait_for(lambda: regions and regions[-1].area == region.area, what="the region")
+    slipping = estimate.contact_friction[[0, 2]]
+    assert list(frictions[-1].slipping) == [slipping.min(), slipping.max()]
+    assert sum(frictions[-1].histogram) == 3
+
+
+def wrench_msg(stamp, force):
+    msg = WrenchStamped()
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), "table"
+    msg.wrench.force.x, msg.wrench.force.y = force
+    return msg
+
+
+def test_measured_forces_reach_the_estimate(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, terms=["moment", "force"]))
+    observations = collect(ros, node, Observation, "observation", RELIABLE)
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    wrenches = publisher(ros, node, WrenchStamped, "wrench", RELIABLE)
+    ros.wait_for(
+        lambda: node.count_publishers("friction_estimate") and node.count_publishers("observation"), what="the estimator"
+    )
+    wrong = wrench_msg(10**18 - 1, (1.0, 0.0))
+    wrong.header.frame_id = "sensor"
+    wrenches.publish(wrong)  # refused: it would have to be turned first
+    for msg in push(0, 10**18):
+        (states if isinstance(msg, PusherState) else poses).publish(msg)
+        if isinstance(msg, PusherState):
+            wrenches.publish(wrench_msg(10**18 + round(msg.position / 0.02 * 1e9), (0.0, 2.0)))
+    ros.wait_for(lambda: len(estimates) >= 4, what="the estimates of the push")
+    assert len(observations) == len(estimates)
+    for msg in observations:
+        theta = 2 * math.atan2(msg.pose[0].orientation.z, msg.pose[0].orientation.w)
+        assert (msg.force[0].x, msg.force[0].y) == pytest.approx((2 * math.sin(theta), 2 * math.cos(theta)), abs=1e-9)
+    assert estimates[-1].support_friction.total_friction[0] == pytest.approx(2.0, rel=0.2)
+
+
+def test_a_clock_that_jumps_back_starts_afresh(ros):
+    node = ros.node("peer", namespace="/cell")
+    live = ros.compose(estimator(object=NAME, source="observations", use_sim_time=True))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    clock = publisher(ros, node, Clock, "/clock", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    for count, seconds in ((1, 100), (2, 101), (4, 50)):
+        clock.publish(Clock(clock=stamp_to_msg(seconds * 10**9)))
+        ros.wait_for(lambda seconds=seconds: live.get_clock().now().nanoseconds == seconds * 10**9, what="the clock")
+        out.publish(observation_to_msg(DATA[0], NAME))
+        ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
+    assert [msg.data_points for msg in estimates] == [1, 2, 0, 1]
+
+
+PARTS = {"support_friction": SupportFriction, "center_of_friction": PointStamped, "contact_friction": ContactFriction}
+
+
+def nothing_is_known(parts):
+    return (
+        parts["support_friction"] is not None
+        and not parts["support_friction"].weights
+        and math.isnan(parts["center_of_friction"].point.x)
+        and math.isnan(parts["contact_friction"].p90)
+    )
+
+
+def latest(ros, node):
+    """The last message of each part of the estimate."""
+    parts = dict.fromkeys(PARTS)
+    for topic, kind in PARTS.items():
+        node.create_subscription(kind, topic, lambda msg, topic=topic: parts.update({topic: msg}), LATCHED)
+    return parts
+
+
+def test_an_excluded_push_stays_excluded_until_a_reset(ros):
+    node, out, estimates = estimator_of_observations(ros)
+    settings = collect(ros, node, String, "estimator_settings", LATCHED)
+    parts = latest(ros, node)
+    data = [observation_to_msg(replace(observation, push_id=7), NAME) for observation in DATA[:2]]
+    out.publish(data[0])
+    ros.wait_for(lambda: len(estimates) == 1, what="an estimate")
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=7)).success
+    ros.wait_for(lambda: nothing_is_known(parts), what="that what was published is taken back")
+    ros.wait_for(lambda: len(estimates) == 2, what="the end of the estimate")
+    assert estimates[-1].status == FrictionEstimate.STATUS_NO_DATA
+    ros.wait_for(lambda: EstimatorSettings.from_text(settings[-1].data).excluded == (7,), what="the settings")
+    out.publish(data[1])  # of the same push: left out
+    out.publish(observation_to_msg(DATA[3], NAME))
+    ros.wait_for(lambda: len(estimates) == 3, what="an estimate from another push")
+    assert (estimates[-1].data_points, estimates[-1].pushes) == (1, 1)
+    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    out.publish(data[1])
+    ros.wait_for(lambda: len(estimates) == 5, what="an estimate after the reset")
+    assert EstimatorSettings.from_text(settings[-1].data).excluded == ()
+
+
+def test_pushes_are_left_out_from_the_start(ros):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME, source="observations", exclude_pushes=[0, 2]))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    for observation in DATA[:4]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(estimates) == 2, what="the estimates of the other pushes")
+    assert estimates[-1].pushes == 2
+
+
+def test_what_contradicts_itself_is_not_told_without_its_status(ros):
+    node, out, estimates = estimator_of_observations(ros)
+    parts = latest(ros, node)
+    out.publish(observation_to_msg(DATA[0], NAME))
+    ros.wait_for(lambda: parts["support_friction"] is not None and parts["support_friction"].weights, what="w")
+    pulled = observation_to_msg(DATA[1], NAME)
+    pulled.contact_normal.x, pulled.contact_normal.y = -pulled.contact_normal.x, -pulled.contact_normal.y
+    out.publish(pulled)  # no support friction lets the pusher pull
+    ros.wait_for(lambda: len(estimates) == 2 and nothing_is_known(parts), what="that w, p_CF and mu_c are taken back")
+    assert estimates[-1].status == FrictionEstimate.STATUS_INFEASIBLE
+    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    ros.wait_for(lambda: parts["support_friction"].weights, what="w without the push that contradicts")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error"),
+    [
+        ({}, "no object ''"),
+        ({"object": NAME, "source": "camera"}, "source must be one of poses, observations"),
+        ({"object": NAME, "stride": 0}, r"parameter stride must lie in \[1, 1000\]"),
+        ({"object": NAME, "mu_bound": 1}, "parameter mu_bound must be a number with a point"),
+        ({"object": NAME, "mu_bound": math.nan}, "mu_bound"),
+        ({"object": NAME, "window": 4}, "window must be odd"),
+        ({"object": NAME, "terms": ["forces"]}, "terms must be of moment, .*, got the unknown 'forces'"),
+        ({"object": NAME, "terms": ["moment", "cone"]}, "the term cone needs a mu_bound"),
+        ({"object": NAME, "half_width": math.inf}, "half_width must"),
+    ],
+)
+def test_bad_parameters_are_refused_with_a_reason(ros, parameters, error):
+    with pytest.raises(InvalidInput, match=error):
+        estimator(**parameters)

@@ -1,0 +1,317 @@
+"""The experiment node with the actuator of a simulated controller and an operator's hand played by the test."""
+
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.action import ActionServer, GoalResponse
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from pushfric_core.contact import PushingLine
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose
+from pushfric_core.push_plan import PlannedPush, placement
+from pushfric_core.simulation import TABLE_1
+from pushfric_msgs.action import Push
+from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
+from pushfric_msgs.msg import TestPush as Candidate
+from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg
+from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.nodes.actuator import ActuatorNode
+from pushfric_ros.nodes.estimator import SETTLED
+from pushfric_ros.nodes.experiment import ExperimentNode
+from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
+
+PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
+AWAY = Pose(0.0, 0.3, 0.0)
+ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+STILL = 0.15
+"""How long the object must lie still [s]; short, to be quick."""
+
+
+@pytest.fixture
+def controller(tmp_path):
+    with SimulatedGrbl(time.monotonic) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        yield controller
+
+
+class Table:
+    """What the experiment sees of a table: poses of an object that lies wherever the test's hand, or the prompt, puts it."""
+
+    def __init__(self, ros, tmp_path, actuator=None, **parameters) -> None:
+        self.ros, self.obedient, self.object = ros, True, AWAY
+        self.visible = True
+        self.wanted: list[Pose] = []
+        self.progress: list[PlanProgress] = []
+        self.states: list[PusherState] = []
+        self.now = None  # of the poses [ns]; None: the computer's
+        self._node = ros.node("table", namespace="/cell")
+        self._node.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
+        # every message counts here, not the last one only
+        self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, RELIABLE)
+        self._node.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
+        self._pose_out = self._node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._node.create_timer(0.02, self._show)
+        self.well = ["/cell/estimator"]
+        self.settled = 0  # as the estimator says [ns]
+        (tmp_path / "plan.yaml").write_text(PLAN)
+        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
+                 "awaits": ["estimator"]}  # fmt: skip
+        if actuator is None:
+            line = {"stroke": 0.06, "max_speed": 0.1}
+            self.actuator = ros.compose(
+                ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **line}))
+            )
+        self.node = ExperimentNode(namespace="/cell", parameter_overrides=overrides(given | parameters))
+        ros.compose(self.node)
+
+    def _on_placement(self, msg: PoseStamped) -> None:
+        self.wanted.append(pose_from_msg(msg.pose))
+        if self.obedient:
+            self.object = self.wanted[-1]
+
+    def _on_progress(self, msg: PlanProgress) -> None:
+        self.progress.append(msg)
+
+    def _show(self) -> None:
+        settled = [KeyValue(key=SETTLED, value=str(self.settled))]
+        status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name, values=settled) for name in self.well]
+        self._health_out.publish(DiagnosticArray(status=status))
+        if not self.visible:
+            return
+        msg = PoseWithCovarianceStamped()
+        msg.pose.pose = pose_to_msg(self.object)
+        msg.header.frame_id = TABLE
+        now = self._node.get_clock().now() if self.now is None else Time(nanoseconds=self.now())
+        msg.header.stamp = now.to_msg()
+        self._pose_out.publish(msg)
+
+    def wait_for_message(self, text: str, timeout: float = 20.0) -> PlanProgress:
+        """The first report with this text that has not been waited for yet."""
+        found: list[PlanProgress] = []
+
+        def heard() -> bool:
+            while self.progress and not found:
+                if text in (msg := self.progress.pop(0)).message:
+                    found.append(msg)
+            return bool(found)
+
+        self.ros.wait_for(heard, timeout, what=f"the report {text!r}")
+        return found[0]
+
+    def wait_for_end(self) -> PlanProgress:
+        last = self.wait_for_message("pushes done", 60.0)
+        assert last.phase == PlanProgress.PHASE_FINISHED
+        with pytest.raises(SystemExit) as ended:  # the node ends its process with its plan
+            self.ros.wait_for(lambda: False, what="the end")
+        assert ended.value.code == 0
+        return last
+
+    def call(self, service: str) -> bool:
+        client = self._node.create_client(Trigger, service)
+        self.ros.wait_for(client.service_is_ready, what=service)
+        answer = client.call_async(Trigger.Request())
+        self.ros.wait_for(answer.done, what=f"the answer of {service}")
+        return answer.result().success
+
+
+def overrides(parameters) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in parameters.items()]
+
+
+def pushed(states) -> list[int]:
+    """The pushes that were seen to go forward, in order."""
+    ids = [state.push_id for state in states if state.push_id != PusherState.NO_PUSH]
+    return [push_id for i, push_id in enumerate(ids) if i == 0 or ids[i - 1] != push_id]
+
+
+def test_a_plan_is_carried_out(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    first = table.wait_for_message("push 1 of 3: place the object at")
+    assert (first.phase, first.push_id, first.count) == (PlanProgress.PHASE_PLACING, 0, 3)
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (3, 0)
+    assert last.message == "3 of 3 pushes done"
+    assert pushed(table.states) == [0, 1, 2]
+    assert controller.position() == pytest.approx(0.0)
+    # edge 0 of a rectangle about its origin faces -y: the object lies beyond the tip, its gap and the tip's radius
+    assert table.wanted[0].theta == pytest.approx(0.0)
+    assert table.wanted[0].x == pytest.approx(0.0)
+
+
+def test_pushes_are_chosen_one_by_one_from_what_is_known_of_all_before(ros, controller, tmp_path):
+    region = ros.node("region", namespace="/cell").create_publisher(
+        CenterOfFrictionRegion, "center_of_friction_region", LATCHED
+    )
+    table = Table(ros, tmp_path, choose=3)
+    table.wait_for_message("waiting for: the region of p_CF")
+    choices = [PlannedPush(1, 0.01), PlannedPush(2, -0.02)]
+    for number, choice in enumerate(choices):
+        region.publish(CenterOfFrictionRegion(next_pushes=[Candidate(**choice._asdict()), Candidate(edge=3)]))
+        table.settled = time.time_ns()
+        table.wait_for_message(f"push {number + 1} of 3: place the object at")
+        ros.wait_for(lambda number=number: len(table.wanted) == number + 1, what="the placement")
+        wanted = placement(TABLE_1["wood_rect4"].outline, choice, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
+        assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
+        # the estimator still has to deal with the last push
+        table.wait_for_message("waiting for: the region of p_CF", 30.0)
+    region.publish(CenterOfFrictionRegion(collapsed=True))
+    ros.wait_for(lambda: table.node._region.collapsed, what="the collapse")
+    table.settled = time.time_ns()
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted, last.count) == (2, 0, 3)
+    assert last.message == "2 of 3 pushes done"
+
+
+def test_the_plan_waits_for_those_who_listen(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
+    table.wait_for_message("waiting for: recorder")
+    assert not table.wanted
+    table.well.append("/cell/recorder")
+    table.wait_for_message("place the object")
+
+
+def test_the_operator_is_told_what_the_object_lacks(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    table.obedient = False
+    table.object = Pose(0.5, 0.5, 0.0)
+    table.wait_for_message("cm off")
+    wanted = table.wanted[0]
+    table.visible = False
+    table.wait_for_message("it is not seen")
+    table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
+    table.wait_for_message("it is turned 40 degrees too far")
+    table.object = wanted
+    table.wait_for_message("let it lie still")
+    assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
+    ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
+
+
+def test_a_plan_goes_on_where_it_was_interrupted(ros, controller, tmp_path):
+    """The earlier run left the pusher in mid-stroke: it is brought back before anything is asked of the operator."""
+    controller._carriage, controller._offset = 25.0, 0.0
+    table = Table(ros, tmp_path, start=3)
+    table.wait_for_message("bringing the pusher back")
+    assert not table.wanted
+    assert table.wait_for_end().completed == 1
+    assert pushed(table.states) == [2]
+    assert controller.position() == pytest.approx(0.0)
+
+
+def test_a_start_beyond_the_plan_is_refused(ros, tmp_path):
+    with pytest.raises(InvalidInput, match="parameter start must be at most 3, the pushes of the plan; got 4"):
+        Table(ros, tmp_path, actuator="none", start=4)
+
+
+def test_an_alarm_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    controller.hit_limit()
+    waiting = table.wait_for_message(ALARM)
+    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
+    rest = controller.position()
+    assert rest > 0.005
+    assert table.call("actuator/reset")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (2, 1)
+    assert pushed(table.states) == [0, 1, 2]
+    assert controller.position() == pytest.approx(0.0, abs=1e-4)
+
+
+def test_a_pusher_unplugged_in_mid_push_costs_one_push(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    controller.unplug()
+    table.wait_for_message("no controller answers: is it switched on, and plugged in?")
+    controller.start()
+    (tmp_path / "port").unlink()
+    (tmp_path / "port").symlink_to(controller.port)
+    table.wait_for_message(ALARM)
+    assert table.call("actuator/reset")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (2, 1)
+
+
+def test_a_power_cut_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
+    table = Table(ros, tmp_path)
+    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    controller.reset()
+    waiting = table.wait_for_message(ALARM)
+    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
+    assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
+    assert controller.position() > 0.005
+    controller._carriage = 0.0  # the operator's hand
+    controller.reset()
+    table.wait_for_message("no controller answers")
+    table.wait_for_message(ALARM)
+    assert controller.position() == 0.0
+    assert table.call("actuator/reset")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (2, 1)
+    assert controller.position() == pytest.approx(0.0, abs=1e-4)
+
+
+def test_an_object_lost_in_mid_push_stops_the_pusher(ros, controller, tmp_path, capfd):
+    table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
+    ros.wait_for(lambda: controller.position() > 0.002, 30.0, what="the push")
+    table.visible = False
+    table.wait_for_message("bringing the pusher back")
+    assert max(state.position for state in table.states) < 0.029  # short of the push's end
+    assert "push 1 aborted: the object was not seen for 0.5 s" in capfd.readouterr().err
+    table.wait_for_message("push 2 of 3: place the object")
+    table.visible = True
+    ros.wait_for(lambda: 1 in pushed(table.states), what="the next push")
+
+
+def test_a_clock_that_jumps_back_forgets_the_poses_before_it(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, use_sim_time=True, still=0.3)
+    clock = ros.node("clock")
+    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
+    offset = [10**12]
+    begin = time.monotonic_ns()
+    table.now = lambda: time.monotonic_ns() - begin + offset[0]
+    clock.create_timer(0.02, lambda: clock_out.publish(Clock(clock=Time(nanoseconds=table.now()).to_msg())))
+    table.obedient = False
+    table.wait_for_message("cm off")
+    ros.wait_for(lambda: len(table.node._poses) > 5, what="poses")
+    offset[0] -= 5 * 10**11
+    ros.wait_for(lambda: table.node._poses[0][0] < 6 * 10**11, what="poses of the new time only")
+    table.object = table.wanted[0]
+    ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
+
+
+class DeafPusher:
+    """An actuator that reports to be idle whatever it is asked."""
+
+    def __init__(self, ros, accept: bool) -> None:
+        self._node = ros.node("actuator", namespace="/cell")
+        self._state_out = self._node.create_publisher(PusherState, "pusher_state", RELIABLE)
+        answer = GoalResponse.ACCEPT if accept else GoalResponse.REJECT
+        self._server = ActionServer(
+            self._node, Push, "push", self._execute, goal_callback=lambda _: answer,
+            handle_accepted_callback=lambda goal: None,
+        )  # fmt: skip
+        self._node.create_timer(0.02, self._report)
+
+    def _execute(self, goal) -> Push.Result:
+        raise AssertionError("never executed")
+
+    def _report(self) -> None:
+        msg = PusherState(mode=PusherState.MODE_IDLE, push_id=PusherState.NO_PUSH, tip_radius=0.003)
+        msg.direction.y = 1.0
+        self._state_out.publish(msg)
+
+
+@pytest.mark.parametrize(("accept", "why"), [(False, "the pusher refused it"), (True, "the pusher forgot it")])
+def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_goes_on(ros, tmp_path, capfd, accept, why):
+    DeafPusher(ros, accept)
+    table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3)
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (0, 3)
+    assert capfd.readouterr().err.count(f"aborted: {why}") == 3

@@ -1,0 +1,626 @@
+"""The recorder and the player over the real middleware: what was recorded is played, and played again is recorded the same."""
+
+import pathlib
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PointStamped
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.time import Time
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from pushfric_core.errors import InvalidInput
+from pushfric_msgs.action import Push
+from pushfric_msgs.msg import Observation
+from pushfric_ros.bags import bag
+from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.messages import types as message_types
+from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
+from pushfric_ros.node_kit.diagnostics import Level
+from pushfric_ros.nodes.player import PlayerNode
+from pushfric_ros.nodes.recorder import QUEUE_DEPTH, RecorderNode, _Losses
+
+OBSERVATION = "pushfric_msgs/msg/Observation"
+POINT = "geometry_msgs/msg/PointStamped"
+STRING = "std_msgs/msg/String"
+SECOND = 10**9
+START = 1_700_000_000 * SECOND
+TOPICS = [f"observation {OBSERVATION} reliable", f"center_of_friction {POINT} latched", f"text {STRING} sensor_data"]
+RECORDER, PLAYER = (
+    [sys.executable, "-c", f"from pushfric_ros.{name}_node import main; main()"] for name in ("recorder", "player")
+)
+NAMES = ["/cell/observation", "/cell/center_of_friction", "/cell/text"]
+
+
+def parameters(**values) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def recorder(**values) -> RecorderNode:
+    return RecorderNode(namespace="/cell", parameter_overrides=parameters(**values))
+
+
+def player(**values) -> PlayerNode:
+    return PlayerNode(namespace="/cell", parameter_overrides=parameters(**{"exit_when_done": False, **values}))
+
+
+def make_bag(folder: pathlib.Path, count: int = 30, period_ns: int = 10_000_000) -> list[bag.BagMessage]:
+    """A bag whose three topics take turns; two messages share each log time."""
+    with BagWriter(folder) as writer:
+        for name, type_name, qos in zip(NAMES, (OBSERVATION, POINT, STRING), (RELIABLE, LATCHED, SENSOR_DATA), strict=True):
+            writer.add_topic(name, type_name, [qos])
+        for number in range(count):
+            point = PointStamped()
+            point.point.x = float(number)
+            msg = (Observation(push_id=number), point, String(data=f"message {number}"))[number % 3]
+            writer.write(NAMES[number % 3], START + number // 2 * period_ns, serialize_message(msg))
+    return list(bag.read(folder))
+
+
+def contents(folder: pathlib.Path) -> list[tuple[str, bytes]]:
+    return [(message.topic, message.raw) for message in bag.read(folder)]
+
+
+def by_topic(pairs: list[tuple[str, bytes]]) -> dict[str, list[bytes]]:
+    return {name: [raw for topic, raw in pairs if topic == name] for name in NAMES}
+
+
+class Listener:
+    """Keeps the texts of the observations, points and strings it hears, in order, and the times of the clock."""
+
+    def __init__(self, ros, name: str = "listener") -> None:
+        self.node: Node = ros.node(name, namespace="/cell")
+        self.heard: list[str] = []
+        self.clock: list[int] = []
+        self.node.create_subscription(Observation, "observation", lambda msg: self.heard.append(f"o{msg.push_id}"), RELIABLE)
+        self.node.create_subscription(String, "text", lambda msg: self.heard.append(f"t{msg.data}"), SENSOR_QUEUE)
+        # deep, so that a busy moment does not overwrite what was not heard yet
+        latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.node.create_subscription(PointStamped, "center_of_friction", self._on_point, latched)
+        self.node.create_subscription(Clock, "/clock", self._on_clock, RELIABLE)
+
+    def _on_point(self, msg: PointStamped) -> None:
+        self.heard.append(f"p{msg.point.x:g}")
+
+    def _on_clock(self, msg: Clock) -> None:
+        self.clock.append(Time.from_msg(msg.clock).nanoseconds)
+
+
+# --- the recorder ---
+
+
+@pytest.fixture
+def outputs(ros):
+    """Publishers of the three topics, in a namespace."""
+    node = ros.node("sender", namespace="/cell")
+    return [
+        node.create_publisher(Observation, "observation", RELIABLE),
+        node.create_publisher(PointStamped, "center_of_friction", LATCHED),
+        node.create_publisher(String, "text", SENSOR_DATA),
+    ]
+
+
+def wait_until_matched(ros, outputs) -> None:
+    ros.wait_for(lambda: all(output.get_subscription_count() for output in outputs), what="a subscriber to each topic")
+
+
+def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
+    outputs[1].publish(PointStamped())  # latched before the recorder is there
+    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    wait_until_matched(ros, outputs)
+    sent = [serialize_message(String(data=f"text {number}")) for number in range(50)]
+    before = node.get_clock().now().nanoseconds
+    for raw in sent:
+        outputs[2].publish(raw)
+    ros.wait_for(lambda: node._bag.message_count == 51, what="51 recorded messages")
+    after = node.get_clock().now().nanoseconds
+    node.destroy_node()
+    texts = list(bag.read(tmp_path / "bag", ["/cell/text"]))
+    assert [message.raw for message in texts] == sent
+    assert all(before <= message.log_time_ns <= after for message in texts)
+    (point,) = bag.read(tmp_path / "bag", ["/cell/center_of_friction"])
+    assert deserialize_message(point.raw, PointStamped) == PointStamped()
+    topics = {topic.name: topic for topic in bag.describe(tmp_path / "bag").topics}
+    assert list(topics) == NAMES
+    assert topics["/cell/center_of_friction"].qos_profiles[0].durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert topics["/cell/text"].qos_profiles[0].reliability == ReliabilityPolicy.BEST_EFFORT
+    assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
+
+
+def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publisher(ros, outputs, tmp_path):
+    node = ros.compose(recorder(bag=str(tmp_path / "bag"), discover=True))
+    wait_until_matched(ros, outputs)
+    for output, msg in zip(outputs, (Observation(push_id=7), PointStamped(), String(data="seen")), strict=True):
+        output.publish(msg)
+    ros.wait_for(lambda: {"/cell/observation", "/cell/center_of_friction", "/cell/text"} <= set(node._bag.topics))
+    ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/text"]] == 1, what="the recorded text")
+    ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/observation"]] == 1, what="the recorded observation")
+    node.destroy_node()
+    topics = {topic.name: topic for topic in bag.describe(tmp_path / "bag").topics}
+    # rosidl's file and the middleware agree
+    assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
+    (qos,) = topics["/cell/center_of_friction"].qos_profiles
+    assert qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    (qos,) = topics["/cell/text"].qos_profiles
+    assert qos.reliability == ReliabilityPolicy.BEST_EFFORT
+    (message,) = bag.read(tmp_path / "bag", ["/cell/text"])
+    assert bag.deserialize(message) == String(data="seen")
+
+
+def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs, tmp_path):
+    values = parameters(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True)
+    node = ros.compose(RecorderNode(namespace="/cell", parameter_overrides=values))
+    clock = ros.node("clock").create_publisher(Clock, "/clock", RELIABLE)
+    wait_until_matched(ros, [*outputs, clock])
+    outputs[2].publish(String(data="early"))
+    ros.wait_for(lambda: node._waiting, what="the early message")
+    clock.publish(Clock(clock=Time(nanoseconds=5 * SECOND).to_msg()))
+    ros.wait_for(lambda: node._bag.message_count == 1, what="the early message in the bag")
+    clock.publish(Clock(clock=Time(nanoseconds=6 * SECOND).to_msg()))
+    ros.wait_for(lambda: node.get_clock().now().nanoseconds == 6 * SECOND, what="the second tick")
+    outputs[2].publish(String(data="late"))
+    ros.wait_for(lambda: node._bag.message_count == 2, what="the late message")
+    node.destroy_node()
+    messages = list(bag.read(tmp_path / "bag"))
+    assert [(m.log_time_ns, bag.deserialize(m).data) for m in messages] == [(5 * SECOND, "early"), (6 * SECOND, "late")]
+
+
+def test_without_any_tick_nothing_is_lost(ros, outputs, tmp_path):
+    values = parameters(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True)
+    node = ros.compose(RecorderNode(namespace="/cell", parameter_overrides=values))
+    wait_until_matched(ros, outputs)
+    outputs[2].publish(String(data="timeless"))
+    ros.wait_for(lambda: node._waiting, what="the message")
+    assert node._health()[:2] == (Level.WARN, "1 messages wait for a first /clock")
+    node.destroy_node()
+    assert [m.log_time_ns for m in bag.read(tmp_path / "bag")] == [0]
+
+
+def test_the_recorder_reports_what_it_does(ros, outputs, tmp_path):
+    reports: list[DiagnosticStatus] = []
+    node = ros.node("monitor")
+    node.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
+    ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    wait_until_matched(ros, outputs)
+    raw = serialize_message(String(data="counted"))
+    outputs[2].publish(raw)
+    ros.wait_for(lambda: reports and reports[-1].message == "1 messages recorded", what="the report of a message")
+    assert reports[-1].name == "/cell/recorder"
+    values = {pair.key: pair.value for pair in reports[-1].values}
+    assert values.items() >= {"messages": "1", "bytes": str(len(raw)), "lost": "0", "topics": "3"}.items()
+
+
+def test_what_a_full_queue_pushes_out_is_counted_as_lost_and_warned_of_once(ros, outputs, tmp_path):
+    reports = []
+    monitor = ros.node("monitor")
+    monitor.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
+    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    wait_until_matched(ros, outputs)
+    outputs[0].publish(Observation())
+    ros.wait_for(lambda: node._bag.message_count == 1, what="the first message")
+    busy, go_on = threading.Event(), threading.Event()
+    stall = ros.node("stall").create_guard_condition(lambda: (busy.set(), go_on.wait()))
+    stall.trigger()
+    assert busy.wait(10)
+    for _ in range(QUEUE_DEPTH + 200):
+        outputs[0].publish(Observation())
+    go_on.set()
+    ros.wait_for(lambda: node._bag.message_count == 1 + QUEUE_DEPTH, what="a queue full of messages")
+    warning = "messages were lost before they could be recorded: 200 of /cell/observation"
+    well = f"{QUEUE_DEPTH + 1} messages recorded"
+    ros.wait_for(lambda: reports and reports[-1].message == well, what="a report that all is well")
+    levels = {report.message: report.level for report in reports}
+    assert levels[warning] == Level.WARN.value
+    assert [report.message for report in reports].count(warning) == 1
+    assert {pair.key: pair.value for pair in reports[-1].values}["lost"] == "200"
+
+
+def test_missing_numbers_of_a_single_publisher_are_losses():
+    losses = _Losses()
+    for number in (7, 8, 11):  # 9 and 10 are missing; what came before the first was never ours
+        losses.count(number, lambda: 1)
+    assert losses.messages == 2
+    for number in (1, 2, None, 1):  # a new publisher, a middleware without numbers, another publisher
+        losses.count(number, lambda: 1)
+    losses.count(900, lambda: 2)  # of two publishers, whose numbers mix
+    assert losses.messages == 2
+
+
+def test_what_the_middleware_tells_counts_once():
+    losses = _Losses()
+    losses.told(SimpleNamespace(total_count_change=3))
+    losses.count(1, lambda: 1)
+    losses.count(3, lambda: 1)
+    assert losses.messages == 3
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"topics": TOPICS}, "bag must name the folder to record into, got nothing"),
+        ({"bag": "bag"}, "topics must name what to record unless discover is true, got nothing"),
+        ({"bag": "bag", "topics": ["text"]}, r"must be 'name package/msg/Type sensor_data\|reliable\|latched', got 'text'"),
+        ({"bag": "bag", "topics": [f"text {STRING} best"]}, r"topics must be 'name .*', got 'text std_msgs/msg/String best'"),
+        ({"bag": "bag", "topics": [f"te//xt {STRING} reliable"]}, "parameter topics: 'te//xt' is not a topic"),
+        ({"bag": "bag", "topics": ["text std_msgs/msg/Text reliable"]}, "message type 'std_msgs/msg/Text' is not installed"),
+    ],
+)
+def test_the_recorder_refuses_wrong_parameters(ros, tmp_path, monkeypatch, values, expected):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInput, match=expected):
+        recorder(**values)
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_recorder_refuses_a_folder_in_use(ros, tmp_path):
+    (tmp_path / "mine").touch()
+    with pytest.raises(InvalidInput, match="already holds files, expected a new or empty folder"):
+        recorder(bag=str(tmp_path), topics=TOPICS)
+
+
+def test_a_signal_ends_the_recorder_with_a_whole_bag(ros, outputs, tmp_path):
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    process = subprocess.Popen([*RECORDER, *arguments], stderr=subprocess.PIPE)
+    try:
+        wait_until_matched(ros, outputs)
+        outputs[0].publish(Observation(push_id=3))
+        ros.wait_for(lambda: b"zstd" in (tmp_path / "bag/bag_0.mcap").read_bytes(), what="the flushed chunk")
+    finally:
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (0, b"")
+    (message,) = bag.read(tmp_path / "bag")
+    assert bag.deserialize(message).push_id == 3
+
+
+def test_a_killed_recorder_loses_only_what_it_had_not_flushed(ros, outputs, tmp_path):
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    process = subprocess.Popen([*RECORDER, *arguments])
+    try:
+        wait_until_matched(ros, outputs)
+        for push_id in range(5):
+            outputs[0].publish(Observation(push_id=push_id))
+            chunks = push_id + 1
+            file = tmp_path / "bag/bag_0.mcap"
+            ros.wait_for(lambda: file.read_bytes().count(b"zstd") == chunks, what="the flushed chunk")  # noqa: B023
+        outputs[0].publish(Observation(push_id=5))
+    finally:
+        process.kill()
+        process.wait()
+    saved = bag.recover(tmp_path / "bag", tmp_path / "saved")
+    assert saved in (5, 6)
+    assert [bag.deserialize(m).push_id for m in bag.read(tmp_path / "saved")] == list(range(saved))
+
+
+def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_goes_on(ros, outputs, tmp_path):
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    first = subprocess.Popen([*RECORDER, *arguments])
+    try:
+        wait_until_matched(ros, outputs)
+        second = subprocess.run([*RECORDER, *arguments], capture_output=True, timeout=30, check=False)
+        outputs[0].publish(Observation(push_id=3))
+        ros.wait_for(lambda: b"zstd" in (tmp_path / "bag/bag_0.mcap").read_bytes(), what="the flushed chunk")
+    finally:
+        first.terminate()
+        first.wait(20)
+    expected = f"error: {tmp_path}/bag: already holds files, expected a new or empty folder\n"
+    assert (second.returncode, second.stderr.decode()) == (2, expected)
+    assert first.returncode == 0
+    assert [bag.deserialize(m).push_id for m in bag.read(tmp_path / "bag")] == [3]
+
+
+def test_an_object_that_cannot_be_written_beside_the_bag_is_one_error(ros, tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20, hard))
+    try:
+        with pytest.raises(InvalidInput, match=r"bag/object\.yaml: cannot be written: File too large"):
+            recorder(bag=str(tmp_path / "bag"), topics=TOPICS, object="rubber_rect4")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+LIMITED_RECORDER = """
+import resource
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.nodes.recorder import QUEUE_DEPTH, RecorderNode, _Losses
+
+def make():
+    node = RecorderNode()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+    return node
+
+run_node(make)
+"""
+
+
+def test_a_full_disk_ends_the_recorder_with_one_line(ros, outputs, tmp_path):
+    """A limit on the size of files stands in for the size of the disk."""
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    process = subprocess.Popen([sys.executable, "-c", LIMITED_RECORDER, *arguments], stderr=subprocess.PIPE)
+    try:
+        wait_until_matched(ros, outputs)
+        outputs[0].publish(Observation(push_id=3))
+        _, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert (process.returncode, errors.decode()) == (2, f"error: {tmp_path}/bag: cannot write the bag: File too large\n")
+
+
+def test_a_full_disk_at_the_end_is_reported_too(ros, tmp_path, rng):
+    node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)
+    node._on_message("/cell/text", rng.bytes(200_000))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(InvalidInput, match="bag: cannot write the bag: File too large"):
+            node.destroy_node()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not (tmp_path / "bag/metadata.yaml").exists()
+
+
+def test_discovery_passes_over_a_type_without_definition(ros, tmp_path):
+    """The messages of an action have none that is installed as a .msg file."""
+    sender = ros.node("sender")
+    sender.create_publisher(Push.Impl.FeedbackMessage, "/feedback", RELIABLE)
+    sender.create_publisher(String, "/text", RELIABLE)
+    node = ros.compose(recorder(bag=str(tmp_path / "bag"), discover=True))
+    ros.wait_for(lambda: "/feedback" in node._refused and "/text" in node._bag.topics, what="both topics seen")
+    assert "/feedback" not in node._bag.topics
+
+
+# --- the player ---
+
+
+def test_recorded_played_and_recorded_again_is_the_same(ros, tmp_path):
+    original = make_bag(tmp_path / "first", 90)
+    ros.compose(first := recorder(bag=str(tmp_path / "second"), topics=TOPICS))
+    node = ros.compose(player(bag=str(tmp_path / "first"), wait_for=NAMES, rate=2.0, clock=False))
+    ros.wait_for(lambda: node.done and first._bag.message_count == 90, what="the end of the bag")
+    first.destroy_node()
+    again = contents(tmp_path / "second")
+    # DDS keeps the order within a topic, not between topics
+    assert by_topic(again) == by_topic([(message.topic, message.raw) for message in original])
+    assert bag.describe(tmp_path / "second").topics == bag.describe(tmp_path / "first").topics
+
+
+def test_a_bag_of_another_writer_is_played(ros, tmp_path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/cell/text", STRING, typestore=store)
+        raw = store.serialize_cdr(store.types[STRING](data="from elsewhere"), STRING)
+        writer.write(connection, START, raw)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=["text"]))
+    ros.wait_for(lambda: node.done and listener.heard, what="the end of the bag")
+    assert listener.heard == ["tfrom elsewhere"]
+
+
+def test_the_clock_runs_over_the_bag_at_100_hz_of_its_time(ros, tmp_path):
+    make_bag(tmp_path / "bag", 30)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=["/clock"]))
+    ros.wait_for(lambda: node.done and len(listener.clock) == 15, what="15 ticks")
+    assert listener.clock == [START + 10_000_000 * number for number in range(15)]
+
+
+def test_at_high_rates_the_clock_ticks_no_more_than_500_times_a_second(ros, tmp_path):
+    make_bag(tmp_path / "bag", 20, period_ns=100_000_000)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=["/clock"], rate=50.0))
+    ros.wait_for(lambda: node.done and len(listener.clock) == 10, what="10 ticks")
+    assert listener.clock == [START + 100_000_000 * number for number in range(10)]
+
+
+def test_only_the_chosen_topics_are_played(ros, tmp_path):
+    make_bag(tmp_path / "bag", 12)
+    listener = Listener(ros)
+    chosen = {"topics": ["observation", "/cell/text"], "exclude_topics": ["text"], "wait_for": ["observation"]}
+    wanted = ros.compose(player(bag=str(tmp_path / "bag"), **chosen))
+    ros.wait_for(lambda: wanted.done and len(listener.heard) == 4, what="four observations")
+    assert listener.heard == ["o0", "o3", "o6", "o9"]
+    assert wanted.count_publishers("/cell/text") == 0
+
+
+def test_playing_waits_for_its_subscribers(ros, tmp_path):
+    make_bag(tmp_path / "bag", 6)
+    played = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=["observation", "text"]))
+    clock: list[Clock] = []
+    early = ros.node("early")
+    early.create_subscription(Clock, "/clock", clock.append, RELIABLE)
+    early.create_subscription(Observation, "/cell/observation", lambda msg: None, RELIABLE)
+    ros.wait_for(lambda: played._awaited[0].get_subscription_count(), what="the first subscriber")
+    assert not played.done
+    assert not clock
+    early.create_subscription(String, "/cell/text", lambda msg: None, SENSOR_DATA)
+    ros.wait_for(lambda: played.done, what="the end of the bag")
+
+
+def test_from_a_later_start_the_last_latched_message_comes_first(ros, tmp_path):
+    make_bag(tmp_path / "bag", 30)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), start=0.1, wait_for=[*NAMES, "/clock"]))
+    ros.wait_for(lambda: node.done and listener.heard and listener.heard.count("o27"), what="the end of the bag")
+    points = [text for text in listener.heard if text.startswith("p")]
+    assert points == ["p19", "p22", "p25", "p28"]  # 20 messages lie before the start
+    assert [text for text in listener.heard if text.startswith("o")] == ["o21", "o24", "o27"]
+    assert listener.clock[0] == START + 100_000_000
+
+
+def test_a_late_subscriber_gets_the_last_latched_message(ros, tmp_path):
+    make_bag(tmp_path / "bag", 12)
+    node = ros.compose(player(bag=str(tmp_path / "bag")))
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    late = Listener(ros, "late")
+    ros.wait_for(lambda: late.heard, what="a latched message")
+    assert late.heard == ["p10"]
+
+
+def test_a_loop_begins_again_and_its_clock_jumps_back(ros, tmp_path):
+    make_bag(tmp_path / "bag", 6)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), loop=True, wait_for=[*NAMES, "/clock"]))
+    ros.wait_for(lambda: listener.clock.count(START) >= 3, what="the third round")
+    assert not node.done
+    assert [text for text in listener.heard if text.startswith("o")][:4] == ["o0", "o3", "o0", "o3"]
+
+
+def test_pause_holds_and_resumes(ros, tmp_path):
+    make_bag(tmp_path / "bag", 30)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=[*NAMES, "/clock"], rate=0.01))
+    pause = listener.node.create_client(SetBool, "/cell/player/pause")
+    ros.wait_for(pause.service_is_ready, what="the pause service")
+    ros.wait_for(lambda: listener.clock, what="the first tick")
+    answer = pause.call_async(SetBool.Request(data=True))
+    ros.wait_for(answer.done, what="the answer")
+    assert answer.result().success
+    assert answer.result().message.startswith("paused at 1700000000.")
+    held = node._bag_time()
+    assert held < START + 140_000_000
+    assert not node.done
+    assert node._bag_time() == held
+    answer = pause.call_async(SetBool.Request(data=False))
+    ros.wait_for(answer.done, what="the answer")
+    assert answer.result().message.startswith("playing at 1700000000.")
+    ros.wait_for(lambda: node._bag_time() > held, what="time running on")
+
+
+def test_a_paused_player_waits_until_it_is_told_to_begin(ros, tmp_path):
+    make_bag(tmp_path / "bag")
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=[*NAMES, "/clock"], rate=1000.0, paused=True))
+    pause = listener.node.create_client(SetBool, "/cell/player/pause")
+    ros.wait_for(pause.service_is_ready, what="the pause service")
+    ros.wait_for(lambda: all(output.get_subscription_count() for output in node._awaited), what="subscribers")
+    for _ in range(3):
+        answer = pause.call_async(SetBool.Request(data=True))
+        ros.wait_for(answer.done, what="the answer")
+        assert answer.result().message == "paused at 1700000000.000 s"
+    assert (listener.heard, listener.clock, node.done) == ([], [], False)
+    pause.call_async(SetBool.Request(data=False))
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    assert listener.heard
+
+
+def test_offers_of_several_publishers_are_joined(ros, tmp_path):
+    unknown_depth = QoSProfile(history=HistoryPolicy.UNKNOWN, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/cell/text", STRING, [SENSOR_DATA, LATCHED])
+        writer.add_topic("/cell/other", STRING, [unknown_depth])
+        writer.write("/cell/text", 1, serialize_message(String()))
+    node = ros.compose(player(bag=str(tmp_path / "bag")))
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    (joined,) = [info.qos_profile for info in node.get_publishers_info_by_topic("/cell/text")]
+    assert (joined.reliability, joined.durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+    (other,) = [info.qos_profile for info in node.get_publishers_info_by_topic("/cell/other")]
+    assert (other.reliability, other.durability) == (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
+
+
+def test_the_qos_can_be_overridden(ros, tmp_path):
+    make_bag(tmp_path / "bag")
+    overrides = {
+        "qos_overrides./cell/observation.publisher.reliability": "best_effort",
+        "qos_overrides./cell/observation.publisher.depth": 7,
+        "qos_overrides./cell/text.publisher.durability": "transient_local",
+        "qos_overrides./cell/text.publisher.reliability": "reliable",
+        "qos_overrides./cell/center_of_friction.publisher.durability": "volatile",
+    }
+    node = ros.compose(player(bag=str(tmp_path / "bag"), **overrides))
+    offered = {name: node.get_publishers_info_by_topic(name)[0].qos_profile for name in NAMES}
+    policies = [(qos.reliability.name, qos.durability.name) for qos in offered.values()]
+    assert policies == [("BEST_EFFORT", "VOLATILE"), ("RELIABLE", "VOLATILE"), ("RELIABLE", "TRANSIENT_LOCAL")]
+    assert node._outputs["/cell/observation"].qos_profile.depth == 7
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    late: list[str] = []
+    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    ros.node("late").create_subscription(String, "/cell/text", lambda msg: late.append(msg.data), latched)
+    ros.wait_for(lambda: late and late[-1] == "message 29", what="what is latched now")
+
+
+@pytest.mark.parametrize("override", [{"reliability": "perfect"}, {"depth": -3}, {"depth": "deep"}])
+def test_an_unusable_qos_is_refused(ros, tmp_path, override):
+    make_bag(tmp_path / "bag")
+    values = {f"qos_overrides./cell/text.publisher.{policy}": value for policy, value in override.items()}
+    with pytest.raises(InvalidInput, match=r"/cell/player: parameters qos_overrides\./cell/text\.publisher must be a QoS: "):
+        player(bag=str(tmp_path / "bag"), **values)
+
+
+def test_a_high_rate_shortens_a_long_bag(ros, tmp_path):
+    """A quarter of an hour within the seconds that a test waits."""
+    make_bag(tmp_path / "bag", 31, period_ns=60 * SECOND)
+    listener = Listener(ros)
+    node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=NAMES, rate=1000.0, clock=False))
+    ros.wait_for(lambda: node.done and listener.heard.count("o30"), what="the end of the bag")
+    assert [text for text in listener.heard if text.startswith("o")] == [f"o{number}" for number in range(0, 31, 3)]
+
+
+def test_a_low_rate_never_plays_early(ros, tmp_path):
+    make_bag(tmp_path / "bag", 10)  # of 40 ms
+    begin = time.monotonic()
+    node = ros.compose(player(bag=str(tmp_path / "bag"), rate=0.05))
+    ros.wait_for(lambda: node.done, what="the end of the bag")
+    assert time.monotonic() - begin >= 0.8
+
+
+def test_the_player_ends_its_process_when_all_is_acknowledged(ros, tmp_path):
+    make_bag(tmp_path / "bag", 30)
+    listener = Listener(ros)
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"wait_for:={NAMES}"]
+    ended = subprocess.run([*PLAYER, *arguments], capture_output=True, timeout=30, check=False)
+    assert ended.returncode == 0, ended.stderr
+    assert b"30 messages played" in ended.stderr
+    last = {"o27", "p28"}
+    ros.wait_for(lambda: last <= set(listener.heard), what="the last messages")
+
+
+def test_the_player_says_in_one_line_what_is_wrong(tmp_path):
+    arguments = ["--ros-args", "-p", f"bag:={tmp_path / 'missing'}"]
+    ended = subprocess.run([*PLAYER, *arguments], capture_output=True, timeout=30, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.decode() == f"error: {tmp_path}/missing: cannot be read: No such file or directory, expected a bag\n"
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"bag": ""}, "bag must name the bag to play, got nothing"),
+        ({"rate": 0.0}, r"parameter rate must lie in \[0.01, 1000.0\]"),
+        ({"start": 0.2}, r"start must lie within its 0.140 s, got 0.2"),
+        ({"topics": ["nothing"]}, "parameter topics: /cell/nothing is not played from .*, expected one of /cell/observation, "),
+        ({"exclude_topics": ["/nothing"]}, "parameter exclude_topics: /nothing is not played from"),
+        ({"topics": ["text"], "wait_for": ["observation"]}, "parameter wait_for: /cell/observation is not played from"),
+        ({"wait_for": ["te//xt"]}, "parameter wait_for: 'te//xt' is not a topic"),
+    ],
+)
+def test_the_player_refuses_wrong_parameters(ros, tmp_path, values, expected):
+    make_bag(tmp_path / "bag")
+    with pytest.raises(InvalidInput, match=expected):
+        player(**{"bag": str(tmp_path / "bag"), **values})
+
+
+def test_the_player_refuses_an_empty_bag_and_a_changed_definition(ros, tmp_path):
+    with BagWriter(tmp_path / "empty") as writer:
+        writer.add_topic("/cell/text", STRING, [RELIABLE])
+    with pytest.raises(InvalidInput, match="empty: holds no messages, expected some to play"):
+        player(bag=str(tmp_path / "empty"))
+    with BagWriter(tmp_path / "old") as writer:
+        writer.add_topic("/cell/text", STRING, [RELIABLE], "RIHS01_of_another_definition")
+        writer.write("/cell/text", 1, serialize_message(String()))
+    with pytest.raises(InvalidInput, match="/cell/text: was recorded with another definition of std_msgs/msg/String"):
+        player(bag=str(tmp_path / "old"))

@@ -1,0 +1,494 @@
+"""The tracker node over the real middleware, fed with rendered frames, video files and pictures."""
+
+import array
+import dataclasses
+import re
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from printed import marked_picture
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CompressedImage, Image
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose, wrap
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.messages.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
+from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TO_GREY, TrackerNode, grey_from_msg
+from pushfric_ros.simulated.camera import SimulatedCamera
+from pushfric_ros.vision.camera import Camera, save_camera
+from pushfric_ros.vision.fiducial_tracker import load_fiducials
+
+CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.000625, distortion=(-0.1, 0.02, 0.0, 0.0, 0.0))
+HALF_SIZE = np.array((0.0635, 0.032))
+OUTLINE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * HALF_SIZE
+HEIGHT = 0.012
+TRUTH = Pose(0.11, 0.04, 0.3)
+FIRST = 1_700_000_000_000_000_000
+PERIOD = 16_666_667
+
+
+class Cell:
+    """A tracker in a namespace, and both ends of its topics."""
+
+    def __init__(self, ros, folder, **parameters) -> None:
+        (folder / "object.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist(), "height": HEIGHT}))
+        save_camera(CAMERA, folder / "camera.yaml")
+        values = {"object": str(folder / "object.yaml"), "calibration": str(folder / "camera.yaml")} | parameters
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        self.ros = ros
+        self.simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
+        self.here = ros.node("here", namespace="/cell")
+        self.poses: list[PoseWithCovarianceStamped] = []
+        self.reports: list[DiagnosticStatus] = []
+        poses = self.here.create_subscription(PoseWithCovarianceStamped, "object_pose", self.poses.append, SENSOR_QUEUE)
+        self.here.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.reports.extend(msg.status), 10)
+        self.images = self.here.create_publisher(Image, "image_raw", SENSOR_DATA)
+        self.placements = self.here.create_publisher(PoseStamped, "placement", LATCHED)
+        self.tracker = ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides))
+        self.stamp = FIRST
+        ros.wait_for(lambda: poses.get_publisher_count(), what="a publisher of object_pose")
+        ros.wait_for(lambda: self.placements.get_subscription_count(), what="a subscriber to placement")
+        if parameters.get("source", "topic") == "topic":
+            ros.wait_for(lambda: self.images.get_subscription_count(), what="a subscriber to image_raw")
+
+    def send(self, frame: np.ndarray, encoding: str = "mono8", stamp: int | None = None, **fields) -> None:
+        if stamp is None:
+            self.stamp += PERIOD
+            stamp = self.stamp
+        msg = Image(height=frame.shape[0], width=frame.shape[1], encoding=encoding, step=frame[0].nbytes)
+        msg.data = array.array("B", frame.tobytes())
+        msg.header.stamp = stamp_to_msg(stamp)
+        for name, value in fields.items():
+            setattr(msg, name, value)
+        self.images.publish(msg)
+
+    def see(self, truth: Pose) -> Pose:
+        """Send a frame; the pose that comes back."""
+        count = len(self.poses)
+        self.send(self.simulation.render(truth))
+        self.ros.wait_for(lambda: len(self.poses) > count, what="a pose")
+        return pose_from_msg(self.poses[-1].pose.pose)
+
+    def place(self, pose: Pose) -> None:
+        """Announce a placement; returns when the tracker has it, or at least any later frame will find it there."""
+        self.placements.publish(PoseStamped(pose=pose_to_msg(pose)))
+        self.ros.wait_for(lambda: self.tracker._placement == pytest.approx(pose), what="the placement's arrival")
+
+    def report(self, **expected: str) -> DiagnosticStatus:
+        """The next diagnostics whose values are as expected."""
+
+        def found() -> bool:
+            return any(self.values(status).items() >= expected.items() for status in self.reports)
+
+        self.ros.wait_for(found, what=f"a report of {expected}")
+        return next(status for status in self.reports if self.values(status).items() >= expected.items())
+
+    @staticmethod
+    def values(status: DiagnosticStatus) -> dict[str, str]:
+        return {entry.key.replace(" ", "_").replace("/", "_"): entry.value for entry in status.values}
+
+
+def assert_close(pose: Pose, truth: Pose) -> None:
+    assert np.hypot(pose.x - truth.x, pose.y - truth.y) < 3e-5  # 0.05 px
+    assert abs(wrap(pose.theta - truth.theta)) < 0.001
+
+
+@pytest.fixture
+def cell(ros, tmp_path) -> Cell:
+    return Cell(ros, tmp_path)
+
+
+def test_publishes_the_pose_at_the_time_of_the_image(cell):
+    assert_close(cell.see(TRUTH), TRUTH)
+    msg = cell.poses[0]
+    assert msg.header.frame_id == "table"
+    assert stamp_from_msg(msg.header.stamp) == cell.stamp
+    covariance = msg.pose.covariance.reshape(6, 6)
+    assert (np.diag(covariance)[[0, 1, 5]] > 0).all()
+    assert (np.sqrt(np.diag(covariance)[[0, 1]]) < 1e-5).all()  # [m]
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9)
+    assert not covariance[2:5].any()
+
+
+def test_every_frame_at_60_hz_gets_its_pose(cell):
+    frames = [cell.simulation.render(TRUTH._replace(x=0.1 + 0.0005 * i)) for i in range(30)]
+    for frame in frames:
+        cell.send(frame)
+    cell.ros.wait_for(lambda: len(cell.poses) == 30, what="30 poses")
+    stamps = [stamp_from_msg(msg.header.stamp) for msg in cell.poses]
+    assert stamps == [FIRST + (i + 1) * PERIOD for i in range(30)]
+    np.testing.assert_allclose([msg.pose.pose.position.x for msg in cell.poses], 0.1 + 0.0005 * np.arange(30), atol=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "channels"),
+    [("bgr8", 3), ("rgb8", 3), ("bgra8", 4), ("rgba8", 4), ("bayer_rggb8", 1), ("bayer_grbg8", 1), ("yuyv", 2), ("mono16", 2)],
+)
+def test_colour_images(cell, encoding, channels):
+    cell.send(np.dstack([cell.simulation.render(TRUTH)] * channels), encoding)
+    cell.ros.wait_for(lambda: cell.poses, what="a pose")
+    assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_mosaics(pattern):
+    colour = {"r": 200, "g": 100, "b": 50}
+    mosaic = np.tile([[colour[pattern[0]], colour[pattern[1]]], [colour[pattern[2]], colour[pattern[3]]]], (4, 4)).astype(
+        np.uint8
+    )
+    msg = Image(height=8, width=8, encoding=f"bayer_{pattern}8", step=8, data=array.array("B", mosaic.tobytes()))
+    grey = 0.299 * 200 + 0.587 * 100 + 0.114 * 50
+    np.testing.assert_allclose(grey_from_msg(msg)[2:-2, 2:-2], grey, atol=1)
+
+
+def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
+    two = np.maximum(cell.simulation.render(Pose(0.02, 0.05, 0.2)), cell.simulation.render(Pose(0.18, 0.05, 1.0)))
+    for frame in (
+        cell.simulation.render(None),
+        cell.simulation.render(Pose(0.29, 0.05, 0.3)),
+        two,
+        np.full((480, 640), 255, np.uint8),
+    ):
+        cell.send(frame)
+    cell.see(TRUTH)  # frames are treated in order
+    assert len(cell.poses) == 1
+    report = cell.report(frames="5", seen="1", last_reason="saturated or empty frame")
+    assert report.name == "/cell/tracker"
+
+
+def test_diagnostics_tell_whether_the_object_is_seen(cell):
+    cell.see(TRUTH)
+    seen = cell.report(seen="1", object="block", visible="1.0")
+    assert (seen.level, seen.message) == (DiagnosticStatus.OK, "seen")
+    assert 0 < float(cell.values(seen)["residual_[px]"]) < 0.1
+    cell.send(cell.simulation.render(None))
+    lost = cell.report(frames="2", seen="1")
+    assert (lost.level, lost.message) == (DiagnosticStatus.WARN, "not seen: no object")
+    cell.reports.clear()
+    idle = cell.report(frames="2", frames_s="0.0")
+    assert (idle.level, idle.message) == (DiagnosticStatus.ERROR, "no frames from image_raw")
+
+
+def test_late_frames_are_dropped_and_counted(cell):
+    cell.see(TRUTH)
+    for stamp in (cell.stamp - PERIOD // 2, cell.stamp):
+        cell.send(cell.simulation.render(TRUTH), stamp=stamp)
+    cell.see(TRUTH)
+    assert len(cell.poses) == 2
+    cell.report(frames="2", late_frames_dropped="2")
+
+
+def test_a_clock_set_back_is_followed(cell):
+    cell.see(TRUTH)
+    cell.stamp = 5_000_000_000
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "fields", "reason"),
+    [
+        (
+            "32FC1",
+            {},
+            "encoding must be mono8, mono16, bgr8, rgb8, bgra8, rgba8, "
+            "bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, "
+            "yuyv, yuv422_yuy2, uyvy, yuv422, nv12, nv21, nv24, got '32FC1'",
+        ),
+        ("mono8", {"step": 100}, "640 x 480 mono8 must have a step of 640 or more, got 100"),
+        ("bgr8", {}, "640 x 480 bgr8 must have a step of 1920 or more, got 640"),
+        ("nv12", {}, "640 x 480 nv12 with step 640 must have 460800 bytes, got 307200"),
+        ("mono8", {"width": 0}, "an image must have pixels, got 0 x 480 mono8"),
+        ("mono8", {"width": 320, "step": 640}, "the camera is calibrated for 640 x 480 px, the image has 320 x 480"),
+    ],
+)
+def test_unusable_frames_are_counted(cell, encoding, fields, reason):
+    cell.send(cell.simulation.render(TRUTH), encoding, **fields)
+    report = cell.report(unusable_frames="1", last_reason=reason)
+    assert report.level == DiagnosticStatus.ERROR
+    cell.see(TRUTH)
+    assert len(cell.poses) == 1
+
+
+def picture():
+    """A smooth one in colour, (24, 32, 3) BGR; smooth, as colour is told by mosaics and YUV with fewer pixels than grey."""
+    row, column = np.mgrid[0:24, 0:32]
+    return np.stack((90 + 3 * column, 200 - 4 * row, 60 + 2 * row + 2 * column), axis=2).astype(np.uint8)
+
+
+def rows_of(bgr, encoding):
+    """A picture (height, width, 3) as the rows of bytes of its message."""
+    height, width = bgr.shape[:2]
+    grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
+    if encoding in ("yuyv", "yuv422_yuy2"):
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_YUY2).reshape(height, -1)
+    if encoding in ("uyvy", "yuv422"):
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_UYVY).reshape(height, -1)
+    if encoding in ("nv12", "nv21"):
+        planar = cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420)
+        u, v = planar[height:].reshape(2, height // 2, width // 2)
+        colours = (u, v) if encoding == "nv12" else (v, u)
+        return np.vstack((planar[:height], np.stack(colours, axis=2).reshape(height // 2, width)))
+    if encoding == "nv24":  # OpenCV does not make it; any colours will do
+        luminance = cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420)[:height]
+        return np.vstack((luminance, np.full((2 * height, width), 77, np.uint8)))
+    if encoding.startswith("bayer"):
+        mosaic = np.empty((height, width), np.uint8)
+        for number, colour in enumerate(encoding.removeprefix("bayer_")[:4]):
+            row, column = divmod(number, 2)
+            mosaic[row::2, column::2] = bgr[row::2, column::2, "bgr".index(colour)]
+        return mosaic
+    if encoding == "mono8":
+        return grey
+    bgra = np.dstack((bgr, np.full((height, width), 255, np.uint8)))
+    return bgra[..., ["bgra".index(colour) for colour in encoding[:-1]]].reshape(height, -1)
+
+
+def message(rows, height, width, encoding, padding=0, **fields):
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+    data = array.array("B", rows.tobytes())
+    return Image(height=height, width=width, encoding=encoding, step=rows.shape[1], data=data, **fields)
+
+
+EIGHT_BIT = [encoding for encoding in TO_GREY if encoding != "mono16"]
+
+
+@pytest.mark.parametrize("padding", [0, 6])
+@pytest.mark.parametrize("encoding", EIGHT_BIT)
+def test_every_encoding_gives_the_grey_picture(encoding, padding):
+    grey = cv2.cvtColor(picture(), cv2.COLOR_BGR2GRAY)
+    seen = grey_from_msg(message(rows_of(picture(), encoding), 24, 32, encoding, padding))
+    assert (seen.shape, seen.dtype) == (grey.shape, np.uint8)
+    if encoding.startswith(("yu", "uy", "nv")):
+        grey = 16 + grey * (219 / 255)  # luminance has the range of television, 16 to 235 (BT.601)
+    inner = np.s_[1:-1, 1:-1] if encoding.startswith("bayer") else np.s_[:]  # no neighbours beyond the rim
+    np.testing.assert_allclose(seen[inner].astype(float), grey[inner], atol=2 if encoding.startswith("bayer") else 1)
+
+
+@pytest.mark.parametrize("encoding", ["nv12", "nv21"])
+def test_the_planes_made_here_are_those_opencv_understands(encoding):
+    conversion = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}[encoding]
+    np.testing.assert_allclose(cv2.cvtColor(rows_of(picture(), encoding), conversion), picture(), atol=6)
+
+
+@pytest.mark.parametrize("padding", [0, 6])
+@pytest.mark.parametrize(("big", "order"), [(0, "<u2"), (1, ">u2")])
+def test_of_16_bits_the_upper_8_are_taken_in_either_order(big, order, padding):
+    values = np.arange(24 * 32).reshape(24, 32) * 80 + 123
+    rows = values.astype(order).view(np.uint8)
+    np.testing.assert_array_equal(grey_from_msg(message(rows, 24, 32, "mono16", padding, is_bigendian=big)), values // 256)
+
+
+@pytest.mark.parametrize("encoding", EIGHT_BIT)
+def test_images_cut_short_are_refused(encoding):
+    rows = rows_of(picture(), encoding)
+    msg = message(rows, 24, 32, encoding)
+    msg.data.pop()
+    text = f"32 x 24 {encoding} with step {rows.shape[1]} must have {rows.size} bytes, got {rows.size - 1}"
+    with pytest.raises(ValueError, match=re.escape(text)):
+        grey_from_msg(msg)
+    msg.step = 1
+    with pytest.raises(ValueError, match=f"32 x 24 {encoding} must have a step of {32 * TO_GREY[encoding][0]} or more, got 1"):
+        grey_from_msg(msg)
+
+
+def test_an_odd_number_of_rows_has_a_row_of_colours_more():
+    rows = rows_of(picture(), "nv12")
+    seen = grey_from_msg(message(np.vstack((rows[:23], rows[24:])), 23, 32, "nv12"))
+    np.testing.assert_array_equal(seen, rows[:23])
+
+
+def test_padded_rows_are_read_without_a_copy():
+    rows = np.arange(24, dtype=np.uint8).reshape(3, 8)
+    msg = Image(height=3, width=5, encoding="mono8", step=8, data=array.array("B", rows.tobytes()))
+    grey = grey_from_msg(msg)
+    np.testing.assert_array_equal(grey, rows[:, :5])
+    msg.data[0] = 99
+    assert grey[0, 0] == 99
+
+
+def test_a_placement_tells_which_way_round_the_object_lies(cell):
+    away = cell.simulation.render(None)
+    for theta in (0.3, 0.3 + np.pi, 2.0, 2.0 - np.pi):
+        truth = TRUTH._replace(theta=wrap(theta))
+        cell.place(Pose(truth.x + 0.002, truth.y - 0.002, truth.theta + 0.2))
+        cell.send(away)
+        assert_close(cell.see(truth), truth)
+        # from there on by continuity, through more than a quarter turn
+        for turn in np.arange(0.2, 2.5, 0.2):
+            assert_close(cell.see(truth._replace(theta=truth.theta + turn)), truth._replace(theta=truth.theta + turn))
+        # a moment out of sight changes nothing
+        cell.send(away)
+        assert_close(cell.see(truth._replace(theta=truth.theta + 2.5)), truth._replace(theta=truth.theta + 2.5))
+
+
+def test_an_object_moved_by_hand_between_two_frames_is_where_it_was_to_be_put(cell):
+    cell.see(TRUTH)
+    truth = Pose(TRUTH.x - 0.05, TRUTH.y, wrap(TRUTH.theta + np.pi))
+    cell.place(truth)
+    assert_close(cell.see(TRUTH), TRUTH)  # not yet
+    assert_close(cell.see(truth), truth)
+
+
+def test_a_placement_that_is_no_pose_is_ignored(cell):
+    bad = PoseStamped()
+    bad.pose.position.x = float("nan")
+    cell.placements.publish(bad)
+    cell.place(TRUTH)  # arrives after it
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_compressed_images(ros, tmp_path):
+    cell = Cell(ros, tmp_path, source="compressed")
+    publisher = cell.here.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
+    ros.wait_for(lambda: publisher.get_subscription_count(), what="a subscriber to image_raw/compressed")
+
+    def send(data: bytes, stamp: int) -> None:
+        msg = CompressedImage(format="jpeg", data=array.array("B", data))
+        msg.header.stamp = stamp_to_msg(stamp)
+        publisher.publish(msg)
+
+    for broken in (b"", b"no picture"):
+        send(broken, FIRST)
+    cell.report(unusable_frames="2", last_reason="not a picture: 10 bytes of format 'jpeg'")
+    send(cv2.imencode(".jpg", cell.simulation.render(TRUTH))[1].tobytes(), FIRST)
+    ros.wait_for(lambda: cell.poses, what="a pose")
+    pose = pose_from_msg(cell.poses[0].pose.pose)
+    assert np.hypot(pose.x - TRUTH.x, pose.y - TRUTH.y) < 1e-4  # as JPEG left it
+    assert stamp_from_msg(cell.poses[0].header.stamp) == FIRST
+
+
+def test_a_frozen_topic_gives_no_pose(cell):
+    frame = cell.simulation.render(TRUTH)
+    for _ in range(FROZEN_FRAMES + 3):
+        cell.send(frame)
+    cell.report(frames=str(FROZEN_FRAMES + 3), seen=str(FROZEN_FRAMES - 1), last_reason="frozen frame")
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_images_without_a_time_stamp_are_refused(cell):
+    cell.send(cell.simulation.render(TRUTH), stamp=0)
+    cell.report(unusable_frames="1", last_reason="the images carry no time stamp")
+
+
+def test_markers_tell_the_pose(ros, tmp_path):
+    (tmp_path / "markers.yaml").write_text("{family: apriltag_36h11, markers: [{id: 5, size: 0.04, center: [0.02, 0.0]}]}")
+    cell = Cell(ros, tmp_path, fiducials=str(tmp_path / "markers.yaml"))
+    cell.send(marked_picture(load_fiducials(tmp_path / "markers.yaml"), CAMERA, TRUTH, HEIGHT, np.random.default_rng(0)))
+    ros.wait_for(lambda: cell.poses, what="a pose")
+    assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
+
+
+def test_the_height_in_the_cell_file_is_used(ros, tmp_path):
+    """A face seen 12 mm over the table but taken to lie on it would appear 1.5 % larger, and off by parallax."""
+    (tmp_path / "flat.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist()}))
+    save_camera(CAMERA, tmp_path / "camera.yaml")
+    pusher = {
+        "port": "p",
+        "line_origin": [0.0, 0.0],
+        "line_direction": [0.0, 1.0],
+        "tip_radius": 0.003,
+        "stroke": 0.06,
+        "max_speed": 0.1,
+    }
+    camera = {"source": "topic", "calibration": "camera.yaml", "object_height": HEIGHT}
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"object": "flat.yaml", "camera": camera, "pusher": pusher}))
+    specs = graph.cell(load_cell(tmp_path / "cell.yaml"), str(tmp_path / "bag"))
+    parameters = dict(next(spec for spec in specs if spec.name == "tracker").parameters)
+    cell = Cell(ros, tmp_path, **parameters)
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_time_offset_shifts_the_stamp(ros, tmp_path):
+    cell = Cell(ros, tmp_path, time_offset=-0.04)
+    cell.see(TRUTH)
+    assert stamp_from_msg(cell.poses[0].header.stamp) == cell.stamp - 40_000_000
+
+
+def test_a_fixed_threshold(ros, tmp_path):
+    cell = Cell(ros, tmp_path, threshold=120)
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_the_overlay_shows_the_outline(cell):
+    overlays: list[CompressedImage] = []
+    subscription = cell.here.create_subscription(CompressedImage, "overlay/compressed", overlays.append, SENSOR_DATA)
+    cell.ros.wait_for(
+        lambda: subscription.get_publisher_count() and cell.tracker._overlay_out.get_subscription_count(),
+        what="the overlay's subscriber",
+    )
+    cell.see(TRUTH)
+    cell.ros.wait_for(lambda: overlays, what="an overlay")
+    assert overlays[0].format == "jpeg"
+    picture = cv2.imdecode(np.frombuffer(overlays[0].data, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    green = np.argwhere(picture[..., 1] - picture[..., 2] > 60)
+    corners = CAMERA.project(np.array((TRUTH.x, TRUTH.y)) + OUTLINE @ _turned(TRUTH.theta), HEIGHT)
+    np.testing.assert_allclose(green.min(axis=0)[::-1], corners.min(axis=0), atol=3)
+    np.testing.assert_allclose(green.max(axis=0)[::-1], corners.max(axis=0), atol=3)
+
+
+def _turned(theta: float) -> np.ndarray:
+    return np.array(((np.cos(theta), np.sin(theta)), (-np.sin(theta), np.cos(theta))))
+
+
+def write_video(path, frames) -> None:
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 100, (640, 480), False)
+    for frame in frames:
+        video.write(frame)
+    video.release()
+
+
+def test_a_video_file_as_source(ros, tmp_path):
+    simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
+    truths = [TRUTH._replace(x=TRUTH.x + 0.001 * i) for i in range(10)]
+    write_video(tmp_path / "pushes.avi", [simulation.render(truth) for truth in (*[TRUTH] * 60, *truths)])
+    cell = Cell(ros, tmp_path, source=str(tmp_path / "pushes.avi"))
+    last = truths[-1].x - 2e-4
+    ros.wait_for(lambda: len(cell.poses) >= 10 and cell.poses[-1].pose.pose.position.x > last, what="the last pose")
+    for msg, truth in zip(cell.poses[-10:], truths, strict=True):
+        assert abs(msg.pose.pose.position.x - truth.x) < 2e-4  # as JPEG left it
+    stamps = np.diff([stamp_from_msg(msg.header.stamp) for msg in cell.poses])
+    assert (stamps > 0).all()
+
+
+@pytest.mark.parametrize("pattern", ["", "/*.png"])
+def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
+    simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
+    (tmp_path / "pictures").mkdir()
+    frames = [simulation.render(TRUTH) for _ in range(30)]
+    for i, frame in enumerate(frames + [frames[-1]] * 10):
+        cv2.imwrite(str(tmp_path / "pictures" / f"{i:03}.png"), frame)
+    cell = Cell(ros, tmp_path, source=f"{tmp_path}/pictures{pattern}")
+    cell.report(frames="40", seen=str(30 + FROZEN_FRAMES - 2), last_reason="frozen frame")
+    assert cell.report(frames_s="0.0", frames="40").message == f"no frames from {tmp_path}/pictures{pattern}"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ({"source": "99"}, "no camera at '99': expected topic, a device index, a URL, a video file or pictures"),
+        ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
+        ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
+        ({"calibration": ""}, "the tracker needs calibration, the path of the camera's calibration YAML"),
+        ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read: "),
+        ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
+        ({"threshold": 300}, "threshold"),
+        ({"object_height": -1.0}, "object_height"),
+        ({"fiducials": "absent.yaml"}, "absent.yaml: cannot be read"),
+    ],
+)
+def test_unusable_parameters_are_refused(ros, tmp_path, parameters, text):
+    with pytest.raises(InvalidInput, match=text):
+        Cell(ros, tmp_path, **parameters)
+
+
+def test_an_object_too_small_for_the_camera_is_refused(ros, tmp_path):
+    save_camera(dataclasses.replace(CAMERA, H=np.diag((0.02, 0.02, 1.0)) @ CAMERA.H), tmp_path / "far.yaml")
+    with pytest.raises(InvalidInput, match="too small or thin"):
+        Cell(ros, tmp_path, calibration=str(tmp_path / "far.yaml"))

@@ -1,0 +1,211 @@
+"""The camera against OpenCV's own projection, its files and its refusals."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from sensor_msgs.msg import CameraInfo
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.vision.camera import Camera, lens_from_info, load_camera, load_lens, save_camera
+
+K = np.array(((900.0, 0.0, 320.0), (0.0, 910.0, 238.0), (0.0, 0.0, 1.0)))
+D = np.array((-0.2, 0.05, 0.001, -0.001, 0.0))
+
+# as `camera_calibration` writes it, with the homography added
+YAML = """\
+image_width: 640
+image_height: 480
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.1, 0.02, 0., 0., 0.]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [1280., 0., 319.5, 0., 0., 1280., 239.5, 0., 0., 0., 1., 0.]
+table_homography:
+  rows: 3
+  cols: 3
+  data: [1600., 0., 319.5, 0., -1600., 239.5, 0., 0., 1.]
+"""
+
+
+def oblique_pose() -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and translation, table to camera, of a camera that looks at the table from the side."""
+    eye = np.array((0.1, -0.3, 0.6))
+    ahead = np.array((0.1, 0.05, 0.0)) - eye
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, (0, 0, 1))
+    right /= np.linalg.norm(right)
+    R = np.array((right, np.cross(ahead, right), ahead))
+    return R, -R @ eye
+
+
+def oblique() -> Camera:
+    R, t = oblique_pose()
+    return Camera(640, 480, K, D, K @ np.column_stack((R[:, 0], R[:, 1], t)))
+
+
+def points(rng: np.random.Generator) -> np.ndarray:
+    return np.array((0.1, 0.05)) + rng.uniform(-0.1, 0.1, (20, 2))
+
+
+@pytest.mark.parametrize("height", [0.0, 0.05])
+def test_projection_agrees_with_the_pose_of_the_camera(rng, height):
+    R, t = oblique_pose()
+    table = points(rng)
+    solid = np.column_stack((table, np.full(len(table), height)))
+    expected, _ = cv2.projectPoints(solid, cv2.Rodrigues(R)[0], t, K, D)
+    np.testing.assert_allclose(oblique().project(table, height), expected.reshape(-1, 2), atol=1e-6)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.05])
+def test_unprojection_undoes_projection(rng, height):
+    table = points(rng)
+    camera = oblique()
+    np.testing.assert_allclose(camera.unproject(camera.project(table, height), height), table, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3])
+def test_scale_and_sign_of_the_homography_do_not_matter(rng, scale):
+    camera = oblique()
+    same, table = dataclasses.replace(camera, H=scale * camera.H), points(rng)
+    np.testing.assert_allclose(same.project(table, 0.03), camera.project(table, 0.03), atol=1e-8)
+
+
+def test_looking_down_maps_table_axes_to_image_axes():
+    camera = Camera.looking_down(640, 480, (0.1, 0.05), 0.001)
+    np.testing.assert_allclose(
+        camera.project([(0.1, 0.05), (0.11, 0.05), (0.1, 0.06)]), [(319.5, 239.5), (329.5, 239.5), (319.5, 229.5)], atol=1e-9
+    )
+    assert camera.metres_per_pixel() == pytest.approx(0.001)
+
+
+def test_a_raised_plane_appears_larger_by_parallax():
+    camera = Camera.looking_down(640, 480, (0.0, 0.0), 0.001, distance=0.8)
+    ((u, v),) = camera.project([(0.06, 0.0)], 0.2)
+    assert (u, v) == pytest.approx((319.5 + 60 * 0.8 / 0.6, 239.5))
+    x, y, w = camera.at_height(0.2) @ (0.06, 0.0, 1.0)
+    assert (x / w, y / w) == pytest.approx((u, v))
+    assert camera.metres_per_pixel(0.2) == pytest.approx(0.00075)
+
+
+def test_reads_what_camera_calibration_writes(tmp_path):
+    path = tmp_path / "camera.yaml"
+    path.write_text(YAML)
+    camera = load_camera(path)
+    assert (camera.width, camera.height) == (640, 480)
+    assert camera.K[0, 0] == 1280
+    assert camera.D.tolist() == [-0.1, 0.02, 0, 0, 0]
+    ((x, y),) = camera.unproject([(319.5, 239.5)])
+    assert (x, y) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_a_saved_camera_is_read_back(tmp_path):
+    camera = oblique()
+    save_camera(camera, tmp_path / "camera.yaml")
+    same = load_camera(tmp_path / "camera.yaml")
+    for name in ("width", "height", "K", "D", "H"):
+        np.testing.assert_array_equal(getattr(same, name), getattr(camera, name))
+
+
+def test_a_lens_without_a_table(tmp_path):
+    path = tmp_path / "lens.yaml"
+    path.write_text(YAML[: YAML.index("table_homography")])
+    lens = load_lens(path)
+    assert (lens.width, lens.height, lens.K[0, 0], lens.D[0]) == (640, 480, 1280, -0.1)
+    with pytest.raises(InvalidInput, match="table_homography must hold"):
+        load_camera(path)
+    save_camera(lens, tmp_path / "same.yaml")
+    assert "table_homography" not in yaml.safe_load((tmp_path / "same.yaml").read_text())
+    np.testing.assert_array_equal(load_lens(tmp_path / "same.yaml").K, lens.K)
+    np.testing.assert_array_equal(lens.over(oblique().H).H, oblique().H)
+
+
+@pytest.mark.parametrize("distortion", [D, np.arange(8) / 100])
+def test_camera_info_message_and_back(distortion):
+    camera = dataclasses.replace(oblique(), D=distortion)
+    info = CameraInfo(**camera.info_fields())
+    same = lens_from_info(info).over(camera.H)
+    for name in ("width", "height", "K", "D", "H"):
+        np.testing.assert_array_equal(getattr(same, name), getattr(camera, name))
+
+
+def test_an_uncalibrated_camera_info_is_refused():
+    with pytest.raises(InvalidInput, match="not calibrated: K is all zero"):
+        lens_from_info(CameraInfo(width=640, height=480))
+
+
+def test_other_distortion_models_are_refused():
+    info = CameraInfo(**oblique().info_fields() | {"distortion_model": "equidistant"})
+    with pytest.raises(InvalidInput, match="must be plumb_bob or rational_polynomial, got 'equidistant'"):
+        lens_from_info(info)
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"K": np.eye(4)}, r"K must have shape \(3, 3\), got \(4, 4\)"),
+        ({"D": np.zeros(3)}, r"D must have shape \(4,\) or \(5,\) or \(8,\), got \(3,\)"),
+        ({"H": np.zeros(9)}, r"H must have shape \(3, 3\), got \(9,\)"),
+    ],
+)
+def test_wrong_shapes_are_refused(fields, text):
+    with pytest.raises(ValueError, match=text):
+        dataclasses.replace(oblique(), **fields)
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"K": np.zeros((3, 3))}, "not calibrated: K needs focal lengths > 0"),
+        ({"K": np.diag((900.0, np.nan, 1.0))}, "K must be finite"),
+        ({"width": 0}, "image size must be positive, got 0 x 480"),
+        ({"H": np.diag((1.0, 1.0, 0.0))}, "table homography is degenerate"),
+        ({"H": np.zeros((3, 3))}, "table homography is degenerate"),
+        ({"H": np.array(((1600.0, 0, 320), (0, 1600, 240), (0, 0, 1)))}, "table homography is mirrored"),
+    ],
+)
+def test_no_real_camera_is_refused(fields, text):
+    with pytest.raises(InvalidInput, match=text):
+        dataclasses.replace(oblique(), **fields)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("table_homography", "homography", "table_homography must hold `data`, a list of 9 numbers, got None"),
+        ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[1280.]", "camera_matrix must hold `data`, a list of 9 numbers"),
+        ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[0, 0, 0, 0, 0, 0, 0, 0, 0]", "not calibrated: K is all zero"),
+        ("[-0.1, 0.02, 0., 0., 0.]", "[a, b, c, d]", "distortion_coefficients must hold `data`, a list of 4 or 5 or 8 numbers"),
+        ("image_width: 640", "image_width: wide", "image_width must be an integer, got 'wide'"),
+        ("plumb_bob", "equidistant", "distortion model must be"),
+        ("-1600.", "1600.", "table homography is mirrored"),
+        ("rows: 3", "rows: [", "cannot be read as a camera YAML"),
+        (YAML, "just text", "expected a camera YAML with image_width, camera_matrix, ..., got str"),
+    ],
+)
+def test_a_bad_file_is_refused_by_name_and_field(tmp_path, old, new, text):
+    path = tmp_path / "camera.yaml"
+    path.write_text(YAML.replace(old, new))
+    with pytest.raises(InvalidInput, match=text) as raised:
+        load_camera(path)
+    assert str(raised.value).startswith(f"{path}: ")
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InvalidInput, match=r"absent\.yaml: cannot be read"):
+        load_camera(tmp_path / "absent.yaml")
