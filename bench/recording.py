@@ -23,8 +23,8 @@ from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import command
-from pushfric_ros.messages.qos import SENSOR_DATA
 from pushfric_ros.node_kit.image_memory import make_room_for_images
+from pushfric_ros.node_kit.qos import SENSOR_DATA
 
 RATE, SECONDS = 60.0, 10.0
 """Of the images [Hz], and how long they come [s]."""

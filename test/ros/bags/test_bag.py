@@ -28,7 +28,7 @@ from pushfric_msgs.msg import FrictionEstimate, Hypothesis, Observation, Recogni
 from pushfric_ros.bags import bag
 from pushfric_ros.bags.bag import BagWriter
 from pushfric_ros.messages import types as message_types
-from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
 STRING = "std_msgs/msg/String"

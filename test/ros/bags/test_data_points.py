@@ -14,7 +14,7 @@ from pushfric_ros.bags.bag import BagWriter
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.messages.qos import RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)

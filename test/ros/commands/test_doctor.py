@@ -23,7 +23,7 @@ from pushfric_ros.files.cell_file import CameraEntry, PlanEntry, PusherEntry
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.messages.qos import SENSOR_DATA
+from pushfric_ros.node_kit.qos import SENSOR_DATA
 from pushfric_ros.pushers.pusher import Limits, Mode
 from pushfric_ros.simulated import grbl_firmware
 from pushfric_ros.simulated.camera import SimulatedCamera

@@ -21,7 +21,7 @@ from pushfric_ros.commands.cli import app
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import observation_to_msg
-from pushfric_ros.messages.qos import LATCHED, RELIABLE
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 NAME = "rubber_rect4"
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 8, np.random.default_rng(5))

@@ -12,7 +12,7 @@ from pushfric_ros.files.cell_file import PlanEntry
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import compose
-from pushfric_ros.messages.qos import LATCHED
+from pushfric_ros.node_kit.qos import LATCHED
 
 PLAN = "pushes: [{edge: 0, offset: 0.03}, {edge: 2, offset: -0.02}]"
 

@@ -7,9 +7,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped
 
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.messages.qos import RELIABLE
 from pushfric_ros.node_kit import diagnostics
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.qos import RELIABLE
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import sys
 import pytest
 from sensor_msgs.msg import Image
 
-from pushfric_ros.messages.qos import SENSOR_QUEUE
 from pushfric_ros.node_kit import image_memory
 from pushfric_ros.node_kit.image_memory import FILE_VARIABLES, PROFILES, make_room_for_images
+from pushfric_ros.node_kit.qos import SENSOR_QUEUE
 
 LARGE = 16 * 2**20
 
@@ -34,7 +34,7 @@ import sys, time
 import rclpy
 from sensor_msgs.msg import Image
 from pushfric_ros.node_kit.image_memory import make_room_for_images
-from pushfric_ros.messages.qos import SENSOR_DATA
+from pushfric_ros.node_kit.qos import SENSOR_DATA
 make_room_for_images()
 rclpy.init()
 output = rclpy.create_node("camera").create_publisher(Image, "/image", SENSOR_DATA)

@@ -24,8 +24,8 @@ from std_srvs.srv import Trigger
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.messages.qos import RELIABLE
 from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
+from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.pushers.pusher import Mode, NotReady
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl

@@ -30,7 +30,7 @@ from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
-from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 
 NAME = "rubber_rect4"

@@ -30,8 +30,8 @@ from pushfric_msgs.msg import Observation
 from pushfric_ros.bags import bag
 from pushfric_ros.bags.bag import BagWriter
 from pushfric_ros.messages import types as message_types
-from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.node_kit.diagnostics import Level
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import QUEUE_DEPTH, RecorderNode, _Losses
 

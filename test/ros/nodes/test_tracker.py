@@ -19,7 +19,7 @@ from pushfric_core.planar import Pose, wrap
 from pushfric_ros.files.cell_file import load_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
-from pushfric_ros.messages.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
+from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TO_GREY, TrackerNode, grey_from_msg
 from pushfric_ros.simulated.camera import SimulatedCamera
 from pushfric_ros.vision.camera import Camera, save_camera

@@ -24,7 +24,7 @@ from pushfric_ros.bags.bag import BagWriter
 from pushfric_ros.files.file_errors import reading
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
 from pushfric_ros.messages.conversions import observation_to_msg
-from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit.qos import RELIABLE
 
 NAME = "zhou2015"
 TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"

@@ -20,7 +20,7 @@ from std_msgs.msg import Empty
 from pushfric_ros.bags.bag import BagWriter
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph.graph import NAMESPACE
-from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode

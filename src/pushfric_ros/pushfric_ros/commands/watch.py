@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
-from pushfric_ros.messages.qos import LATCHED, RELIABLE
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.estimator import settled_in
 
 PATIENCE = 10.0

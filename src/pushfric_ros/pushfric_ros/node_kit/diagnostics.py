@@ -15,7 +15,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from pushfric_ros.messages.conversions import stamp_from_msg
-from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit.qos import RELIABLE
 
 
 class Level(Enum):

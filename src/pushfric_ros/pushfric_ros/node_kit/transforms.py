@@ -4,7 +4,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Transform, TransformSta
 from rclpy.node import Node
 
 from pushfric_ros.messages.conversions import OBJECT
-from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit.qos import RELIABLE
 
 
 class TransformBroadcaster:

@@ -25,10 +25,10 @@ from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import TABLE, stamp_to_msg
-from pushfric_ros.messages.qos import RELIABLE
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.pushers.grbl import Grbl
 from pushfric_ros.pushers.pusher import Mode, NotConnected, Pusher, PusherConfig, PusherError, PusherReport
 

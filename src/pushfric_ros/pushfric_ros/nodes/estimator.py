@@ -45,10 +45,10 @@ from pushfric_ros.messages.conversions import (
     region_to_msg,
 )
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
-from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.transforms import TransformBroadcaster
 
 SETTLED = "settled until [ns]"

@@ -24,10 +24,10 @@ from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.messages.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg
-from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.nodes.estimator import settled_in
 
 NANOSECONDS = 1e9

@@ -20,11 +20,11 @@ from std_srvs.srv import SetBool
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import setting
 from pushfric_ros.bags.bag import BagMessage, Topic, describe, read, recorded_class
-from pushfric_ros.messages.qos import RELIABLE
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import RELIABLE
 
 CLOCK_TOPIC = "/clock"
 CLOCK_PERIOD_NS = 10_000_000  # of bag time

@@ -18,11 +18,11 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import setting
 from pushfric_ros.bags.bag import BagWriter
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object, save_object
-from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 
 QUEUE_DEPTH = 1000
 FLUSH_PERIOD = 0.5  # [s] of wall time: a crash costs the last second at most, even where a flush is late

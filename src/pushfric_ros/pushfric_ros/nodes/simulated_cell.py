@@ -21,11 +21,11 @@ from pushfric_core.planar import Pose
 from pushfric_core.settings import setting
 from pushfric_core.simulation import TABLE_1, PushedObject
 from pushfric_ros.messages.conversions import pose_from_msg, stamp_to_msg
-from pushfric_ros.messages.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.pushers.pusher import PusherConfig
 from pushfric_ros.simulated.camera import SimulatedCamera
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl

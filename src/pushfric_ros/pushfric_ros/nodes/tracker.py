@@ -20,10 +20,10 @@ from pushfric_core.planar import Pose, transform
 from pushfric_core.settings import setting
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
-from pushfric_ros.messages.qos import LATCHED, SENSOR_DATA
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA
 from pushfric_ros.vision.camera import Image, load_camera
 from pushfric_ros.vision.contour_tracker import ContourTracker
 from pushfric_ros.vision.edge_fit import NotSeen, Sighting
