@@ -375,4 +375,4 @@ def test_a_cluster_that_does_not_answer_is_named(tmp_path, monkeypatch):
 
 def test_the_code_that_counts_is_all_of_the_core():
     names = {source.name for source in paper_experiments.SOURCES}
-    assert {"paper_experiments.py", "simulation.py", "trajectory.py", "simplex.py"} <= names
+    assert {"experiments.py", "simulation.py", "trajectory.py", "simplex.py"} <= names

@@ -1,1 +1,1 @@
-"""The linear and quadratic programs for w, and what solves them."""
+"""The linear and quadratic programs for w, what solves them, and what certifies the result."""

@@ -1,1 +1,1 @@
-"""Bags, and the data points in them."""
+"""MCAP bags: writing, reading and recovering them, and the data points in them."""

@@ -1,1 +1,1 @@
-"""The seven nodes: message -> one call of the core -> publish."""
+"""The nodes of the graph, and the command line's monitor: a message comes in, the core is called, the result is published."""

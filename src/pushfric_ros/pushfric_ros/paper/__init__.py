@@ -1,1 +1,1 @@
-"""The paper's experiments, reproduced."""
+"""The paper's experiments, reproduced as tables, figures and a page."""

@@ -59,8 +59,14 @@ def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
         summary: the content of tables.json.
         figures: SVG elements by key.
     """
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string(PAGE).render(
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader(__package__, "."),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2").render(
         seeds=summary["seeds"],
         code=summary["code"],
         verdicts=_verdicts(summary),
@@ -548,112 +554,3 @@ def _differing(summary: Nested) -> Table:
         if agrees(leaf, absolute) is False and "reference" in leaf:
             rows.append([Cell(" / ".join(path)), *_all(leaf, absolute=absolute)])
     return Table(("", "paper", "reference", "this run"), rows)
-
-
-PAGE = """\
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Lynch 1993, reproduced</title>
-<style>
-:root { --ink: #222; --soft: #6b6b6b; --line: #e4e2dd; --paper: #fbfaf7; --blue: #2563a8; --good: #2f7d4f; --off: #c2410c; }
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.55 system-ui, sans-serif; }
-main { max-width: 72rem; margin: 0 auto; padding: 3rem 1.5rem 5rem; }
-h1 { font-size: 2.1rem; line-height: 1.2; margin: 0 0 .4rem; }
-h2 { font-size: 1.25rem; margin: 0 0 .3rem; }
-p { margin: .3rem 0 1rem; max-width: 52rem; }
-.soft { color: var(--soft); }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(18rem, 1fr)); gap: 1rem; margin: 2rem 0; }
-.card { background: #fff; border: 1px solid var(--line); border-radius: .6rem; padding: 1rem 1.1rem; font-size: .9rem; }
-.card b { display: block; font-size: 1.7rem; }
-nav { columns: 2 20rem; margin: 0 0 1rem; font-size: .92rem; }
-nav a { display: block; color: var(--blue); text-decoration: none; }
-nav a:hover { text-decoration: underline; }
-section { background: #fff; border: 1px solid var(--line); border-radius: .6rem; padding: 1.4rem 1.6rem; margin: 1.4rem 0; }
-figure { margin: .6rem 0 1rem; } figure svg { width: 100%; max-width: 58rem; height: auto; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; margin: .5rem 0; }
-th, td { text-align: right; padding: .25rem .7rem; border-bottom: 1px solid var(--line); }
-th { font-weight: 600; color: var(--soft); vertical-align: bottom; }
-th.over { text-align: center; border-bottom-color: var(--soft); } th.over:empty { border-bottom: 0; }
-td { white-space: nowrap; vertical-align: top; }
-td.under { padding-top: 1rem; font-weight: 600; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
-td small { display: block; color: var(--soft); font-weight: 400; font-size: .76rem; line-height: 1.1; }
-.good { color: var(--good); font-weight: 600; } .off { color: var(--off); font-weight: 600; }
-dt { font-weight: 600; margin-top: .9rem; max-width: 58rem; } dd { margin: .1rem 0 0; color: var(--soft); max-width: 58rem; }
-h3 { font-size: 1rem; margin: 1.6rem 0 .2rem; }
-</style>
-</head>
-<body>
-{% macro numbers(table) %}
-<div class="wide"><table>
-{% if table.groups %}
-<tr>{% for head, columns in table.groups %}<th class="over" colspan="{{ columns }}">{{ head }}</th>{% endfor %}</tr>
-{% endif %}
-<tr>{% for head in table.heads %}<th>{{ head }}</th>{% endfor %}</tr>
-{% for row in table.rows %}
-{% if row | length == 1 %}
-<tr><td class="under" colspan="{{ table.heads | length }}">{{ row[0].text }}</td></tr>
-{% else %}
-<tr>
-{% for cell in row %}
-<td><span class="{{ cell.tone }}">{{ cell.text }}</span>{% if cell.detail %}<small>{{ cell.detail }}</small>{% endif %}</td>
-{% endfor %}
-</tr>
-{% endif %}
-{% endfor %}
-</table></div>
-{% endmacro %}
-<main>
-<h1>Estimating the friction parameters of pushed objects</h1>
-<p class="soft">The tables and figures of Lynch 1993 from simulated pushes of its six objects: {{ seeds }}
-{{ 'seed' if seeds == 1 else 'seeds' }} of camera noise and of the operator's hand, estimated by the paper's method. Each
-number of “this run” was computed in it: the median over the seeds, and the quartiles below.</p>
-<div class="cards">
-{% for card in verdicts %}
-<div class="card"><b class="{{ card.tone }}">{{ card.text }}</b>{{ card.detail }}</div>
-{% endfor %}
-</div>
-<p>The reference is the median of another simulation with the same noise, written apart from this one.
-<span class="good">Green</span>: within {{ close }} % of the reference (mu_c: within {{ close_mu }} of it), or held in 19 of
-20 seeds. <span class="off">Red</span>: not. {{ infeasible }}: infeasible, no w lets the pusher push in all data points.
-Lengths are in centimetres unless said otherwise; the unit of force is the support friction of the translating object.</p>
-<nav>
-{% for section in sections %}
-<a href="#{{ section.key }}">{{ section.title }}</a>
-{% endfor %}
-<a href="#misses">What does not reproduce, and why</a>
-</nav>
-{% for section in sections %}
-<section id="{{ section.key }}">
-<h2>{{ section.title }}</h2>
-<p>{{ section.text }}</p>
-{% if section.key in figures %}
-<figure>{{ figures[section.key] | safe }}</figure>
-{% endif %}
-{% if section.table %}
-{{ numbers(section.table) }}
-{% endif %}
-</section>
-{% endfor %}
-<section id="misses">
-<h2>What does not reproduce, and why</h2>
-<dl>
-{% for fact, reason in misses %}
-<dt>{{ fact }}</dt><dd>{{ reason }}</dd>
-{% endfor %}
-</dl>
-{% if differing.rows %}
-<h3>All numbers that do not agree with the reference</h3>
-{{ numbers(differing) }}
-{% endif %}
-</section>
-<p class="soft">Fingerprint of the code: {{ code }}</p>
-</main>
-</body>
-</html>
-"""

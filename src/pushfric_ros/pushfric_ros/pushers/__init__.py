@@ -1,1 +1,1 @@
-"""What moves the tip: the protocol of a pusher, and its drivers."""
+"""What moves the tip: the protocol of a pusher, and the GRBL driver."""

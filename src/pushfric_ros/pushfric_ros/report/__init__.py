@@ -1,1 +1,1 @@
-"""What people read: JSON and figures."""
+"""What people read of an estimate: JSON and figures."""

@@ -1,1 +1,1 @@
-"""The simulated cell's camera and motion controller."""
+"""The simulated cell's camera and its GRBL controller."""

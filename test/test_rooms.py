@@ -1,0 +1,37 @@
+"""The rooms of the house: who may import whom, and that docs/architecture.md tells of each what its package says."""
+
+import importlib
+import pathlib
+import pkgutil
+import re
+
+import pytest
+from importlinter.cli import lint_imports
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+ARCHITECTURE = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+ROOMS = [
+    f"{house}.{module.name}"
+    for house in ("pushfric_core", "pushfric_ros")
+    for module in pkgutil.iter_modules(importlib.import_module(house).__path__)
+    if module.ispkg
+]
+
+
+def test_every_import_is_allowed(capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    code = lint_imports(config_filename="pyproject.toml", no_cache=True)
+    assert code == 0, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_architecture_tells_of_every_room_what_it_says_of_itself(room):
+    rows = dict(re.findall(r"^\| `(\w+)/` \| (.+?) \|", ARCHITECTURE, re.MULTILINE))
+    said = importlib.import_module(room).__doc__
+    assert said is not None
+    assert rows[room.rpartition(".")[2]] == said.splitlines()[0]
+
+
+def test_architecture_names_only_rooms_that_exist():
+    rows = re.findall(r"^\| `(\w+)/` \|", ARCHITECTURE, re.MULTILINE)
+    assert sorted(rows) == sorted(room.rpartition(".")[2] for room in ROOMS)
