@@ -4,6 +4,7 @@ import contextlib
 import gc
 import os
 import pathlib
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +20,9 @@ REAL_PUSHES = ROOT.parent / "shared/data/zhou2015_triangle"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+# A shell starts background jobs with SIGINT ignored, and a child would inherit that: Ctrl-C is tested from there, too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
