@@ -235,7 +235,7 @@ def test_views_that_contradict_each_other_are_refused(views):
 
 def test_views_that_hardly_tell_the_focal_length_are_refused(views, rng):
     blurred = [view._replace(pixels=view.pixels + rng.normal(0, 0.65, view.pixels.shape)) for view in views]
-    with pytest.raises(InvalidInput, match=r"the focal length is known to .*% only"):
+    with pytest.raises(InvalidInput, match=r"the focal length is known only to .*%"):
         calibrate_lens(blurred, 640, 480)
 
 
@@ -283,9 +283,12 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
         ([*WIDE[:3], WIDE[0]], "3 different points are too few: expected at least 4"),
         (
             [(100, 80), (200, 180), (300, 280), (400, 380)],
-            "ill-spread: 1 px there makes .* px in the image's .*; add points out there",
+            "badly spread: an error of 1 px in them grows to .* px in the image's .*; add points there",
         ),
-        ([(20, 20), (200, 20), (200, 200), (20, 200)], "ill-spread: 1 px there makes [0-9]+ px in the image's lower right"),
+        (
+            [(20, 20), (200, 20), (200, 200), (20, 200)],
+            "badly spread: an error of 1 px in them grows to [0-9]+ px in the image's lower right",
+        ),
     ],
 )
 def test_points_that_do_not_tell_the_table_are_refused(tmp_path, pixels, text):
@@ -294,14 +297,14 @@ def test_points_that_do_not_tell_the_table_are_refused(tmp_path, pixels, text):
 
 
 def test_points_in_one_place_are_refused():
-    with pytest.raises(InvalidInput, match=r"ill-spread|on a line or in one place"):
+    with pytest.raises(InvalidInput, match=r"badly spread|on a line or in one place"):
         calibrate_table(LENS, np.full((4, 2), 100.0), np.array(((0, 0), (1e-9, 0), (0, 1e-9), (1e-9, 1e-9))))
 
 
 def test_a_point_measured_wrongly_is_named(tmp_path):
     pixels, points = read_table_points(measured([*WIDE, (330, 240), (320, 100)], tmp_path))
     points[4] += (0.03, 0)
-    with pytest.raises(InvalidInput, match=r"the points disagree by .* px \(.* mm\); worst is number 5, by .* px"):
+    with pytest.raises(InvalidInput, match=r"the points disagree by .* px \(.* mm\); the worst is number 5, by .* px"):
         calibrate_table(LENS, pixels, points)
 
 

@@ -171,7 +171,7 @@ def test_wrong_shapes_are_refused(fields, text):
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
-        ({"K": np.zeros((3, 3))}, "not calibrated: K needs focal lengths > 0"),
+        ({"K": np.zeros((3, 3))}, "not calibrated: K must have focal lengths > 0"),
         ({"K": np.diag((900.0, np.nan, 1.0))}, "K must be finite"),
         ({"width": 0}, "image size must be positive, got 0 x 480"),
         ({"H": np.diag((1.0, 1.0, 0.0))}, "table homography is degenerate"),

@@ -95,7 +95,7 @@ def test_a_marker_of_another_size_is_refused(rng):
 
 def test_markers_too_small_for_the_image_are_refused():
     small = Fiducials(family="apriltag_36h11", markers=[Marker(id=5, size=0.015)])
-    with pytest.raises(InvalidInput, match=r"the markers are too small: 3\.0 px per module, expected 4 at least"):
+    with pytest.raises(InvalidInput, match=r"the markers are too small: 3\.0 px per module, expected at least 4"):
         tracker(small)
 
 

@@ -1,4 +1,4 @@
-"""A camera that renders one bright object on a black table: what a real cell's tracker is fed in simulation."""
+"""A camera that renders one bright object on a dark table, for the tracker of the simulated cell."""
 
 import cv2
 import numpy as np
@@ -8,9 +8,9 @@ from pushfric_core.planar import Array, Pose, transform
 from pushfric_ros.vision.camera import Camera, Image
 
 SHADOW = 0.7
-"""Brightness within the shadow, relative to outside."""
-_PIECE_PX = 8  # a lens bends edges: each is drawn in pieces of about this length
-_NOISE_MARGIN_PX = 128  # the noise field exceeds the frame by this much; every frame gets another crop of it
+"""Brightness inside the shadow, relative to the brightness outside."""
+_PIECE_PX = 8  # edges are drawn in pieces of about this length, because a lens bends them
+_NOISE_MARGIN_PX = 128  # the noise field is larger than the frame by this much; each frame gets another crop of it
 
 
 class SimulatedCamera:
@@ -20,11 +20,11 @@ class SimulatedCamera:
         camera: lens and table.
         outline_vertices: (n, 2) top face of the object, object frame [m].
         height: of that face over the table [m].
-        rng: of the noise.
+        rng: source of the noise.
         noise_sigma: standard deviation of the noise [grey levels].
         blur_px: standard deviation of the lens's blur [px].
         foreground, background: brightness of object and table [grey levels].
-        shadow: (a, b, c): pixels with a u + b v > c lie in a shadow, 30 % darker; None: none.
+        shadow: (a, b, c): pixels with a u + b v > c lie in a shadow, 30 % darker; None: no shadow.
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class SimulatedCamera:
         self._table = np.rint(background * self._gain).astype(np.uint8)
         margin = _NOISE_MARGIN_PX
         noise = np.rint(rng.normal(0, noise_sigma, (camera.height + margin, camera.width + margin)))
-        # Saturating 8-bit arithmetic is far faster than a signed field: what brightens, and what darkens.
+        # Two 8-bit fields, one that brightens and one that darkens: saturating arithmetic is far faster than a signed field.
         self._brightening = np.clip(noise, 0, 255).astype(np.uint8)
         self._darkening = np.clip(-noise, 0, 255).astype(np.uint8)
 
     def render(self, pose: Pose | None) -> Image:
-        """The frame (height, width) with the object at `pose` in the table frame; None: the object is away."""
+        """The frame (height, width) with the object at `pose` in the table frame; None: without the object."""
         frame = self._table.copy()
         if pose is not None:
             self._draw(frame, self.camera.project(transform(pose, self._outline), self._height))
@@ -88,10 +88,10 @@ class SimulatedCamera:
 
 
 def coverage(polygon: Array, width: int, height: int) -> npt.NDArray[np.float32]:
-    """How much of each pixel a polygon covers: (height, width) in [0, 1], exact.
+    """The exact fraction of each pixel that a polygon covers: (height, width) in [0, 1].
 
-    Each piece of the outline within one pixel adds its signed height to all pixels to its right, and to its own pixel
-    the part that lies to its right; a running sum along the rows gives the area.
+    Each piece of the outline within one pixel adds its signed height to all pixels on its right. To its own pixel it adds
+    the part on its right. A running sum along the rows gives the area.
 
     Args:
         polygon: (n, 2) vertices in order [px], within the image; pixel (row, column) spans
@@ -105,14 +105,14 @@ def coverage(polygon: Array, width: int, height: int) -> npt.NDArray[np.float32]
     middle = (x[1:] + x[:-1]) / 2
     column, row = np.floor(middle).astype(int), np.floor((y[1:] + y[:-1]) / 2).astype(int)
     right = column + 1 - middle
-    # one column more, for what lies to the right of the last
+    # one column more, for the share to the right of the last column
     cell, cells = row * (width + 1) + column, (width + 1) * height
     area = np.bincount(cell, rise * right, cells) + np.bincount(cell + 1, rise * (1 - right), cells)
     return np.abs(np.cumsum(area.reshape(height, width + 1), axis=1)[:, :-1]).astype(np.float32)
 
 
 def _grid_crossings(values: Array) -> Array:
-    """Where a polyline's coordinate passes an integer, as vertex number plus the fraction of the way to the next."""
+    """Where a coordinate of a polyline passes an integer: vertex number plus the fraction of the way to the next vertex."""
     start, rise = values[:-1], np.diff(values)
     lines = np.arange(np.ceil(values.min()), np.floor(values.max()) + 1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -122,7 +122,7 @@ def _grid_crossings(values: Array) -> Array:
 
 
 def _subdivided(vertices: Array, longest: float) -> Array:
-    """The closed polygon (n, 2) with every edge cut into pieces not longer than `longest`."""
+    """A closed polygon (n, 2) with every edge cut into pieces of at most `longest`, in the unit of the vertices."""
     pieces = []
     for start, end in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
         count = int(np.ceil(np.linalg.norm(end - start) / longest))

@@ -1,4 +1,4 @@
-"""Calibrates a camera: its lens from views of a printed board, its table from the board lying there or from measured points."""
+"""Calibrates a camera: its lens from views of a printed board, its table from the board lying on it or from measured points."""
 
 import csv
 import math
@@ -24,22 +24,22 @@ from pushfric_ros.vision.camera import Camera, Image, Lens
 from pushfric_ros.vision.frame_source import Device
 
 MIN_VIEWS = 8
-"""A lens needs at least as many different views."""
+"""Number of different views that a lens calibration needs."""
 MIN_CORNERS = 12
-"""In a view of the board."""
+"""Number of corners that a view of the board must show."""
 MIN_TILT = 20.0
-"""From one view to another the board's tilt differs by as much, about the image's u and about its v [degree]."""
+"""The tilt of the board must vary by this much over the views, about the image's u axis and about its v axis [degree]."""
 MAX_FOCAL_ERROR = 0.005
-"""A focal length that the views tell less well (1 sigma, relative) is not told."""
+"""The focal length must be known at least this well (1 sigma, relative)."""
 MAX_LENS_RMS_PX = 1.0
 MAX_TABLE_RMS_PX = 5.0
-"""Reprojection errors beyond these are mistakes."""
+"""Larger reprojection errors (rms) mean that the input is wrong."""
 MAX_LEVERAGE = 4.0
-"""An error of 1 px (1 sigma) of the points on the table may grow to this at the image's corners [px]."""
+"""An error of 1 px (1 sigma) in the points on the table may grow to this at the image's corners [px]."""
 NOVEL = 0.04
-"""A view differs from those before by this much of the image's width, at least."""
+"""A new view must differ from every earlier one by at least this fraction of the image's width."""
 STILL_PX = 1.0
-"""A moving board is not looked at."""
+"""From one frame to the next, the corners of a board at rest move at most this far on average."""
 
 _DICTIONARY = cv2.aruco.DICT_4X4_250
 _MARKER = 0.7  # of a square
@@ -55,12 +55,18 @@ _REGIONS = tuple(f"{row} {column}".strip() for row in ("upper", "middle", "lower
 class Board:
     """A ChArUco board: a chessboard with a marker in each white square.
 
-    Its frame lies at the lower left corner of the chessboard as printed: x right, y up, z towards the viewer.
+    The origin of its frame is the lower left corner of the printed chessboard: x right, y up, z towards the viewer.
+
+    Args:
+        columns, rows: number of squares.
+        square: side of a square [m].
+    Raises:
+        ValueError: fewer than 4 x 4 or more than 500 squares, or squares not between 0 and 1 m.
     """
 
     columns: int = 9
     rows: int = 6
-    square: float = 0.028  # side [m]
+    square: float = 0.028
 
     def __post_init__(self) -> None:
         if self.columns < 4 or self.rows < 4 or self.columns * self.rows > 500:
@@ -75,20 +81,20 @@ class Board:
 
 
 class View(NamedTuple):
-    """Corners of a board's squares as seen in one frame."""
+    """The corners of a board's squares that one image shows."""
 
-    ids: Array  # (n,) number of the corner
-    points: Array  # (n, 2) in the board's frame [m]
-    pixels: Array  # (n, 2)
+    ids: Array  # (n,) numbers of the corners
+    points: Array  # (n, 2) where they are on the board, in its frame [m]
+    pixels: Array  # (n, 2) where they are in the image [px]
 
 
 class LensCalibration(NamedTuple):
     """A lens, and how well it explains the views."""
 
     lens: Lens
-    rms_px: float  # reprojection error
-    view_rms_px: Array  # (n,)
-    focal_error: float  # 1 sigma, relative
+    rms_px: float  # reprojection error over all views
+    view_rms_px: Array  # (n,) reprojection error of each view
+    focal_error: float  # of the focal length, 1 sigma, relative
 
 
 class TableCalibration(NamedTuple):
@@ -96,16 +102,16 @@ class TableCalibration(NamedTuple):
 
     camera: Camera
     errors_px: Array  # (n,) reprojection errors
-    errors: Array  # (n,) the same on the table [m]
+    errors: Array  # (n,) the same errors on the table [m]
 
     @property
     def rms_px(self) -> float:
-        """Of the reprojection errors."""
+        """Root mean square of the reprojection errors."""
         return _rms(self.errors_px)
 
     @property
     def rms(self) -> float:
-        """Of the errors on the table [m]."""
+        """Root mean square of the errors on the table [m]."""
         return _rms(self.errors)
 
 
@@ -117,13 +123,13 @@ class BoardFinder:
         self._detector = cv2.aruco.CharucoDetector(_charuco(board))
 
     def view(self, image: Image) -> View | None:
-        """The board in an image (height, width); None: too little of it."""
+        """The board in an image (height, width); None: the image shows too few of its corners."""
         pixels, ids, _, _ = self._detector.detectBoard(image)
         if ids is None or len(ids) < MIN_CORNERS:
             return None
         number = ids.ravel()
         points = np.array(_charuco(self._board).getChessboardCorners(), dtype=float)[number, :2]
-        # The detector's own window reaches into the markers, which costs 0.1 px; this one ends before the nearest.
+        # The detector's own window reaches into the markers and loses 0.1 px by it; this one ends before the nearest marker.
         rough = pixels.reshape(-1, 2).astype(float)
         apart = np.linalg.norm(rough[:, None] - rough, axis=2)
         square_px = apart[apart > 0].min()
@@ -138,9 +144,10 @@ def calibrate_lens(views: Sequence[View], width: int, height: int) -> LensCalibr
     """The lens that explains views of a board.
 
     Args:
+        views: at least `MIN_VIEWS` of one board, from different directions.
         width, height: of the images [px].
     Raises:
-        InvalidInput: the views do not tell it; says what is missing.
+        InvalidInput: the views do not determine the lens; the text says what is missing.
     """
     if len(views) < MIN_VIEWS:
         raise InvalidInput(f"{len(views)} different views of the board are too few: expected at least {MIN_VIEWS}")
@@ -169,11 +176,11 @@ def calibrate_lens(views: Sequence[View], width: int, height: int) -> LensCalibr
     if rms > MAX_LENS_RMS_PX:
         worst = int(np.argmax(view_rms)) + 1
         raise InvalidInput(
-            f"reprojection error of {rms:.2f} px, worst in view {worst}: is the board flat, and has it these squares?"
+            f"reprojection error of {rms:.2f} px, worst in view {worst}: is the board flat, and are its squares the size given?"
         )
     if not focal_error < MAX_FOCAL_ERROR:
         raise InvalidInput(
-            f"the focal length is known to {focal_error:.1%} only: add views of the board tilted more, and nearer"
+            f"the focal length is known only to {focal_error:.1%}: add nearer views in which the board is tilted more"
         )
     return LensCalibration(Lens(width, height, K, D.ravel()[:5]), float(rms), view_rms.ravel(), focal_error)
 
@@ -185,7 +192,7 @@ def calibrate_table(lens: Lens, pixels: Array, points: Array) -> TableCalibratio
         pixels: (n, 2) where the points appear in the image.
         points: (n, 2) where they lie, in the table frame [m].
     Raises:
-        InvalidInput: the points do not tell it; says what is missing.
+        InvalidInput: the points do not determine the plane; the text says what is missing.
     """
     if len(np.unique(points, axis=0)) < 4:
         raise InvalidInput(f"{len(np.unique(points, axis=0))} different points are too few: expected at least 4")
@@ -193,7 +200,7 @@ def calibrate_table(lens: Lens, pixels: Array, points: Array) -> TableCalibratio
     found, turns, shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_IPPE)
     if not found or not np.isfinite((turns, shifts)).all():
         raise InvalidInput("the points lie on a line or in one place: expected points spread over the table")
-    # seen from afar, a plane tilted the other way looks nearly the same
+    # from a distance, a plane tilted the other way looks nearly the same
     poses = [cv2.solvePnPRefineLM(solid, pixels, lens.K, lens.D, *pose) for pose in zip(turns, shifts, strict=True)]
     turn, shift = min(poses, key=lambda pose: _rms(_misses(lens, solid, pixels, *pose)))
     errors_px = _misses(lens, solid, pixels, turn, shift)
@@ -204,26 +211,30 @@ def calibrate_table(lens: Lens, pixels: Array, points: Array) -> TableCalibratio
     if not leverage.max() < MAX_LEVERAGE:
         corner = ("upper left", "upper right", "lower right", "lower left")[int(np.argmax(leverage))]
         raise InvalidInput(
-            f"the points are ill-spread: 1 px there makes {leverage.max():.0f} px in the image's {corner}; add points out there"
+            f"the points are badly spread: an error of 1 px in them grows to {leverage.max():.0f} px in the image's {corner}; "
+            "add points there"
         )
     errors = np.linalg.norm(camera.unproject(pixels) - points, axis=1)
     if _rms(errors_px) > MAX_TABLE_RMS_PX:
         worst = int(np.argmax(errors_px))
         raise InvalidInput(
-            f"the points disagree by {_rms(errors_px):.1f} px ({1e3 * _rms(errors):.1f} mm); worst is number {worst + 1}, "
+            f"the points disagree by {_rms(errors_px):.1f} px ({1e3 * _rms(errors):.1f} mm); the worst is number {worst + 1}, "
             f"by {errors_px[worst]:.1f} px"
         )
     return TableCalibration(camera, errors_px, errors)
 
 
 def lens_from_source(source: str, board: Board, progress: Callable[[str], None]) -> LensCalibration:
-    """The lens of a camera that is shown the board, until that is enough; or from all of a video or folder of pictures.
+    """The lens that took the images of a source, which show the board.
+
+    A camera is read until the views are enough; a video or a folder of pictures is read to its end.
 
     Args:
         source: as `Device` takes it.
-        progress: told of each view, and what is still missing.
+        board: the board that the images show.
+        progress: called with a line of text for each view; of a camera, the line also says what is still missing.
     Raises:
-        InvalidInput: no such source, or what it shows is not enough; says what is missing.
+        InvalidInput: no such source, or its images are not enough; the text says what is missing.
     """
     finder, kept, frames = BoardFinder(board), list[View](), 0
     size: tuple[int, ...] = ()
@@ -259,10 +270,15 @@ def lens_from_source(source: str, board: Board, progress: Callable[[str], None])
 
 
 def table_from_source(source: str, board: Board, lens: Lens, progress: Callable[[str], None]) -> TableCalibration:
-    """The table on which the board lies, from the first picture that shows it; the board's frame becomes the table's.
+    """The table on which the board lies, from the first image that shows it; the board's frame becomes the table frame.
 
+    Args:
+        source: as `Device` takes it.
+        board: the board that lies on the table.
+        lens: of the camera.
+        progress: called with a line of text while the board is not found.
     Raises:
-        InvalidInput: no such source, pictures of another size than the lens's, or no board in them.
+        InvalidInput: no such source, images of another size than the lens's, or no board in them.
     """
     finder, frames = BoardFinder(board), 0
     with _Frames(source) as device:
@@ -283,7 +299,7 @@ def read_table_points(path: pathlib.Path) -> tuple[Array, Array]:
     """Pixels (n, 2) and table points (n, 2) [m] from a CSV file with columns u,v,x,y.
 
     Raises:
-        InvalidInput: names the file, the line, and what was expected there.
+        InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     names = ("u", "v", "x", "y")
     values: list[list[float]] = []
@@ -303,7 +319,7 @@ def read_table_points(path: pathlib.Path) -> tuple[Array, Array]:
 
 
 def save_board(board: Board, path: pathlib.Path) -> None:
-    """Write the board as a PDF to scale, on A4 or larger, with a ruler to check the print by.
+    """Write the board to scale as a PDF, on A4 or larger paper, with a ruler to check the print.
 
     Raises:
         InvalidInput: the file cannot be written.
@@ -319,7 +335,7 @@ def save_board(board: Board, path: pathlib.Path) -> None:
     axes.add_patch(PathPatch(_path(black), facecolor="black", linewidth=0))
     for mm in range(0, _RULER_MM + 1, 5):
         axes.plot((left + mm,) * 2, (bottom - 10, bottom - (6 if mm % 10 == 0 else 8)), color="black", linewidth=0.3)
-    text = f"This ruler is {_RULER_MM} mm long, each square {1e3 * board.square:g} mm wide: if not, print again at 100 %."
+    text = f"This ruler is {_RULER_MM} mm long, each square {1e3 * board.square:g} mm wide. If not, print again at 100 %."
     axes.text(left + _RULER_MM + 5, bottom - 10, f"{text} {board.columns} x {board.rows} squares.", fontsize=7)
     try:
         figure.savefig(path, format="pdf")
@@ -333,7 +349,7 @@ def _charuco(board: Board) -> Any:
 
 
 def _black(board: Board, square: float) -> shapely.Geometry:
-    """What is black of a board with squares of side `square`, its lower left corner at the origin."""
+    """The black area of a board with squares of side `square` and its lower left corner at the origin."""
     charuco = _charuco(board)
     boxes = [
         shapely.box(column, row, column + 1, row + 1)
@@ -348,7 +364,7 @@ def _black(board: Board, square: float) -> shapely.Geometry:
         for row, column in np.argwhere(code == 0):
             x, y = left + column * module, board.rows - top - row * module
             boxes.append(shapely.box(x, y - module, x + module, y))
-    # whole areas, as a printer may leave hairlines between neighbours; on a fine grid, so that they join
+    # Joined to whole areas, because a printer may leave hairlines between neighbours; on a fine grid, so that they do join.
     black = shapely.union_all(shapely.set_precision(boxes, 1e-6))
     return shapely.affinity.scale(black, square, square, origin=(0, 0))
 
@@ -359,7 +375,7 @@ def _path(area: shapely.Geometry) -> Path:
 
 
 def _moved(view: View, other: View) -> float:
-    """How far the corners that both show moved, on average [px]; infinite if none."""
+    """Mean distance between the corners that both views show [px]; infinite if they share none."""
     _, mine, its = np.intersect1d(view.ids, other.ids, return_indices=True)
     if not len(mine):
         return math.inf
@@ -372,10 +388,10 @@ def _misses(lens: Lens, solid: Array, pixels: Array, turn: Array, shift: Array) 
 
 
 def _leverage(camera: Camera, solid: Array, corners: Array, turn: Array, shift: Array) -> Array:
-    """By how much an error of 1 px of the points moves the image's corners (4, 2) on the table: (4,) [px]."""
+    """How far an error of 1 px in the points moves each of the image's corners, given on the table (4, 2): (4,) [px]."""
 
     def slopes(places: Array) -> Array:
-        """Of the pixels with the pose's six parameters."""
+        """Derivatives of the pixels by the six parameters of the pose: (2 n, 6)."""
         return np.asarray(cv2.projectPoints(places, turn, shift, camera.K, camera.D)[1][:, :6])
 
     at_points, at_corners = slopes(solid), slopes(np.column_stack((corners, np.zeros(4))))
@@ -388,7 +404,7 @@ def _rms(values: Array) -> float:
 
 
 class _Frames:
-    """The frames of a device, one after the other."""
+    """The frames of a device, one after another."""
 
     def __init__(self, source: str) -> None:
         self._arrival = threading.Event()

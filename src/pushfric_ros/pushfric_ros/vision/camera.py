@@ -43,10 +43,10 @@ class Lens:
     Args:
         width, height: of the image [px].
         K: (3, 3) camera matrix [px].
-        D: (4,), (5,) or (8,) distortion coefficients, as OpenCV orders them.
+        D: (4,), (5,) or (8,) distortion coefficients, in the order of OpenCV.
     Raises:
-        ValueError: a shape that is none of these.
-        InvalidInput: values of no real camera: K all zero.
+        ValueError: K or D has another shape.
+        InvalidInput: values that no camera has, such as an infinite one, an image size of 0, or a focal length of 0.
     """
 
     width: int
@@ -60,14 +60,16 @@ class Lens:
         if self.width < 1 or self.height < 1:
             raise InvalidInput(f"the image size must be positive, got {self.width} x {self.height}")
         if not (self.K[0, 0] > 0 and self.K[1, 1] > 0 and self.K[2, 2] == 1):
-            raise InvalidInput(f"the camera is not calibrated: K needs focal lengths > 0 and ends in 1, got {self.K.tolist()}")
+            raise InvalidInput(
+                f"the camera is not calibrated: K must have focal lengths > 0 and 1 at its end, got {self.K.tolist()}"
+            )
 
     def over(self, table_homography: npt.ArrayLike) -> "Camera":
-        """The camera with this lens whose homography H is given."""
+        """The camera with this lens and a homography H (3, 3), as `Camera` takes it."""
         return Camera(self.width, self.height, self.K, self.D, np.asarray(table_homography, dtype=float))
 
     def info_fields(self) -> dict[str, Any]:
-        """What sensor_msgs/CameraInfo holds, by field name: CameraInfo(header=..., **lens.info_fields())."""
+        """The fields of sensor_msgs/CameraInfo by name, for CameraInfo(header=..., **lens.info_fields())."""
         return {
             "width": self.width,
             "height": self.height,
@@ -90,7 +92,7 @@ class Lens:
 
 
 def lens_from_info(info: CameraInfoFields) -> Lens:
-    """From a sensor_msgs/CameraInfo.
+    """The lens that a sensor_msgs/CameraInfo describes.
 
     Raises:
         InvalidInput: not calibrated, or a distortion model other than DISTORTION_MODELS.
@@ -108,8 +110,10 @@ class Camera(Lens):
 
     Args:
         H: (3, 3) homography from the table plane z = 0 [m] to undistorted pixels, of any scale.
+        width, height, K, D: as for `Lens`.
     Raises:
-        InvalidInput: H is degenerate or seen from below the table.
+        ValueError: H has another shape.
+        InvalidInput: H is degenerate, or belongs to a camera below the table.
     """
 
     H: Array
@@ -117,9 +121,11 @@ class Camera(Lens):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._freeze("H", (3, 3))
-        # z of the table points to the camera
+        # the z axis of the table points to the camera's side
         if self._axes[2] @ self._axes[3] >= 0:
-            raise InvalidInput("the table homography is mirrored: seen by the camera, y lies 90 degrees counter-clockwise of x")
+            raise InvalidInput(
+                "the table homography is mirrored: seen by the camera, y must be 90 degrees counter-clockwise from x"
+            )
 
     @classmethod
     def looking_down(
@@ -131,7 +137,7 @@ class Camera(Lens):
         distance: float = 0.8,
         distortion: Sequence[float] = (0.0,) * 5,
     ) -> "Camera":
-        """Straight above `center` (x, y) [m] at `distance` [m]: image x along table x, image y along table -y."""
+        """A camera straight above `center` (x, y) [m] at `distance` [m], with image x along table x and image y along -y."""
         u, v, focal = (width - 1) / 2, (height - 1) / 2, distance / metres_per_pixel
         K = np.array(((focal, 0.0, u), (0.0, focal, v), (0.0, 0.0, 1.0)))
         x, y = center
@@ -148,13 +154,13 @@ class Camera(Lens):
         return np.asarray(pixels.reshape(-1, 2))
 
     def unproject(self, pixels: npt.ArrayLike, height: float = 0.0) -> Array:
-        """Table points (n, 2) [m] at `height` [m] over the table, seen at distorted pixels (n, 2)."""
+        """Table points (n, 2) [m] at `height` [m] over the table that appear at distorted pixels (n, 2)."""
         seen = np.asarray(pixels, dtype=float).reshape(-1, 1, 2)
         rays = cv2.undistortPoints(seen, self.K, self.D, criteria=_UNDISTORT_CRITERIA)
         return np.asarray(cv2.perspectiveTransform(rays, np.linalg.inv(self._plane(height).T)).reshape(-1, 2))
 
     def metres_per_pixel(self, height: float = 0.0) -> float:
-        """Size of the pixel in the middle of the image, on the plane at `height` [m]."""
+        """Size [m] of the middle pixel on the plane at `height` [m]: the square root of the area that it covers."""
         u, v = self.width / 2, self.height / 2
         a, b, c = self.unproject(((u, v), (u + 1, v), (u, v + 1)), height)
         return math.sqrt(abs(np.linalg.det((b - a, c - a))))
@@ -169,12 +175,12 @@ class Camera(Lens):
         """Unit axes x, y, z of the table and its origin [m] in the camera frame, as rows (4, 3)."""
         x_axis, y_axis, origin = np.linalg.solve(self.K, self.H).T
         scale = (np.linalg.norm(x_axis) + np.linalg.norm(y_axis)) / 2
-        # as seen from the camera: 0 for a table seen edge-on
+        # 0 for a table that the camera sees edge-on
         tilt = np.linalg.det((x_axis, y_axis, origin))
         if not abs(tilt) > 1e-6 * scale**2 * np.linalg.norm(origin):
             raise InvalidInput(f"the table homography is degenerate: {self.H.tolist()}")
         middle = np.linalg.solve(self.K, (self.width / 2, self.height / 2, 1.0))
-        # H has any sign; the table lies in front of the camera.
+        # The sign of H is free; the table lies in front of the camera.
         depth = tilt / (np.cross(x_axis, y_axis) @ middle)
         x_axis, y_axis, origin = (np.sign(depth) / scale) * np.array((x_axis, y_axis, origin))
         return np.array((x_axis, y_axis, np.cross(x_axis, y_axis), origin))
@@ -184,7 +190,7 @@ def load_lens(path: str | pathlib.Path) -> Lens:
     """Read a lens from the YAML that camera_calibration writes.
 
     Raises:
-        InvalidInput: the file cannot be read, lacks a field, or describes no calibrated camera; names file and field.
+        InvalidInput: the file cannot be read, lacks a field, or describes no calibrated camera; the text names file and field.
     """
     return _loaded(path, lambda fields: lens_from_info(_YamlInfo(fields)))
 
@@ -193,7 +199,7 @@ def load_camera(path: str | pathlib.Path) -> Camera:
     """Read a camera from the YAML of its lens, extended by `table_homography` (rows, cols, data).
 
     Raises:
-        InvalidInput: as `load_lens`.
+        InvalidInput: as for `load_lens`.
     """
 
     def camera(fields: dict[str, Any]) -> Camera:
@@ -204,7 +210,11 @@ def load_camera(path: str | pathlib.Path) -> Camera:
 
 
 def save_camera(camera: Lens, path: str | pathlib.Path, name: str = "camera") -> None:
-    """Write a lens or a camera as `load_lens` and `load_camera` read it; camera_info_manager reads the lens of both."""
+    """Write a lens or a camera so that `load_lens` or `load_camera` reads it; camera_info_manager reads the lens of either.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     info = camera.info_fields()
     fields = {
         "image_width": camera.width,
@@ -237,7 +247,7 @@ def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) 
 
 
 class _YamlInfo:
-    """The lens part of a camera YAML, with CameraInfo's names."""
+    """The lens part of a camera YAML, under the names of CameraInfo's fields."""
 
     def __init__(self, fields: dict[str, Any]) -> None:
         self.width = _integer(fields, "image_width")

@@ -1,4 +1,4 @@
-"""Sees a bright object on a dark table: its pose, by fitting the known outline to its edge, to a few hundredths of a pixel."""
+"""Finds the pose of a bright object on a dark table: fits its known outline to its edge, to a few hundredths of a pixel."""
 
 import cmath
 import math
@@ -15,12 +15,12 @@ from pushfric_ros.vision.camera import Camera, Image
 from pushfric_ros.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, NotSeen, Sighting, edge_samples
 
 AREA_RANGE = (0.6, 1.6)
-"""A blob of this much of the outline's area may be the object."""
+"""Area of a blob that may be the object, as a fraction of the outline's."""
 SPECK_AREA = 0.1
-"""What covers less of the outline's area is ignored."""
+"""Blobs smaller than this fraction of the outline's area are ignored."""
 
-_SHRUNK_WIDTH_PX = 10  # inradius of the object in the shrunk image that blobs are sought in, at least
-_COARSE_SAMPLES = 360  # over the outline; divisible by the orders of symmetry
+_SHRUNK_WIDTH_PX = 10  # least inradius of the object in the shrunk image, in which blobs are sought
+_COARSE_SAMPLES = 360  # around the outline; divisible by each order of symmetry
 _SYMMETRIES = (1, 2, 3, 4, 5, 6, 8)
 _EDGE_SAMPLES = 80
 _MIN_EDGE_SAMPLES = 24
@@ -33,7 +33,7 @@ class ContourTracker:
         camera: lens and table.
         outline_vertices: (n, 2) of the object's bright top face, object frame [m].
         height: of that face over the table [m].
-        threshold: grey level between table and object; None: found in every frame (Otsu).
+        threshold: grey level between table and object; None: chosen for each frame (Otsu's method).
     Raises:
         InvalidInput: the object is too small or too thin in this camera's image.
     """
@@ -52,16 +52,16 @@ class ContourTracker:
         self._boundary_spectrum = np.conj(np.fft.fft(self._boundary - self._boundary_mean)) / _COARSE_SAMPLES
         self._spread = _spread(self._boundary - self._boundary_mean)
         squared, _ = self._matches(self._boundary)
-        # k-fold symmetric: shifted by a k-th of its length, the outline matches itself to a fraction of a pixel.
+        # An outline is k-fold symmetric if it matches itself to a fraction of a pixel when shifted by a k-th of its length.
         alike = squared < (0.1 * self._pixel) ** 2
         self._symmetry = max(k for k in _SYMMETRIES if alike[_COARSE_SAMPLES // k % _COARSE_SAMPLES])
 
-        # From where the blob puts it, the outline is out by up to half a pixel of the shrunk image.
+        # The pose found from the blob is wrong by up to half a pixel of the shrunk image.
         slack_px = max(2, self._shrinking // 2)
         reach_px = int(np.clip(inradius / 3, *REACH_PX))
         points, normals = edge_samples(self._outline, (reach_px + slack_px) * self._pixel, _EDGE_SAMPLES)
         if len(points) < _MIN_EDGE_SAMPLES:
-            raise InvalidInput(f"the object is too small or thin for the tracker: {2 * inradius:.0f} px wide, 25 px are plenty")
+            raise InvalidInput(f"the object is too small or thin for the tracker: {2 * inradius:.0f} px wide, 25 px are enough")
         self._edge_fit = EdgeFit(camera, points, normals, height, reach_px, slack_px)
 
     @property
@@ -74,17 +74,17 @@ class ContourTracker:
 
         Args:
             image: (height, width) mono8 frame, the size of the camera's.
-            expected: about where it should be, in the table frame. Of several orientations that fit equally well the
-                nearest to it is taken; None: the nearest to 0.
+            expected: approximate pose, in the table frame. If several orientations fit equally well, the one nearest to
+                it is taken; None: the one nearest to 0.
         Raises:
-            NotSeen: no object, part of it, more than one, or an outline that does not fit.
+            NotSeen: the frame shows no object, only part of it, more than one, or an outline that does not fit.
             ValueError: the image has another size or type.
         """
         if image.shape != (self._camera.height, self._camera.width) or image.dtype != np.uint8:
             size = (self._camera.height, self._camera.width)
             raise ValueError(f"image must be uint8 of shape {size}, got {image.dtype} of shape {image.shape}")
         blob, contrast = self._blob(image)
-        # most often the object is about where it was
+        # usually the object is close to where it is expected
         if expected is not None and (fit := self._edge_fit.refined(image, expected, contrast)) is not None:
             return fit._replace(orientations=self._symmetry)
         heading = 0.0 if expected is None else expected.theta
@@ -98,9 +98,9 @@ class ContourTracker:
         return nearest._replace(orientations=len(equal) * self._symmetry)
 
     def _blob(self, image: Image) -> tuple[Array, float]:
-        """Outline (m, 2) of the one bright blob of the object's size [m], and the contrast of the frame [grey levels]."""
+        """Outline (m, 2) [m] of the one bright blob of the object's size, and the contrast of the frame [grey levels]."""
         shrunk = image
-        # Averaging pixels suppresses the noise; halving repeatedly is far faster than the same in one step.
+        # Averaging pixels suppresses the noise; halving several times is far faster than one large step.
         for _ in range(self._shrinking.bit_length() - 1):
             rows, columns = shrunk.shape
             shrunk = cv2.resize(shrunk[: rows & ~1, : columns & ~1], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA)
@@ -140,13 +140,13 @@ class ContourTracker:
         return whole[0], contrast
 
     def _coarse_poses(self, blob: Array, heading: float) -> list[Pose]:
-        """Poses in which the outline matches a blob's (m, 2) about equally well, one per orientation that looks different.
+        """Poses in which the outline matches a blob's (m, 2) about equally well, one for each orientation that looks different.
 
-        Of the orientations in which a symmetric outline looks the same, the nearest to a heading [rad].
+        Among orientations in which a symmetric outline looks the same, the one nearest to `heading` [rad] is taken.
         """
         samples = _boundary_samples(blob)
         squared, correlation = self._matches(samples)
-        # Further shifts repeat those of a symmetric outline.
+        # For a symmetric outline, further shifts only repeat these.
         squared = squared[: _COARSE_SAMPLES // self._symmetry]
         around = np.concatenate((squared[-1:], squared, squared[:1]))
         lowest = (squared <= around[:-2]) & (squared < around[2:])
@@ -160,10 +160,10 @@ class ContourTracker:
         return poses
 
     def _matches(self, samples: npt.NDArray[np.complex128]) -> tuple[Array, npt.NDArray[np.complex128]]:
-        """How well the turned outline matches other boundary samples, for each shift along the boundary.
+        """How well the rotated outline matches other boundary samples, for each shift along the boundary.
 
-        The best rotation of one set of points to another is the phase of their complex correlation; for all shifts it
-        takes one Fourier transform.
+        The best rotation of one set of points to another is the phase of their complex correlation. One Fourier transform
+        gives it for all shifts.
 
         Returns:
             (n,) mean squared misfit [m^2] and (n,) the correlation.
@@ -179,7 +179,7 @@ def _spread(centred: npt.NDArray[np.complex128]) -> float:
 
 
 def _boundary_samples(polygon: Array) -> npt.NDArray[np.complex128]:
-    """Points x + iy evenly over a polygon's (m, 2) boundary, counter-clockwise."""
+    """Points x + iy, evenly spaced along a polygon's (m, 2) boundary, counter-clockwise."""
     corners = polygon[:, 0] + 1j * polygon[:, 1]
     if _signed_area(polygon) < 0:
         corners = corners[::-1]

@@ -1,4 +1,4 @@
-"""Fits the pose of a flat pattern of straight edges, bright on one side, to an image: to a few hundredths of a pixel."""
+"""Fits the pose of a flat pattern of straight edges, each bright on one side, to an image, to a few hundredths of a pixel."""
 
 import math
 from typing import NamedTuple
@@ -13,54 +13,54 @@ from pushfric_core.planar import Array, Pose, cross, rotation, transform, wrap
 from pushfric_ros.vision.camera import Camera, Image
 
 MIN_CONTRAST = 30.0
-"""Bright and dark differ by at least this much [grey levels]."""
+"""Least difference between the bright and the dark side [grey levels]."""
 SATURATED = 200.0
-"""What is dark is never brighter [grey levels]."""
+"""A dark side brighter than this is overexposed [grey levels]."""
 MIN_VISIBLE = 0.7
-"""At least this part of the edges must be found."""
+"""At least this fraction of the edges must be found."""
 MAX_RESIDUAL_PX = 0.7
-"""Edges that fit worse (rms) are not the object's."""
+"""Edges that fit worse than this (rms) do not belong to the object."""
 
 REACH_PX = (4, 6)
-"""An edge is located from the grey levels this far to either side of it; the more, the more blur does no harm."""
+"""Least and greatest distance to either side of an edge from which grey levels are used; a larger one tolerates more blur."""
 _PER_PIXEL = 2  # samples of a profile
-_LEVEL_PX = 3  # at each end of a profile: the grey level there
-_EDGE_PX = 3  # to either side of its middle, a profile is summed up
-_BLUR_PX = 0.5  # an edge no further off the middle of its window leaves clear samples at both ends
-_OUTLIER_PX = 0.4  # never rejected closer than this
+_LEVEL_PX = 3  # length at each end of a profile that gives the grey level there
+_EDGE_PX = 3  # a profile is summed up over this length to either side of its middle
+_BLUR_PX = 0.5  # an edge this close to the middle of its window leaves clear samples at both ends
+_OUTLIER_PX = 0.4  # an edge closer to its place than this is never rejected
 _OUTLIER_MEDIANS = 5.2  # 3.5 sigma
 _RESAMPLING_PX = 0.03  # error of an edge sample in a frame without noise
-_MIN_INFORMATION = 0.05  # of all edges' (determinant); edges that leave a direction free have none
-_NEAR_PX = 1.5  # a visible edge is this close to where it belongs
+_MIN_INFORMATION = 0.05  # determinant over that of all edges; 0 if the edges leave a direction free
+_NEAR_PX = 1.5  # an edge counts as visible if it is this close to its place
 _MAX_STEPS = 6
-_MIN_EDGE_CONTRAST = 0.35  # of the frame's; less is a hidden edge, not a shaded one
-_MAX_UNEVENNESS = 0.1  # of the contrast, at the ends of a profile; more is the border of a shadow
+_MIN_EDGE_CONTRAST = 0.35  # of the frame's contrast; an edge with less is hidden, not shaded
+_MAX_UNEVENNESS = 0.1  # of the contrast, at the ends of a profile; a profile with more shows the border of a shadow
 
 
 class NotSeen(PushfricError):
-    """No pose can be told from this frame; the text says why."""
+    """A frame does not show where the object is; the text says why."""
 
 
 class Sighting(NamedTuple):
     """The object as seen in one frame."""
 
     pose: Pose  # in the table frame
-    residual_px: float  # rms distance of the edges found from where they belong
-    visible_fraction: float  # of the edges
-    orientations: int  # how many orientations fit equally well
+    residual_px: float  # rms distance between the edges found and their places in this pose
+    visible_fraction: float  # fraction of the edges found
+    orientations: int  # number of orientations that fit equally well
     covariance: Array  # (3, 3) of (x, y, theta) in the table frame [m, m, rad]
 
 
 class EdgeFit:
-    """Edges of one object, sampled at points.
+    """Fits the edges of one object, sampled at points.
 
     Args:
         camera: lens and table.
         points: (n, 2) on the edges, object frame [m].
         normals: (n, 2) unit, across the edges from the bright side to the dark one.
         height: of the edges over the table [m].
-        reach_px: how far to either side of an edge no other edge comes.
-        slack_px: edges this much further off are still found at once.
+        reach_px: distance to either side of an edge within which there is no other edge.
+        slack_px: error of the first pose from which one step still finds the edges.
     """
 
     def __init__(self, camera: Camera, points: Array, normals: Array, height: float, reach_px: int, slack_px: int = 2) -> None:
@@ -72,11 +72,11 @@ class EdgeFit:
         self._near = _averages(reach_px, min(reach_px, _EDGE_PX))
         self._places = np.vstack([points + way * length * self._pixel * normals for way in (-1, 0, 1)])
         way = np.linspace(-1, 1, 2 * length * _PER_PIXEL + 1, dtype=np.float32)
-        # a parabola through three places: perspective and lens bend a straight line's even steps
+        # a parabola through three places, because perspective and lens bend a straight line and its even steps
         self._blend: npt.NDArray[np.float32] = np.stack((way * (way - 1) / 2, 1 - way**2, way * (way + 1) / 2), axis=1)
         self._columns = np.arange(len(points))
         self._rows = np.arange(2 * reach_px * _PER_PIXEL + 1)[:, None] + slack_px * _PER_PIXEL
-        # How far each point moves along its normal per unit of a body twist, in pixels.
+        # How far each point moves along its normal per unit of a body motion (x, y, theta) [px].
         self._motion = np.column_stack((normals, cross(points, normals))) / self._pixel
         self._min_information = _MIN_INFORMATION * float(np.linalg.det(self._motion.T @ self._motion))
 
@@ -85,12 +85,12 @@ class EdgeFit:
 
         Args:
             image: (height, width) mono8 frame.
-            pose: where to start, off by `slack_px` or little more.
-            contrast: between the bright and the dark side, as a rule [grey levels].
+            pose: where to start, wrong by `slack_px` or little more.
+            contrast: usual difference between the bright and the dark side [grey levels].
         """
         for _ in range(_MAX_STEPS):
             profiles = self._profiles(image, pose)
-            # from all of each profile where its edge is about, then more precisely from the window around it
+            # roughly from each whole profile, then more precisely from the window around its edge
             rough = self._solved(_edges(profiles, self._whole), contrast)
             if rough is None:
                 return None
@@ -106,7 +106,7 @@ class EdgeFit:
                 break
         else:
             return None
-        # in the end, everything close to its place counts as seen, and as misfit
+        # finally, every edge close to its place counts, as visible and in the residual
         near = fit.residuals[fit.residuals < _NEAR_PX]
         visible = len(near) / len(self._motion)
         rms = math.sqrt(near @ near / max(len(near), 1))
@@ -118,13 +118,13 @@ class EdgeFit:
         return Sighting(pose, rms, visible, 1, covariance)
 
     def _profiles(self, image: Image, pose: Pose) -> npt.NDArray[np.float32]:
-        """Grey levels (m, n) across each edge at `pose`, from its bright side to its dark one."""
+        """Grey levels (m, n) across each of n edges at `pose`, from its bright side to its dark one."""
         places = self._camera.project(transform(pose, self._places), self._height)
         samples = (self._blend @ places.astype(np.float32).reshape(3, -1)).reshape(len(self._blend), -1, 2)
         return np.asarray(cv2.remap(image, samples, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
 
     def _solved(self, edges: "_Edges", contrast: float) -> "_Solution | None":
-        """The body motion that brings the edges to the distances found, without those that disagree with most others."""
+        """The body motion that explains the distances found best, without edges that disagree with most others."""
         seen = edges.contrasts > _MIN_EDGE_CONTRAST * contrast
         used = seen & (edges.unevenness < _MAX_UNEVENNESS * edges.contrasts)
         while True:
@@ -145,15 +145,15 @@ class EdgeFit:
 
 class _Solution(NamedTuple):
     step: Array  # (3,) body motion [m, m, rad]
-    moved: Array  # (n,) along the normals [px]
-    residuals: Array  # (k,) of the edges with contrast [px]
+    moved: Array  # (n,) by how much it moves the points along their normals [px]
+    residuals: Array  # (k,) of the edges that have contrast [px]
     spread: Array  # (3, 3) covariance of the step per variance of a distance [1/px^2]
 
 
 def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Array, Array]:
     """Points on an outline and its outward normals there, (n, 2) each.
 
-    Of about `samples` points, those where no other edge is nearer than `clearance` [m].
+    Of about `samples` points, evenly spaced, those are kept that have no other edge nearer than `clearance` [m].
     """
     points, normals = [], []
     for start, edge, length, normal in zip(outline.vertices, outline.edges, outline.lengths, outline.normals, strict=True):
@@ -161,7 +161,7 @@ def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Arra
         points.append(start + ((np.arange(count) + 0.5) / count)[:, None] * edge)
         normals.append(np.tile(normal, (count, 1)))
     at, outward = np.concatenate(points), np.concatenate(normals)
-    # At both ends of its profile, this edge is the nearest of all.
+    # This edge must be the nearest one at both ends of its profile.
     clear = [
         all(outline.distance_to(point + side * clearance * normal) > 0.95 * clearance for side in (-1, 1))
         for point, normal in zip(at, outward, strict=True)
@@ -170,7 +170,7 @@ def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Arra
 
 
 def _averages(reach_px: int, edge_px: int) -> "_Averages":
-    """Of profiles of +- reach_px, summed up over +- edge_px around the middle."""
+    """The averages of profiles that reach +- reach_px and are summed up over +- edge_px around the middle."""
     count, levels, summed = (
         2 * reach_px * _PER_PIXEL + 1,
         min(_LEVEL_PX, reach_px - 2) * _PER_PIXEL + 1,
@@ -190,8 +190,9 @@ def _averages(reach_px: int, edge_px: int) -> "_Averages":
 def _edges(profiles: npt.NDArray[np.float32], averages: "_Averages") -> "_Edges":
     """The edges in profiles (m, n).
 
-    The bright part of a profile ends at the edge, whatever the blur: its length is the mean grey level between the
-    levels of its two ends. Those are taken from each profile itself, as light and shadow differ around the object.
+    Whatever the blur, the bright part of a profile ends at the edge. Its share of the length is the mean grey level, on a
+    scale from the level of the dark end to that of the bright end. Each profile gives its own levels, because light and
+    shadow differ around the object.
     """
     bright, dark, mean, *slopes = (averages.weights @ profiles).astype(float)
     contrasts = bright - dark
@@ -202,9 +203,9 @@ def _edges(profiles: npt.NDArray[np.float32], averages: "_Averages") -> "_Edges"
 class _Edges(NamedTuple):
     distances: Array  # (n,) from the middle of the profile to the dark side [px]
     contrasts: Array  # (n,) [grey levels]
-    unevenness: Array  # (n,) how much the grey level changes within an end of the profile
+    unevenness: Array  # (n,) change of the grey level within an end of the profile, the larger of both [grey levels]
 
 
 class _Averages(NamedTuple):
-    weights: npt.NDArray[np.float32]  # (5, m) of the samples: means over both ends and the middle, change within both ends
-    edge_px: int  # how far the middle reaches to either side
+    weights: npt.NDArray[np.float32]  # (5, m): means over both ends and the middle, changes within both ends
+    edge_px: int  # half the length of the middle

@@ -1,4 +1,4 @@
-"""Sees an object by the ArUco or AprilTag markers on it: its pose, by fitting the markers' borders, whatever its own colour."""
+"""Finds the pose of an object of any colour by fitting the borders of the ArUco or AprilTag markers on it."""
 
 import math
 import pathlib
@@ -17,30 +17,30 @@ from pushfric_ros.vision.camera import Camera, Image
 from pushfric_ros.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, NotSeen, Sighting, edge_samples
 
 FAMILIES = {name.removeprefix("DICT_").lower(): value for name, value in vars(cv2.aruco).items() if name.startswith("DICT_")}
-"""OpenCV's dictionaries: 4x4_50, apriltag_36h11, ..."""
+"""OpenCV's dictionaries by name: 4x4_50, apriltag_36h11, ..."""
 
 MIN_MODULE_PX = 4.0
-"""The small squares that a marker is made of must be at least this wide in the image."""
+"""The modules, the small squares that a marker is made of, must be at least this wide in the image."""
 MAX_MISPLACED_PX = 2.0
-"""A marker this far (rms) from where the others put it is not where the file says."""
+"""The corners of a marker may lie this far (rms) from where the file and the fitted pose put them."""
 
 _EDGE_SAMPLES = 160  # of each marker
-_SLACK_PX = 1  # of a corner detected
-_BORDER_MODULES = 2  # both sides of the code
+_SLACK_PX = 1  # error of a detected corner
+_BORDER_MODULES = 2  # one on each side of the code
 _UPRIGHT = np.array(((-1, 1), (1, 1), (1, -1), (-1, -1))) / 2  # corners in the detector's order, y up
 
 
 class Marker(Strict):
-    """A marker on the object's top."""
+    """A marker on the object's top face."""
 
     id: Annotated[int, pydantic.Field(ge=0)]
     size: Annotated[float, pydantic.Field(gt=0)]  # side of its black square [m]
     center: Point = (0.0, 0.0)  # object frame [m]
-    angle_deg: float = 0.0  # of its upright in the object frame, counter-clockwise from y
+    angle_deg: float = 0.0  # of its upward direction in the object frame, counter-clockwise from y
 
 
 class Fiducials(Strict):
-    """The markers on an object, as their YAML file has them."""
+    """The markers on an object, as their YAML file lists them."""
 
     family: str
     markers: Annotated[list[Marker], pydantic.Field(min_length=1)]
@@ -59,7 +59,7 @@ class Fiducials(Strict):
 
     @property
     def dictionary(self) -> Any:
-        """OpenCV's own."""
+        """The family as OpenCV's detector takes it."""
         return cv2.aruco.getPredefinedDictionary(FAMILIES[self.family])
 
 
@@ -67,7 +67,7 @@ def load_fiducials(path: str | pathlib.Path) -> Fiducials:
     """Read the YAML file of an object's markers.
 
     Raises:
-        InvalidInput: it cannot be read, or describes no markers; names file and field.
+        InvalidInput: it cannot be read, or describes no markers; the text names file and field.
     """
     return read_yaml(pathlib.Path(path), Fiducials)
 
@@ -78,7 +78,7 @@ class FiducialTracker:
     Args:
         camera: lens and table.
         outline_vertices: (n, 2) of the object's top face, object frame [m].
-        height: of that face, which bears the markers, over the table [m].
+        height: of that face, on which the markers are, over the table [m].
         fiducials: the markers.
     Raises:
         InvalidInput: a marker is too small in this camera's image.
@@ -91,8 +91,8 @@ class FiducialTracker:
         modules = fiducials.dictionary.markerSize + _BORDER_MODULES
         module_px = min(marker.size for marker in fiducials.markers) / modules / self._pixel
         if module_px < MIN_MODULE_PX:
-            raise InvalidInput(f"the markers are too small: {module_px:.1f} px per module, expected {MIN_MODULE_PX:g} at least")
-        # beyond its border, a marker's code begins on one side, and may its white margin end on the other
+            raise InvalidInput(f"the markers are too small: {module_px:.1f} px per module, expected at least {MIN_MODULE_PX:g}")
+        # on one side of the border the marker's code begins, on the other its white margin may end
         self._reach = min(int(module_px) - _SLACK_PX, REACH_PX[1])
         self._detector = cv2.aruco.ArucoDetector(fiducials.dictionary)
         self._corners = {
@@ -102,10 +102,11 @@ class FiducialTracker:
         self._edge_fits: dict[tuple[int, ...], EdgeFit] = {}
 
     def track(self, image: Image) -> Sighting:
-        """The object's pose in one frame (height, width), mono8, the size of the camera's.
+        """The object's pose in one mono8 frame (height, width) of the camera's size.
 
         Raises:
-            NotSeen: none of the markers, one twice, markers that do not lie as given, or part of the object out of view.
+            NotSeen: the frame shows none of the markers, one of them twice, markers that do not lie as given, or only part
+                of the object.
         """
         ids, pixels = self._markers(image)
         pose = self._rough_pose(ids, pixels)
@@ -120,7 +121,7 @@ class FiducialTracker:
         return sighting._replace(visible_fraction=sighting.visible_fraction * len(ids) / len(self._corners))
 
     def _markers(self, image: Image) -> tuple[tuple[int, ...], Array]:
-        """The object's markers in view, by rising id, and their corners (4 n, 2) [px]."""
+        """Ids of the object's markers in view, in ascending order, and their corners (4 n, 2) [px]."""
         found, found_ids, _ = self._detector.detectMarkers(image)
         seen = [] if found_ids is None else [int(number) for number in found_ids.ravel()]
         own = sorted((number, place) for place, number in enumerate(seen) if number in self._corners)
@@ -133,7 +134,7 @@ class FiducialTracker:
         return ids, np.concatenate([found[place].reshape(4, 2) for _, place in own])
 
     def _rough_pose(self, ids: tuple[int, ...], pixels: Array) -> Pose:
-        """The pose that brings the markers' corners closest to where they are seen: as complex numbers, one turn and shift."""
+        """The pose that brings the markers' corners closest to where they are seen, by least squares in complex numbers."""
         there = self._camera.unproject(pixels, self._height) @ (1, 1j)
         here = np.concatenate([self._corners[number] for number in ids]) @ (1, 1j)
         turn = np.vdot(here - here.mean(), there - there.mean())
@@ -145,7 +146,7 @@ class FiducialTracker:
         return Pose(float(shift.real), float(shift.imag), float(np.angle(turn)))
 
     def _edge_fit(self, ids: tuple[int, ...]) -> EdgeFit:
-        """Of the borders of some of the markers."""
+        """The fit of the borders of these markers."""
         clearance = (self._reach + _SLACK_PX) * self._pixel
         samples = [edge_samples(Outline(self._corners[number]), clearance, _EDGE_SAMPLES) for number in ids]
         points, outward = (np.concatenate(arrays) for arrays in zip(*samples, strict=True))

@@ -1,4 +1,4 @@
-"""Images from a camera, a video file or pictures, read by a thread of its own."""
+"""Images from a camera, a video file or pictures, read in a thread of their own."""
 
 import glob
 import itertools
@@ -13,19 +13,19 @@ from pushfric_core.errors import InvalidInput
 from pushfric_ros.vision.camera import Image
 
 PICTURE_PERIOD = 1 / 30
-"""Between the pictures of a folder [s]."""
+"""Time between the pictures of a folder [s]."""
 
 REOPEN_PERIOD = 1.0
-"""Between attempts to find a camera that went away [s]."""
+"""Time between attempts to find a camera that went away [s]."""
 
 
 class Device(threading.Thread):
-    """Reads frames into a short queue; of a camera's, the newest matter most.
+    """Reads frames into a short queue. If the queue is full, a camera's oldest frame is dropped; a file or folder waits.
 
     Args:
         source: device index, URL, video file, or folder or glob of pictures.
-        size: width and height asked of a camera [px]; None: as it comes.
-        now: the time [ns] to stamp frames with.
+        size: width and height to ask of a camera [px]; None: its default.
+        now: gives the time [ns] with which a frame is stamped.
         arrived: called after each frame.
     Raises:
         InvalidInput: there is nothing to read at `source`.
@@ -41,12 +41,12 @@ class Device(threading.Thread):
 
     @property
     def pictures(self) -> bool:
-        """Each frame is a picture by itself."""
+        """Whether each frame is a picture of its own, from a folder or a glob."""
         return pathlib.Path(self._source).is_dir() or glob.has_magic(self._source)
 
     @property
     def live(self) -> bool:
-        """A camera, which does not end."""
+        """Whether the source is a camera, which does not end."""
         return not self._period
 
     def close(self) -> None:
@@ -57,7 +57,7 @@ class Device(threading.Thread):
     def run(self) -> None:
         while not self._closing.wait(self._period):
             if self._period and len(self.frames) == self.frames.maxlen:
-                continue  # a file waits
+                continue  # a file or folder waits until there is room
             frame = self._read()
             if frame is None:
                 if self._period:
@@ -71,7 +71,7 @@ class Device(threading.Thread):
             self._arrived()
 
     def _open(self) -> tuple[Callable[[], Image | None], float]:
-        """What reads the next frame, None at the end, and the time between frames [s]; 0 for a camera, which sets it."""
+        """A function that returns the next frame, or None at the end, and the time between frames [s]; 0 for a camera."""
         if self.pictures:
             pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
             pictures = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sorted(glob.glob(pattern)))
@@ -81,11 +81,11 @@ class Device(threading.Thread):
                 raise InvalidInput(f"no pictures at {self._source!r}")
             sequence = itertools.chain((first,), frames)
             return lambda: next(sequence, None), PICTURE_PERIOD
-        # what cannot be opened is said below, in one line
+        # OpenCV would print several lines; the error below says it in one
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
         capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
         if not capture.isOpened():
-            expected = "topic, a device index, a URL, a video file or pictures"
+            expected = "'topic', a device index, a URL, a video file or pictures"
             raise InvalidInput(f"no camera at {self._source!r}: expected {expected}")
         if pathlib.Path(self._source).is_file():
             rate = capture.get(cv2.CAP_PROP_FPS)
@@ -96,7 +96,7 @@ class Device(threading.Thread):
         return lambda: capture.read()[1], 0.0
 
     def _reopen(self) -> None:
-        """Wait for a camera that went away."""
+        """Wait until a camera that went away can be opened again."""
         while not self._closing.wait(REOPEN_PERIOD):
             try:
                 self._read, self._period = self._open()
