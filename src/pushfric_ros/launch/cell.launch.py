@@ -13,7 +13,7 @@ ARGUMENTS = {
 }
 
 
-def cell(values):
+def cell(values, _):
     file = load_cell(pathlib.Path(values["cell"]))
     return file.namespace, graph.cell(file, values["bag"], int(values["start"]))
 

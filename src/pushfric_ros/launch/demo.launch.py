@@ -1,8 +1,5 @@
 """The whole graph on a simulated cell."""
 
-import pathlib
-import tempfile
-
 from pushfric_ros.commands.demo import SPEED, demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.launch import launch_description
@@ -12,14 +9,12 @@ ARGUMENTS = {
     "object": ("rubber_rect4", "an object of Table 1"),
     "seed": ("0", "of the camera's noise and the operator's hand"),
     "speed": (str(SPEED), "multiple of real time"),
+    "namespace": (graph.NAMESPACE, "of the cell"),
 }
 
 
-def demo(values):
-    # the launch process ends before the nodes do, so the files of the simulated camera and port stay behind in the system's
-    # temporary folder
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="pushfric-demo-"))
-    cell = demo_cell(values["object"], folder)
+def demo(values, folder):
+    cell = demo_cell(values["object"], folder).model_copy(update={"namespace": values["namespace"]})
     return cell.namespace, graph.simulated_cell(cell, values["bag"], int(values["seed"]), float(values["speed"]))
 
 

@@ -13,7 +13,7 @@ ARGUMENTS = {
 }
 
 
-def replay(values):
+def replay(values, _):
     bag = pathlib.Path(values["bag"])
     settings = data_points.recorded_settings(bag)
     source = data_points.source_of(bag, settings.with_forces)

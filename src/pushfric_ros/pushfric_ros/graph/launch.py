@@ -1,5 +1,9 @@
 """The node graph as a ROS 2 launch description; needs launch and launch_ros, which come with an installed ROS 2."""
 
+import atexit
+import contextlib
+import pathlib
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 
 from launch import LaunchContext, LaunchDescription
@@ -7,21 +11,27 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec
+from pushfric_ros.graph.lock import lock
 from pushfric_ros.graph.supervisor import RESPAWN_DELAY
 
+Graph = Callable[[Mapping[str, str], pathlib.Path], tuple[str, Sequence[NodeSpec]]]
+"""Gets the values of the launch arguments and a folder for files of the run; returns the namespace and the nodes."""
 
-def launch_description(
-    arguments: Mapping[str, tuple[str | None, str]], graph: Callable[[Mapping[str, str]], tuple[str, Sequence[NodeSpec]]]
-) -> LaunchDescription:
-    """Declare the arguments, and launch the graph that they make.
+
+def launch_description(arguments: Mapping[str, tuple[str | None, str]], graph: Graph) -> LaunchDescription:
+    """Declare the arguments, and launch the graph that they make; the cell's name is locked until the launch ends.
 
     Args:
         arguments: name -> (default, description); a default of None makes the argument obligatory.
-        graph: gets the values and returns the namespace and the nodes.
+        graph: makes the nodes.
     """
 
     def nodes(context: LaunchContext) -> list[Node]:
-        namespace, specs = graph({name: context.launch_configurations[name] for name in arguments})
+        leaving = contextlib.ExitStack()
+        atexit.register(leaving.close)  # the launch ends after its processes
+        folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
+        namespace, specs = graph({name: context.launch_configurations[name] for name in arguments}, folder)
+        leaving.enter_context(lock(namespace))
         return [_node(spec, namespace) for spec in specs]
 
     declared = [

@@ -2,7 +2,6 @@
 
 import contextlib
 import ctypes
-import fcntl
 import json
 import os
 import pathlib
@@ -13,13 +12,13 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ament_index_python.packages import get_package_prefix
 
-from pushfric_core.errors import InvalidInput
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec
+from pushfric_ros.graph.lock import lock
 
 PATIENCE = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
 """How a process is asked to end, and for how long it is waited for each time [s]; a SIGINT would print what it interrupts."""
@@ -157,28 +156,6 @@ def _end(processes: Sequence["subprocess.Popen[str]"]) -> None:
         for process in alive:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(max(0.0, deadline - time.monotonic()))
-
-
-@contextlib.contextmanager
-def lock(namespace: str) -> Iterator[None]:
-    """Claim a cell's name on this machine's ROS domain; the claim ends with the process, if not before.
-
-    Raises:
-        InvalidInput: another run holds it; two would take each other's messages for their own.
-    """
-    domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    name = f"pushfric-{os.getuid()}-{domain}{namespace.replace('/', '-')}.lock"
-    with (pathlib.Path(tempfile.gettempdir()) / name).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InvalidInput(
-                f"a cell named {namespace} runs already on ROS domain {domain}; end it, or set another ROS_DOMAIN_ID"
-            ) from None
-        try:
-            yield
-        finally:
-            os.unlink(file.name)
 
 
 def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
