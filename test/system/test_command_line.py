@@ -51,7 +51,7 @@ def call(monkeypatch, capsys):
         (["region"], "give a bag, or --object OBJ.yaml or one of delrin_square3"),
         (
             ["estimate", "good.csv", "--object", "rubber_rect4", "--figure", "x.abc"],
-            "x.abc: not an image's name; expected one that ends",
+            "x.abc: not the name of an image; expected one that ends",
         ),
         (["demo", "--json", "/nowhere/x.json"], "/nowhere/x.json: its folder does not exist"),
         (["replay", "nothing"], "nothing: no such file; expected a bag or a CSV"),

@@ -1,4 +1,4 @@
-"""The reproduction of the paper: two real seeds on a Dask cluster, checked by other routes; resuming; the report."""
+"""The reproduction of the paper: two real seeds on a Dask cluster, checked by other computations; resuming; the report."""
 
 import io
 import json
@@ -52,7 +52,7 @@ def folder(tmp_path_factory):
     assert cluster.returncode == 0
     assert len(workers) >= 2
     assert not psutil.wait_procs(workers, timeout=10)[1]
-    # the client's pool for large messages stays with the process, idle
+    # the client's thread pool for large messages stays in the process, idle
     assert {thread.name for thread in set(threading.enumerate()) - threads} <= {"Dask-Offload_0"}
     return out
 
@@ -79,10 +79,10 @@ def rows_of(data, points):
 
 
 def highs(data, points, center=None, half_width=0.0):
-    """w and the fit error [cm] by HiGHS; infinite where infeasible."""
+    """w and the fit error [cm] by HiGHS; infinite if infeasible."""
     moment, normal_force, _ = rows_of(data, points)
     m, n = moment.shape
-    # m(c-+) = m_c -+ h t x f, and t x f = - f . n; a slack for each side: where h = 0, their sum is |m_c|
+    # m(c-+) = m_c -+ h t x f, and t x f = - f . n; a slack for each side: if h = 0, their sum is |m_c|
     sides = np.vstack((moment - half_width * normal_force, -moment - half_width * normal_force))
     slacks = 2 * m
     upper = np.block([[sides, -np.eye(slacks)], [-normal_force, np.zeros((m, slacks))]])
@@ -185,7 +185,7 @@ def test_the_bad_push_is_an_outlier_and_the_test_pushes_slip(seed):
     table = seed["numbers"]["table3"]
     assert table["wood_rect4_all_data"]["bad_data_points"] == 6
     assert table["wood_rect4_all_data"]["p100"] > 2 * table["wood_rect4"]["p100"]
-    # each slips, so each lower bound is mu_c itself but for the noise
+    # each push slips, so each lower bound is mu_c itself, except for the noise
     assert table["rubber_rect4_slipping"]["low"] == pytest.approx(0.9, abs=0.3)
     assert table["rubber_rect4_slipping"]["high"] == pytest.approx(0.9, abs=0.4)
     assert all(math.tan(abs(push.angle)) > 0.9 for push in SLIPPING)
@@ -201,7 +201,7 @@ def test_the_two_rods_reach_the_same_wrenches():
         assert np.array(drawings[name]["section"])[:, 1].max() == pytest.approx(moment)
 
 
-def test_the_summary_is_the_median_over_the_seeds_beside_the_paper(folder, summary):
+def test_the_summary_is_the_median_over_the_seeds_next_to_the_paper(folder, summary):
     both = [json.loads((folder / f"seeds/{number:04}.json").read_text())["numbers"] for number in (0, 1)]
     leaf = summary["table4"]["grid_24"]["error_center"]
     assert leaf["median"] == pytest.approx(np.mean([one["table4"]["grid_24"]["error_center"] for one in both]))
@@ -212,7 +212,7 @@ def test_the_summary_is_the_median_over_the_seeds_beside_the_paper(folder, summa
 
 
 @pytest.mark.parametrize("known", [PAPER, REFERENCE])
-def test_all_that_is_published_has_its_place(known, summary):
+def test_every_published_number_has_its_place(known, summary):
     def ends(nested, path=()):
         if isinstance(nested, dict):
             for key, value in nested.items():
@@ -227,7 +227,7 @@ def test_all_that_is_published_has_its_place(known, summary):
         assert {"paper", "reference"} & set(found)
 
 
-def test_quartiles_survive_what_is_infeasible():
+def test_quartiles_are_order_statistics_and_may_be_infinite():
     assert spread([1.0, 2.0, 3.0, 4.0, 5.0]) == (3.0, 2.0, 4.0)
     assert spread([1.0, 2.0, 3.0, math.inf]) == (2.5, 1.75, math.inf)
     assert spread([math.inf, math.inf]) == (math.inf, math.inf, math.inf)
@@ -276,7 +276,7 @@ def test_the_report_says_how_often_and_how_near():
 
 @pytest.fixture
 def calls(seed, monkeypatch):
-    """The recorded experiments in place of new ones, and no drawings: the seeds that are asked for."""
+    """Recorded experiments take the place of new ones, and nothing is drawn; gives the seeds that were run."""
     asked = []
 
     def run_seed(number):
@@ -288,14 +288,14 @@ def calls(seed, monkeypatch):
     return asked
 
 
-def test_a_second_call_does_what_is_left_or_comes_from_other_code(seed, tmp_path, calls):
+def test_a_second_call_computes_what_is_missing_or_comes_from_other_code(seed, tmp_path, calls):
     said = Console(file=io.StringIO(), width=300)
     (tmp_path / "seeds").mkdir()
     for index, code in ((0, CODE), (1, "older")):
         (tmp_path / f"seeds/{index:04}.json").write_text(json.dumps(seed | {"seed": index, "code": code}))
     summary, report = reproduce.reproduce(tmp_path, 3, 1, None, said)
     assert sorted(calls) == [1, 2]
-    assert "seeds from other code, computed anew: 1\n" in said.file.getvalue()
+    assert "seeds from other code, computed again: 1\n" in said.file.getvalue()
     assert summary["table1"]["wood_rect4"]["data_points"]["seeds"] == 3
     assert report.is_file()
     assert not list(tmp_path.rglob(".*"))  # nothing half-written stays
@@ -315,7 +315,7 @@ reproduce.reproduce(pathlib.Path(sys.argv[1]), 4, 1, None, Console())
 """
 
 
-def test_a_killed_call_is_taken_up_where_it_was(folder, tmp_path, calls):
+def test_a_call_resumes_where_an_earlier_one_was_killed(folder, tmp_path, calls):
     command = [sys.executable, "-c", INTERRUPTED, str(tmp_path), str(folder / "seeds/0000.json")]
     assert subprocess.run(command, stdout=subprocess.DEVNULL).returncode == -signal.SIGKILL
     assert sorted(path.name for path in (tmp_path / "seeds").iterdir()) == ["0000.json", "0001.json"]
@@ -343,7 +343,7 @@ def test_workers_end_with_a_killed_call(tmp_path):
 
 
 @pytest.mark.parametrize(("seeds", "said"), [(1, "1 seed of camera noise"), (2, "2 seeds of camera noise")])
-def test_the_report_says_how_many_seeds_it_rests_on(tmp_path, calls, seeds, said):
+def test_the_report_says_how_many_seeds_it_is_based_on(tmp_path, calls, seeds, said):
     _, report = reproduce.reproduce(tmp_path, seeds, 1, None, QUIET)
     assert f" {said} " in " ".join(report.read_text().split())
 
@@ -373,6 +373,6 @@ def test_a_cluster_that_does_not_answer_is_named(tmp_path, monkeypatch):
         reproduce.reproduce(tmp_path, 1, 1, "tcp://127.0.0.1:9", QUIET)
 
 
-def test_the_code_that_counts_is_all_of_the_core():
+def test_the_fingerprint_covers_the_whole_core():
     names = {source.name for source in paper_experiments.SOURCES}
     assert {"experiments.py", "simulation.py", "trajectory.py", "simplex.py"} <= names

@@ -115,7 +115,7 @@ def test_the_limit_surface_shows_its_reachable_part_and_its_section(drawn, tmp_p
 
 @pytest.mark.parametrize(
     ("name", "error"),
-    [("figure.xyz", "not an image's name; expected one that ends with .eps"), ("no/figure.png", "cannot be written")],
+    [("figure.xyz", "not the name of an image; expected one that ends with .eps"), ("no/figure.png", "cannot be written")],
 )
 def test_an_image_that_cannot_be_written_says_so(estimates, tmp_path, name, error):
     with pytest.raises(InvalidInput, match=error):

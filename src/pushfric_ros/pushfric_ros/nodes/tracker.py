@@ -31,7 +31,7 @@ from pushfric_ros.vision.fiducial_tracker import FiducialTracker, load_fiducials
 from pushfric_ros.vision.frame_source import Device
 
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""More than a second of frames: a busy moment loses none."""
+"""Holds more than a second of frames, so that none is lost in a busy moment."""
 
 TO_GREY = {
     "mono8": (1, None),
@@ -52,25 +52,25 @@ TO_GREY = {
     "nv21": (1, None),
     "nv24": (1, None),
 }
-"""The encodings understood: bytes per pixel of the (first) plane, and OpenCV's conversion; of YUV this takes the luminance."""
+"""Bytes per pixel of the (first) plane for each known encoding, and OpenCV's conversion, which takes the luminance of YUV."""
 
 PLANES = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
-"""Size of all planes of an image, luminance and colours, over that of the luminance, which comes first."""
+"""Size of all planes of an image relative to the luminance plane, which comes first."""
 
 TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
-"""Sources that are topics."""
+"""The values of `source` that are topics."""
 
 DISORDER = 1_000_000_000
-"""Frames that come late by up to this [ns] are dropped; a longer step back is another run of the clock."""
+"""Frames that are late by up to this [ns] are dropped; a longer step back means that the clock was reset."""
 
 REPLACED = 0.03
-"""An object seen this far [m] from where it was the frame before was taken there by hand."""
+"""An object that moves farther than this [m] between two frames was moved by hand."""
 
 FROZEN_FRAMES = 3
-"""As many identical frames in a row come from no living camera."""
+"""This many identical frames in a row mean that the camera is frozen."""
 
 OVERLAY_PERIOD = 0.2
-"""Between overlays [s]."""
+"""Least time between overlays [s]."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +105,12 @@ class TrackerNode(Node):
 
         self._stamp = 0  # of the newest frame [ns]
         self._frame: Image | None = None  # the newest
-        self._alike = 1  # as many frames in a row
+        self._alike = 1  # number of identical frames in a row, up to the newest
         self._last: Pose | None = None  # where the object was last seen
-        self._placement: Pose | None = None  # where it is awaited and was not seen yet
+        self._placement: Pose | None = None  # where it is to be placed, until it is seen there
         self._in_sight = False
         self._sighting: Sighting | None = None  # in the newest frame
-        self._reason = "no frame yet"  # why not
+        self._reason = "no frame yet"  # why it is not seen in the newest frame
         self._counts = dict.fromkeys(("frames", "seen", "late frames dropped", "unusable frames"), 0)
         self._reported = (time.monotonic(), 0, 0)
         self._latency = 0.0
@@ -134,7 +134,7 @@ class TrackerNode(Node):
             self._device.start()
 
     def destroy_node(self) -> None:
-        """Let go of the camera with the node."""
+        """Release the camera, too."""
         if self._device is not None:
             self._device.close()
         super().destroy_node()
@@ -208,7 +208,10 @@ class TrackerNode(Node):
             self._publish_overlay(frame, stamp)
 
     def _look(self, frame: Image) -> Sighting:
-        """Tell orientations that look alike apart: in sight by continuity, on its return by where it was to be put."""
+        """Find the object, and choose among orientations that look the same.
+
+        While the object stays in sight, its last pose decides; when it returns, the pose in which it was to be placed does.
+        """
         awaited = self._placement or self._last
         sighting = self._track(frame, self._last if self._in_sight else awaited)
         returns = not self._in_sight
@@ -229,7 +232,7 @@ class TrackerNode(Node):
         self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
 
     def _publish_overlay(self, frame: Image, stamp: int) -> None:
-        """The frame with the outline where it was seen, or why it was not."""
+        """Publish the frame with the outline where the object was seen, or with the reason why it was not."""
         self._overlay_time = time.monotonic()
         picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
         if self._sighting is not None:
@@ -284,12 +287,13 @@ class TrackerNode(Node):
 
 
 def grey_from_msg(msg: ImageMsg) -> Image:
-    """The image (height, width) in grey; where grey values lie side by side in the message, it shares the message's memory.
+    """The image (height, width) in grey levels, mono8.
 
-    Of mono16 the upper byte is taken, of YUV the luminance as it is.
+    Of mono16 the upper byte is taken, of YUV the luminance as it is. If the message holds contiguous grey values, the image
+    shares the memory of the message.
 
     Raises:
-        ValueError: an encoding other than those of TO_GREY, or sizes that do not fit the data.
+        ValueError: the encoding is not in `TO_GREY`, or the sizes do not fit the data.
     """
     if msg.encoding not in TO_GREY:
         raise ValueError(f"encoding must be {', '.join(TO_GREY)}, got {msg.encoding!r}")
@@ -312,7 +316,7 @@ def grey_from_msg(msg: ImageMsg) -> Image:
 
 
 def _same(frame: Image, other: Image) -> bool:
-    """Whether two images are equal; a few rows tell those of a living camera apart."""
+    """Whether two images are equal. The noise of a working camera already shows in a few rows, so these are compared first."""
     return np.array_equal(frame[::16], other[::16]) and np.array_equal(frame, other)
 
 

@@ -1,7 +1,7 @@
 """The paper's experiments on simulated pushes: one seed gives every number of its tables and figures, in the paper's units.
 
-Lengths are in centimetres here, as in the paper; the unit of force is the support friction of the translating object. Nothing
-but pushfric_core is needed to run them, on this machine or on another.
+Lengths in the results are in centimetres, as in the paper. The unit of force is the support friction of the translating
+object. The experiments need nothing but pushfric_core, so that they can run on other machines.
 """
 
 import hashlib
@@ -34,12 +34,12 @@ from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
 Mask = npt.NDArray[np.bool_]
 
 Numbers = dict[str, Any]
-"""Nested; its leaves are numbers and truth values."""
+"""A nested dictionary whose leaves are numbers and truth values."""
 
 CENTIMETRE = 100.0
 
 PAPER = EstimatorConfig(cor_radius=0.0, confidence=False)
-"""Moment constraints, eq. 7 hard, no contact uncertainty, no support free near the centre of rotation (section 5)."""
+"""Moment constraints, eq. 7 as a hard constraint, no contact uncertainty, no free supports (section 5)."""
 
 LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
 SPEED = 0.02  # [m/s]
@@ -47,18 +47,18 @@ STROKE = 0.05  # [m]
 FRAME_RATE = 14.0  # [Hz]
 
 PLACEMENT = 0.001
-"""The operator's hand puts the object down with this error [m], standard deviation; the angle errs by it over 2 cm."""
+"""Standard deviation of the operator's placement of the object [m]; divided by 2 cm, that of its angle [rad]."""
 
 
 class Conduct(NamedTuple):
-    """What the paper leaves open of the pushes of an object; chosen by the reference's numbers as a whole."""
+    """What the paper does not say about the pushes of an object; chosen so that the numbers as a whole match the reference."""
 
-    closer: float = 1.0  # contacts lie at this share of their even distance from the middle of the edge
-    longest_turn: float = math.inf  # a push ends once the object has turned this far [rad], before the end of the stroke
+    closer: float = 1.0  # contacts lie at this fraction of their evenly spaced distance from the middle of the edge
+    longest_turn: float = math.inf  # a push ends early once the object has turned this far [rad]
 
 
 CONDUCT = {
-    # nearer to its corners, an object turns about one of its feet, and the data say nothing of that foot's force
+    # an object pushed nearer to its corners turns about one of its feet, and the data say nothing about that foot's force
     "delrin_square3": Conduct(closer=0.8),
     "wood_rect3": Conduct(closer=0.88),
     "wood_rect4": Conduct(closer=0.88),
@@ -78,10 +78,10 @@ TURNS = {"wood_rect3": (0, 180), "delrin_square3": (0, 90, 180, 270)}
 """Hypothesised orientations [degrees], the true one first (section 5.2.2)."""
 
 HALF_WIDTHS = (0, 2, 4, 6, 8)
-"""Of the contact interval [mm], Figures 9 and 10."""
+"""Half-widths of the contact interval [mm] in Figures 9 and 10."""
 
 CLEAR = 1e-6
-"""By how much all others must fit worse than the true orientation [cm]: within wide contact intervals several fit exactly."""
+"""By how much all others must fit worse than the true orientation [cm]; with wide contact intervals, several fit exactly."""
 
 PUBLISHED = {"delrin_square3": 85, "delrin_rect_center": 36, "delrin_rect_right": 32}
 """Numbers of data points in Table 1."""
@@ -92,32 +92,32 @@ SUBSETS = (3, 5, 10, 15, 20, 30, 40, 60)
 SAMPLINGS = 10
 
 VISION_ERROR = (0.008, -0.002)
-"""Half-way through one push of wood_rect4, the object seems to jump by this in the table frame [m]: aside, and onto the tip.
+"""Half-way through one push of wood_rect4, the object seems to jump by this (table frame) [m]: sideways and towards the tip.
 
-It makes the distant outlier of Table 3 and Figure 7.
+This makes the distant outlier of Table 3 and Figure 7.
 """
 
 BAD_PUSH = 3
-"""The middle one of the first edge."""
+"""The push with that error: the middle one of the first edge."""
 
 SLIPPING = [PlannedPush(edge, side * 0.015, side * math.radians(55)) for edge in (0, 2) for side in (-1, 1)]
-"""Test pushes of rubber_rect4 with sharp pushing angles: its contact slips all the way (section 5.1.3)."""
+"""Test pushes of rubber_rect4 at sharp angles, in which the contact slips all the time (section 5.1.3)."""
 
 SOURCES = [pathlib.Path(__file__), *sorted(pathlib.Path(pushfric_core.__path__[0]).rglob("*.py"))]
 
 CODE = hashlib.sha256(b"\0".join(source.read_bytes() for source in SOURCES)).hexdigest()[:16]
-"""A fingerprint of all code that has a part in the numbers, as it was imported."""
+"""A fingerprint of all code that affects the numbers, as it was imported."""
 
 Frames = list[tuple[float, Pose]]
 """Stroke position [m] and true pose of the object in each frame of a push."""
 
 
 def run_seed(seed: int) -> dict[str, Any]:
-    """All experiments with the noise and the operator of one seed.
+    """All experiments with the camera noise and the operator's hand of one seed.
 
     Returns:
-        `seed` and `code`; `numbers`, nested; `drawings`, what the figures show of this seed; `data`, the data points of each
-        object as lists of contact, normal, twist, push and pose (SI, object frame).
+        A dictionary of `seed`; `code`, the fingerprint; `numbers`, nested; `drawings`, what the figures show of this seed; and
+        `data`, the data points of each object as `observation_row` lists them.
     """
     moved = {name: motions(name, plan(name), seed) for name in TABLE_1}
     data = {name: watch(name, moved[name], seed) for name in TABLE_1}
@@ -148,7 +148,7 @@ def run_seed(seed: int) -> dict[str, Any]:
 
 
 def plan(name: str) -> list[PlannedPush]:
-    """The pushes of Table 1's objects: as many along each edge as in section 5, perpendicular to it."""
+    """The pushes of an object of Table 1: along each edge as many as in section 5, perpendicular to the edge."""
     known = TABLE_1[name]
     closer = CONDUCT[name].closer
     return [push._replace(offset=push.offset * closer) for push in even_pushes(known.outline, known.pushes)]
@@ -159,15 +159,15 @@ def motions(name: str, pushes: Sequence[PlannedPush], seed: int) -> list[Frames]
 
     Args:
         name: of the object.
-        pushes: where.
-        seed: of the operator's hand; the same seed repeats the same motions.
+        pushes: where it is pushed.
+        seed: of the operator's hand; the same seed gives the same motions.
     """
     rng = np.random.default_rng((seed, list(TABLE_1).index(name), 0))
     return [_motion(name, push, rng.normal(0.0, PLACEMENT, 3)) for push in pushes]
 
 
 def _motion(name: str, push: PlannedPush, error: Array) -> Frames:
-    """From where the operator put the object to the end of the stroke, or until it has turned too far."""
+    """The motion from where the operator put the object to the end of the stroke, or until it has turned too far."""
     known = TABLE_1[name]
     x, y, theta = placement(known.outline, push, LINE, 0.0)
     dx, dy, turn = error.tolist()
@@ -184,13 +184,13 @@ def _motion(name: str, push: PlannedPush, error: Array) -> Frames:
 
 
 def watch(name: str, moved: Sequence[Frames], seed: int, bad_push: int | None = None) -> list[Observation]:
-    """The data points of pushed objects as the paper's camera sees them.
+    """The data points of a pushed object as the paper's camera sees it.
 
     Args:
         name: of the object.
-        moved: what truly happens, from `motions`.
-        seed: of the camera's noise; the same seed repeats the same noise.
-        bad_push: the camera errs in this one.
+        moved: the true motion in each push, from `motions`.
+        seed: of the camera's noise; the same seed gives the same noise.
+        bad_push: index of the push in which the camera errs by `VISION_ERROR`; None: it errs in none.
     """
     known = TABLE_1[name]
     rng = np.random.default_rng((seed, list(TABLE_1).index(name), 1))
@@ -209,7 +209,7 @@ def watch(name: str, moved: Sequence[Frames], seed: int, bad_push: int | None = 
 
 
 def observation_row(observation: Observation) -> list[float]:
-    """Contact [m], normal, twist [m/s, rad/s], push and pose [m, rad] as plain numbers."""
+    """Contact [m], normal, twist [m/s, rad/s] (object frame), push and pose [m, rad] (table frame) as plain numbers."""
     assert observation.pose is not None
     o = observation
     return [*o.contact_point, *o.contact_normal, *o.twist, o.push_id, *observation.pose]
@@ -218,7 +218,7 @@ def observation_row(observation: Observation) -> list[float]:
 def estimate(
     observations: Iterable[Observation], points: Array, config: EstimatorConfig = PAPER, center: npt.ArrayLike | None = None
 ) -> Estimate:
-    """The estimate from all data points."""
+    """The estimate from all data points, over hypothesised support points (n, 2) [m]."""
     estimator = Estimator(points, config, center)
     for observation in observations:
         estimator.add(observation)
@@ -226,7 +226,7 @@ def estimate(
 
 
 def located(name: str, center: Array) -> Numbers:
-    """An estimated p_CF [m] in cm, and its error over the sides of the object."""
+    """An estimated p_CF (2,) [m], object frame, in cm, and its error in percent of the object's sides."""
     known = TABLE_1[name]
     x, y = (center * CENTIMETRE).tolist()
     percent_x, percent_y = (100 * np.abs(center - known.support.center_of_friction) / known.outline.size).tolist()
@@ -279,7 +279,7 @@ def _contact_friction(
         bounds[case] = result.contact_friction
         numbers[case] = {"p90": result.mu_c_p90, "p100": result.mu_c_max}
     numbers["wood_rect4_all_data"]["bad_data_points"] = len(bad) - len(cases["wood_rect4"][0])
-    # the last estimate is the one of rubber_rect4: its w serves for the test pushes
+    # the last estimate is that of rubber_rect4; the test pushes use its w
     bounds["rubber_rect4_slipping"] = np.concatenate(
         [
             contact_friction.lower_bounds(
@@ -294,7 +294,7 @@ def _contact_friction(
 
 
 def _support_friction(data: dict[str, list[Observation]]) -> tuple[Numbers, dict[str, list[float]]]:
-    """Figure 5: w over 15 points, of which the corners are the feet."""
+    """Figure 5: w over 15 points; the feet are at the four corners."""
     numbers: Numbers = {}
     drawn = {}
     for name in ("wood_rect4", "rubber_rect4"):
@@ -311,14 +311,14 @@ def _support_friction(data: dict[str, list[Observation]]) -> tuple[Numbers, dict
 
 
 def _at_feet(name: str, distance: float) -> Mask:
-    """Which hypothesised support points lie within a distance [m] of a foot."""
+    """Mask (n,) of the hypothesised support points that lie within a distance [m] of a foot."""
     known = TABLE_1[name]
     between = np.linalg.norm(known.support_points[:, None] - known.support.points, axis=2)
     return np.asarray(between.min(axis=1) <= distance, dtype=bool)
 
 
 def _largest_are(w: Array, which: Mask) -> bool:
-    """Whether the largest weights are those of `which`, a mask."""
+    """Whether the largest weights are exactly those that the mask `which` selects."""
     return bool(w[which].min() > w[~which].max())
 
 
@@ -331,7 +331,7 @@ def _feet_off_the_grid(observations: list[Observation]) -> tuple[Numbers, list[f
 
 
 def _orientation(name: str, observations: list[Observation]) -> Numbers:
-    """Figures 9 and 10: the fit errors of an object's orientations, by the half-width of the contact interval."""
+    """Figures 9 and 10: the fit errors of an object's orientations for each half-width of the contact interval."""
     feet, center = TABLE_1[name].support.points, TABLE_1[name].support.center_of_friction
     numbers: Numbers = {}
     for case, known in (("supports", None), ("supports_and_center", center)):
@@ -350,7 +350,7 @@ def _orientation(name: str, observations: list[Observation]) -> Numbers:
 def _fit_errors(
     hypotheses: Sequence[Hypothesis], observations: Iterable[Observation], config: EstimatorConfig
 ) -> dict[str, float]:
-    """Of each hypothesis [cm], by name; infinite where no w satisfies the hard constraints."""
+    """The fit error of each hypothesis [cm], by name; infinite if no w satisfies its hard constraints."""
     recognizer = Recognizer(hypotheses, config)
     for observation in observations:
         ranking = recognizer.add(observation)
@@ -359,7 +359,7 @@ def _fit_errors(
 
 
 def _sample(observations: list[Observation], size: int, rng: np.random.Generator) -> list[Observation]:
-    """That many of the data points, or all where there are fewer."""
+    """A random sample of this many data points, or all of them if there are fewer."""
     chosen = rng.choice(len(observations), min(size, len(observations)), replace=False)
     return [observations[i] for i in chosen]
 
@@ -379,7 +379,7 @@ def _subsets(observations: list[Observation], rng: np.random.Generator) -> Numbe
 
 
 def _least_squares(observations: list[Observation]) -> tuple[Numbers, dict[str, list[float]]]:
-    """Figure 13 and section 7: unconstrained least squares, beside the linear program and least squares with w >= 0."""
+    """Figure 13 and section 7: unconstrained least squares, the linear program, and least squares with w >= 0."""
     known = TABLE_1["wood_rect4"]
     feet, points = known.support.points, known.support_points
     on_feet, on_grid = least_squares_fit(observations, feet), least_squares_fit(observations, points)
@@ -404,7 +404,7 @@ def _least_squares(observations: list[Observation]) -> tuple[Numbers, dict[str, 
 
 
 def _test_pushes(observations: list[Observation]) -> tuple[Numbers, dict[str, list[Any]]]:
-    """Section 6.2: the half-planes of delrin_rect_right, one push after the other, without any support points."""
+    """Section 6.2: the half-planes of delrin_rect_right, one push after another, without support points."""
     known = TABLE_1["delrin_rect_right"]
     half_planes = HalfPlanes(known.outline)
     region = half_planes.region()
@@ -423,9 +423,12 @@ def _test_pushes(observations: list[Observation]) -> tuple[Numbers, dict[str, li
 
 
 def rods() -> tuple[Numbers, dict[str, Any]]:
-    """Figure 12: two rods that push alike, pushed along their length without friction; nothing in it is random.
+    """Figure 12: two rods that frictionless pushes along their length cannot tell apart. Nothing in it is random.
 
-    The rods are 2 long. Beside them, what any pusher with friction could tell.
+    The rods have length 2. The numbers also say how well a pusher with friction could tell them apart.
+
+    Returns:
+        The numbers, and for each rod the section and the reachable wrenches that the figure shows.
     """
     ends = np.array(((-1.0, 0.0), (1.0, 0.0)))
     supports = {

@@ -1,4 +1,4 @@
-"""The paper's figures from the simulated experiments: of one seed where they show data, of all where they show errors."""
+"""The paper's figures from the simulated experiments: one seed where they show data, all seeds where they show errors."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ GREEN, OCHRE = "#2f7d4f", "#b8860b"
 CENTIMETRE = 100.0
 
 DOT = 900
-"""Area of the dot of a weight of 1 [points^2]."""
+"""Area of the dot that shows a weight of 1 [points^2]."""
 
 STYLE = {
     "font.size": 9,
@@ -40,11 +40,11 @@ def figures(tables: Experiments, seeds: Sequence[Experiments], rods: Experiments
     """Every figure as an SVG element.
 
     Args:
-        tables: the numbers over all seeds, see paper_tables.
-        seeds: the result of each; the first one's data are shown.
-        rods: the drawings of Figure 12.
+        tables: the numbers over all seeds, as `tables.tables` gives them.
+        seeds: the result of each, as `experiments.run_seed` gives it; the figures show the data of the first.
+        rods: the drawings of Figure 12, from `experiments.rods`.
     Returns:
-        By the keys table2, figure3, figure5 ... figure13 and test_pushes.
+        The elements by key: table2, figure3, figure5 ... figure13 and test_pushes.
     """
     seed = seeds[0]
     makers: dict[str, Callable[[], Figure]] = {
@@ -91,7 +91,7 @@ def _outline(axes: Any, corners: Array, **style: Any) -> None:
 
 
 def _grids(numbers: Experiments, seeds: Sequence[Experiments]) -> Figure:
-    """The support grids of Figure 4, and where p_CF comes out on them."""
+    """The support grids of Figure 4, and the p_CF estimated on them."""
     figure = _new(9.0, 3.8)
     panels = figure.subplots(len(numbers), len(GRIDS), sharex=True, sharey=True)
     for row, name in zip(panels, numbers, strict=True):
@@ -131,7 +131,7 @@ def _trajectories(rows: list[list[float]]) -> Figure:
 
 
 def _dots(axes: Any, points: Array, w: Array, **style: Any) -> None:
-    """w as dots of proportional area, an x where it is zero."""
+    """w as dots of proportional area, with an x where it is zero."""
     zero = np.abs(w) < 1e-6
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
     colors = np.where(w[~zero] > 0, BLUE, RED)
@@ -149,7 +149,7 @@ def _on_object(axes: Any, name: str, points: Array, w: Array, title: str, **styl
 
 
 def _explain(figure: Figure, **more: Any) -> None:
-    """What the marks on an object mean."""
+    """A legend of the marks on an object."""
     marks = {
         "$w_j$, by area": Line2D([], [], color=BLUE, marker="o", ls="", ms=9, mew=0),
         **more,
@@ -184,7 +184,7 @@ def _feet_off_the_grid(w: list[float]) -> Figure:
 
 
 def _histograms(bounds: Mapping[str, list[float]], shown: Mapping[str, str], numbers: Experiments) -> Figure:
-    """Of lower bounds on mu_c, with the simulated mu_c and the paper's largest bound."""
+    """Histograms of lower bounds on mu_c, with the simulated mu_c and the paper's largest bound."""
     figure = _new(9.0, 3.1)
     finite = [value for case in shown for value in bounds[case] if np.isfinite(value)]
     edges = np.arange(0, max(finite) + 0.1, 0.05)
@@ -258,7 +258,7 @@ def _least_squares(weights: Mapping[str, list[float]]) -> Figure:
     for axes, (case, title) in zip(figure.subplots(2, 2).ravel(), titles.items(), strict=True):
         w = np.array(weights[case])
         points = known.support.points if case == "feet" else known.support_points
-        # weights of many times the whole friction would cover the object
+        # the dots of weights many times the whole friction would cover the object
         scale = min(1.0, 1 / np.abs(w).max())
         _on_object(axes, "wood_rect4", points, w, title, s=DOT * scale * np.abs(w[np.abs(w) >= 1e-6]), alpha=0.7)
         # rounded to zero, a tiny weight has no sign

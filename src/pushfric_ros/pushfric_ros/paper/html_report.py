@@ -1,4 +1,4 @@
-"""The reproduction as one self-contained HTML page: every table and figure beside the paper's numbers."""
+"""The reproduction as one self-contained HTML page: every table and figure next to the paper's numbers."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,13 +12,13 @@ from pushfric_ros.paper.experiments import CONDUCT, GRIDS
 from pushfric_ros.paper.tables import Nested
 
 CLOSE = 0.3
-"""A number within this share of the reference agrees with it."""
+"""A number agrees with the reference if it differs by at most this fraction."""
 
 CLOSE_MU = 0.05
-"""A coefficient of friction of Table 3 within this of the reference agrees with it."""
+"""A friction coefficient of Table 3 agrees with the reference if it differs by at most this."""
 
 SURE = 0.95
-"""What holds in this share of the seeds counts as reproduced: 19 of 20."""
+"""A claim counts as reproduced if it holds in this fraction of the seeds: 19 of 20."""
 
 NONE = "\N{EN DASH}"
 INFEASIBLE = "\N{INFINITY}"
@@ -31,16 +31,16 @@ class Cell(NamedTuple):
     """A number of the report."""
 
     text: str
-    detail: str = ""  # quartiles, or of how many
-    tone: str = ""  # class of the style sheet
+    detail: str = ""  # quartiles, or the claim that the number is about
+    tone: str = ""  # class in the style sheet
 
 
 class Table(NamedTuple):
-    """Numbers in rows; a row of one cell is a heading over those that follow it."""
+    """Numbers in rows; a row of one cell is a heading for the rows below it."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[Cell]]
-    groups: Sequence[tuple[str, int]] = ()  # heads over so many columns each
+    groups: Sequence[tuple[str, int]] = ()  # headings, each with the number of columns that it spans
 
 
 class Section(NamedTuple):
@@ -57,7 +57,7 @@ def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
 
     Args:
         summary: the content of tables.json.
-        figures: SVG elements by key.
+        figures: SVG elements by key, as `figures.figures` gives them.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(__package__, "."),
@@ -81,7 +81,7 @@ def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A number for people, in a cell."""
+    """A number as the page shows it, with this many decimal places."""
     if value is None:
         return NONE
     # adding zero takes the sign off a zero
@@ -89,11 +89,11 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def agrees(leaf: Nested, absolute: float | None = None) -> bool | None:
-    """Whether a number is near enough to the reference; None without one.
+    """Whether a number is close enough to the reference; None if the reference has no such number.
 
     Args:
         leaf: of tables.json.
-        absolute: how near; without it, within `CLOSE` of the reference's size.
+        absolute: largest difference allowed; None: the fraction `CLOSE` of the reference.
     """
     if "held" in leaf:
         return bool(leaf["held"] >= SURE * leaf["of"])
@@ -104,7 +104,7 @@ def agrees(leaf: Nested, absolute: float | None = None) -> bool | None:
 
 
 def measured(leaf: Nested, digits: int = 2, absolute: float | None = None) -> Cell:
-    """Median and quartiles; how often, for a truth value."""
+    """Median and quartiles of a number; for a truth value, how often it held."""
     tone = {True: "good", False: "off", None: ""}[agrees(leaf, absolute)]
     if "held" in leaf:
         return Cell(f"{leaf['held']} of {leaf['of']}", tone=tone)
@@ -132,16 +132,17 @@ def _point(leaf: Nested, source: str) -> Cell:
 
 
 def _sections(summary: Nested) -> list[Section]:
-    """In the paper's order."""
+    """All tables and figures, in the paper's order."""
     whole = float(np.prod(TABLE_1["delrin_rect_right"].outline.size)) * 1e4
     return [
         Section(
             "table1",
             "Table 1: data points",
-            "How many data points the pushes of each object gave. Contacts are evenly spaced along the edges; those of the "
+            "The number of data points from each object's pushes. Contacts are evenly spaced along the edges. Those of the "
             f"objects on feet lie nearer to the middle, at {100 * CONDUCT['delrin_square3'].closer:.0f} % (square) and "
-            f"{100 * CONDUCT['wood_rect4'].closer:.0f} % (others) of the even distance, as nearer to its corners an object "
-            "turns about a foot. Pushes run over the whole stroke of 5 cm; those of the flat objects, which in the paper "
+            f"{100 * CONDUCT['wood_rect4'].closer:.0f} % (others) of the even distance, because an object pushed nearer to "
+            "its corners turns about a foot. Pushes run over the whole stroke of 5 cm. Those of the flat objects, which in the "
+            "paper "
             "“tended to rotate quickly, resulting in fewer useful data points”, end after a turn of "
             f"{math.degrees(CONDUCT['delrin_rect_center'].longest_turn):.0f}°.",
             Table(
@@ -161,21 +162,21 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "table2",
             "Table 2 and Figure 4: centre of friction over four grids",
-            "Estimated p_CF, and its error in percent of the object's sides. The figure shows the grids, and each seed's "
-            "estimate beside the paper's.",
+            "Estimated p_CF, and its error in percent of the object's sides. The figure shows the grids with each seed's "
+            "estimate next to the paper's.",
             _table2(summary["table2"]),
         ),
         Section(
             "figure5",
             "Figure 5: support friction distribution",
-            "w over 15 points, of which the corners are the feet. The figure shows one seed.",
+            "w over 15 points; the feet are at the four corners. The figure shows one seed.",
             _figure5(summary["figure5"]),
         ),
         Section(
             "figure6",
             "Figure 6: feet that are not on the grid",
             "w of delrin_square3 over 6 by 6 points; the figure shows one seed. In the paper, too, w gathers at the points "
-            "near the feet; it gives no number.",
+            "near the feet, but the paper gives no number.",
             Table(
                 ("", "reference", "this run"),
                 [
@@ -191,7 +192,7 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "table3",
             "Table 3: contact friction",
-            "Values below which 90 % and 100 % of the lower bounds on mu_c lie; of the pushes with slipping contact, the "
+            "Values below which 90 % and 100 % of the lower bounds on mu_c lie. For the pushes with slipping contact: the "
             "lowest and the highest bound.",
             _table3(summary["table3"]),
         ),
@@ -203,15 +204,15 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "figure8",
             "Figure 8: slipping contact",
-            "Lower bounds on mu_c of one seed. Where the contact sticks, they say little (a); pushes at sharp angles slip, "
-            "and gather around mu_c (b).",
+            "Lower bounds on mu_c of one seed. If the contact sticks, they say little (a). In pushes at sharp angles it slips, "
+            "and they gather around mu_c (b).",
         ),
         Section(
             "table4",
             "Table 4: which centre of friction has delrin_rect_center?",
-            "Fit error of each hypothesis, and its ratio to the best one. Errors are scaled to the paper's 36 data points. All "
-            "but the last column are the paper's method, cor_radius 0; the last one frees supports near the centre of "
-            "rotation, which is pushfric's default.",
+            "Fit error of each hypothesis, and its ratio to the best one. Errors are scaled to the paper's 36 data points. The "
+            "last column frees supports near the centre of rotation, which is pushfric's default. All others use the paper's "
+            "method, cor_radius 0.",
             _recognition(summary, "table4"),
         ),
         Section(
@@ -229,8 +230,8 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "figure10",
             "Figure 10: orientation of delrin_square3",
-            "As Figure 9, with four orientations. Within wide contact intervals several orientations may fit exactly; then "
-            "none is best. The last two columns use 85 of the data points, drawn at random: as many as the paper had.",
+            "As Figure 9, with four orientations. With wide contact intervals several orientations may fit exactly; then no "
+            "single one is best. The last two columns use 85 of the data points, drawn at random: as many as the paper had.",
             _orientations(summary, "figure10", "figure10_fewer_data_points"),
         ),
         Section(
@@ -255,10 +256,10 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "figure12",
             "Figure 12: two rods that pushing cannot tell apart",
-            "Sections f_x = 0 of their limit surfaces. They differ, but what frictionless pushes along the rod reach (blue) is "
-            "the same. The table gives the largest difference of the reachable wrenches; then by how many standard deviations "
-            "the best single push tells the rods apart, for displacements seen within 0.1 mm and 1 mrad over 1 cm, lengths "
-            "scaled to a half rod of 1 m.",
+            "Sections f_x = 0 of their limit surfaces. They differ, but the part that frictionless pushes along the rod reach "
+            "(blue) is the same. The table gives the largest difference of the reachable wrenches. It then gives the number "
+            "of standard deviations by which the best single push tells the rods apart: rods 2 m long, a contact that moves "
+            "by 1 cm, and a motion seen with standard deviations of 0.1 mm and 1 mrad.",
             Table(
                 ("", "paper", "this run"),
                 [
@@ -274,8 +275,8 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "test_pushes",
             "Section 6.2: without support points",
-            "delrin_rect_right: each push cuts off the side of its line of motion on which p_CF cannot be. The paper describes "
-            "the method and gives no numbers.",
+            "delrin_rect_right: each push cuts off the side of its line of motion on which p_CF cannot lie. The paper "
+            "describes the method and gives no numbers.",
             Table(
                 ("", "this run"),
                 [
@@ -291,7 +292,7 @@ def _sections(summary: Nested) -> list[Section]:
         Section(
             "figure13",
             "Figure 13 and section 7: least squares",
-            "wood_rect4. Unconstrained least squares, by singular value decomposition, serves while the supports are known and "
+            "wood_rect4. Unconstrained least squares, by singular value decomposition, works if the supports are known and "
             "breaks down on 15 points. Least squares with w ≥ 0 and the linear program do not.",
             _figure13(summary["figure13"]),
         ),
@@ -411,7 +412,7 @@ def _figure13(numbers: Nested) -> Table:
 
 
 def leaves(nested: Nested, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Nested]]:
-    """All leaves of tables.json, with the keys that lead there."""
+    """All leaves of tables.json, with the keys that lead to them."""
     for key, value in nested.items():
         if isinstance(value, dict):
             if {"median", "held"} & value.keys():
@@ -421,7 +422,7 @@ def leaves(nested: Nested, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[s
 
 
 def ratios(summary: Nested) -> list[Nested]:
-    """Of the wrong hypotheses of Tables 4 and 5, on grids of 9 points and more."""
+    """The ratios of the wrong hypotheses of Tables 4 and 5, on grids of 9 points and more."""
     return [
         leaf
         for table, truth in (("table4", "center"), ("table5", "right"))
@@ -432,7 +433,7 @@ def ratios(summary: Nested) -> list[Nested]:
 
 
 def _verdicts(summary: Nested) -> list[Cell]:
-    """The claims of the paper, and whether they hold here; the worst case of each."""
+    """The claims of the paper, and whether they hold here, judged by the worst case of each."""
 
     def worst(found: Sequence[Nested]) -> tuple[str, bool]:
         leaf = min(found, key=lambda one: one["held"] / one["of"])
@@ -475,79 +476,80 @@ def _verdicts(summary: Nested) -> list[Cell]:
 
 
 def _misses(summary: Nested) -> list[tuple[str, str]]:
-    """What does not reproduce: the fact with this run's number, and the likely reason."""
+    """What does not reproduce: each fact with this run's numbers, and the likely reason."""
 
-    def beside(leaf: Nested, digits: int = 2, unit: str = "") -> str:
-        return f"{number(leaf['paper'], digits)}{unit} there, {number(leaf['median'], digits)}{unit} here"
+    def compared(leaf: Nested, digits: int = 2, unit: str = "") -> str:
+        return f"{number(leaf['paper'], digits)}{unit} in the paper, {number(leaf['median'], digits)}{unit} here"
 
     table1, table2, table3, table5 = (summary[f"table{index}"] for index in (1, 2, 3, 5))
     slip, wood3, bad = table3["rubber_rect4_slipping"], table3["wood_rect3"], table3["wood_rect4_all_data"]
     rubber = table3["rubber_rect4"]
     coarse, middle, grid = table5["grid_9"], table5["grid_15"], summary["figure13"]["grid_15"]
-    errors_y = [f"{name} {beside(grids['grid_24']['percent_y'], 1, ' %')}" for name, grids in table2.items()]
-    counts = [f"{name} {beside(leaf['data_points'], 0)}" for name, leaf in table1.items()]
+    errors_y = [f"{name} {compared(grids['grid_24']['percent_y'], 1, ' %')}" for name, grids in table2.items()]
+    counts = [f"{name} {compared(leaf['data_points'], 0)}" for name, leaf in table1.items()]
     return [
         (
             f"Table 1, numbers of data points: {'; '.join(counts)}.",
-            "No frame is lost here, and each push of an object on feet runs over the whole stroke. Where the paper's pushes "
-            "ended it does not say. Where they end here was chosen with the reference's numbers in view, so agreement with "
-            "them is not wholly independent.",
+            "No frame is lost here, and each push of an object on feet runs over the whole stroke. The paper does not say "
+            "where its pushes ended. Where they end here was chosen with the reference's numbers in view, so the agreement "
+            "with them is not wholly independent.",
         ),
         (
             f"Table 2, errors in y with 24 points: {'; '.join(errors_y)}.",
-            "From 9 points on, the paper's errors in y all have the same sign, for both objects: a bias of its camera or its "
-            "table, such as a tilt or a misplaced origin. The simulation has none, and its p_CF scatter about the truth.",
+            "From 9 points on, the paper's errors in y all have the same sign, for both objects. This suggests a bias of its "
+            "camera or its table, such as a tilt or a misplaced origin. The simulation has no bias, and its p_CF scatter "
+            "about the truth.",
         ),
         (
-            f"The 4-point grid: a fit error of {beside(summary['table4']['grid_4']['error_center'], 0, ' cm')}. The right "
-            f"one of Table 5 is found in {measured(table5['grid_4']['correct']).text}; elsewhere another one fits as well, or "
-            "none has any w with which the pusher never pulls.",
-            "Four points at the corners cannot stand for a flat bottom, so the number says most about where exactly they were "
-            "and which pushes were made, which the paper does not tell. Its own ratios are 1.00 to 1.06.",
+            f"The 4-point grid: a fit error of {compared(summary['table4']['grid_4']['error_center'], 0, ' cm')}. The right "
+            f"one of Table 5 is found in {measured(table5['grid_4']['correct']).text}. In the other seeds another one fits as "
+            "well, or no hypothesis has a w with which the pusher never pulls.",
+            "Four points at the corners cannot stand for a flat bottom, so the number mainly depends on where exactly they "
+            "were and which pushes were made. The paper does not say either. Its own ratios are 1.00 to 1.06.",
         ),
         (
-            f"Table 5 on coarse grids: the ratio of the hypothesis left is {beside(coarse['ratio_left'])} with 9 points, "
-            f"{beside(middle['ratio_left'])} with 15; the true one fits with {beside(coarse['error_right'], 1, ' cm')} and "
-            f"{beside(middle['error_right'], 1, ' cm')}.",
-            "In the paper coarse grids serve delrin_rect_right worse than delrin_rect_center; here they serve both alike. The "
-            "weight on top, which here tilts the pressure linearly, probably concentrated it.",
+            f"Table 5 on coarse grids: the ratio of the hypothesis “left” is {compared(coarse['ratio_left'])} with 9 points, "
+            f"{compared(middle['ratio_left'])} with 15; the true one fits with {compared(coarse['error_right'], 1, ' cm')} and "
+            f"{compared(middle['error_right'], 1, ' cm')}.",
+            "In the paper, coarse grids describe delrin_rect_right worse than delrin_rect_center; here they describe both "
+            "equally well. The weight on top, which here tilts the pressure linearly, probably concentrated it in the paper.",
         ),
         (
-            f"Table 3, wood_rect3: 90 % {beside(wood3['p90'])}; 100 % {beside(wood3['p100'])}.",
-            "Where its three feet are is a guess. Each bears a third of the load and so holds the centre of rotation in many "
-            "pushes; the direction of its own force is then unknown, and the plain rows of the paper are wrong.",
+            f"Table 3, wood_rect3: 90 % {compared(wood3['p90'])}; 100 % {compared(wood3['p100'])}.",
+            "The positions of its three feet are a guess. Each bears a third of the load, so in many pushes the object turns "
+            "about one of them. The direction of that foot's force is then unknown, and the plain rows of the paper are wrong.",
         ),
         (
-            f"Table 3, the bad push of wood_rect4: {beside(bad['p100'])}.",
-            "How large the paper's vision error was it does not say; here the object seems to jump by 8 mm.",
+            f"Table 3, the bad push of wood_rect4: {compared(bad['p100'])}.",
+            "The paper does not say how large its vision error was; here the object seems to jump by 8 mm.",
         ),
         (
-            f"Table 3, rubber_rect4: 90 % {beside(rubber['p90'])}; 100 % {beside(rubber['p100'])}.",
-            "Pushes that do not slip tell little of a high mu_c; the largest bound depends on a single data point.",
+            f"Table 3, rubber_rect4: 90 % {compared(rubber['p90'])}; 100 % {compared(rubber['p100'])}.",
+            "Pushes that do not slip say little about a high mu_c; the largest bound depends on a single data point.",
         ),
         (
-            f"Figure 5, nonzero weights of rubber_rect4: {beside(summary['figure5']['rubber_rect4']['nonzero_weights'], 0)}.",
-            "Noise gives a few other points small weights; that there were none in the paper is a matter of one data set.",
+            f"Figure 5, nonzero weights of rubber_rect4: {compared(summary['figure5']['rubber_rect4']['nonzero_weights'], 0)}.",
+            "Noise gives a few other points small weights. The paper shows only one data set, in which there were none.",
         ),
         (
-            f"The spread of Figure 8 (b): {number(slip['low']['paper'])} to {number(slip['high']['paper'])} there, "
+            f"The spread of Figure 8 (b): {number(slip['low']['paper'])} to {number(slip['high']['paper'])} in the paper, "
             f"{number(slip['low']['median'])} to {number(slip['high']['median'])} here.",
-            "The simulated mu_c is one number; a rubber band's varies from place to place and with speed.",
+            "The simulated mu_c is one number; that of a rubber band varies from place to place and with speed.",
         ),
         (
             f"Figure 13 on 15 points: weights from {number(grid['w_min']['paper'], 1)} to {number(grid['w_max']['paper'], 1)} "
-            f"there, {number(grid['w_min']['median'], 1)} to {number(grid['w_max']['median'], 1)} here.",
-            "How large they get depends on the smallest singular values of one data set; they mean nothing in either.",
+            f"in the paper, {number(grid['w_min']['median'], 1)} to {number(grid['w_max']['median'], 1)} here.",
+            "How large they get depends on the smallest singular values of one data set; neither set means anything.",
         ),
         (
-            "Errors of p_CF in Table 2 and Figures 11 and 13 are not those of the reference, mostly smaller: see below.",
+            "Errors of p_CF in Table 2 and Figures 11 and 13 differ from the reference; most are smaller. See below.",
             "They depend on where the contacts lie and when a push ends, which need not be the same in the two simulations.",
         ),
     ]
 
 
 def _differing(summary: Nested) -> Table:
-    """Each number that does not agree with the reference."""
+    """All numbers that do not agree with the reference."""
     rows = []
     for path, leaf in leaves(summary):
         absolute = CLOSE_MU if path[0] == "table3" else None

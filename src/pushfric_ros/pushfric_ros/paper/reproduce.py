@@ -1,4 +1,4 @@
-"""`pushfric reproduce`: the paper's experiments over many seeds, parallel and resumable, as tables.json and an HTML report."""
+"""`pushfric reproduce`: runs the paper's experiments for many seeds in parallel, and writes tables.json and an HTML report."""
 
 import importlib
 import json
@@ -21,7 +21,7 @@ from pushfric_ros.paper.tables import Nested, tables
 from pushfric_ros.report.report import to_json
 
 DASK_TIMEOUT = "10s"
-"""How long the scheduler of a Dask cluster may take to answer."""
+"""How long the scheduler of a Dask cluster may take to answer (a duration in Dask's notation)."""
 
 
 class WorkerDiffers(PushfricError):
@@ -29,19 +29,19 @@ class WorkerDiffers(PushfricError):
 
 
 def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, console: Console) -> tuple[Nested, pathlib.Path]:
-    """Run the experiments of the seeds 0, 1 ... that DIR does not hold yet, and write the report on all.
+    """Run the experiments of the seeds 0, 1 ... that `out` does not hold yet, and write the report on all seeds.
 
     Args:
-        out: folder; each seed's result is kept in its `seeds`, and serves again while the code is the same.
-        seeds: how many.
+        out: folder; its `seeds` keeps the result of each seed, to be used again while the code is the same.
+        seeds: number of seeds.
         jobs: processes on this machine; -1: one for each core.
-        dask: address of the scheduler of a Dask cluster that takes their place.
+        dask: address of the scheduler of a Dask cluster to use instead; None: this machine.
         console: for the progress bar.
     Returns:
         The tables, and the path of the report.
     Raises:
-        InvalidInput: the folder cannot be written, or no cluster answers.
-        WorkerDiffers: results came from other code than this machine's.
+        InvalidInput: the folder cannot be written, an earlier result in it cannot be read, or no cluster answers.
+        WorkerDiffers: a worker of the cluster runs other code than this machine.
     """
     try:
         (out / "seeds").mkdir(parents=True, exist_ok=True)
@@ -50,7 +50,7 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
     kept = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
     results = {seed: found for seed, found in kept.items() if found["code"] == CODE}
     if len(results) < len(kept):
-        console.print(f"{out}: seeds from other code, computed anew: {len(kept) - len(results)}", markup=False)
+        console.print(f"{out}: seeds from other code, computed again: {len(kept) - len(results)}", markup=False)
     missing = [seed for seed in range(seeds) if seed not in results]
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
@@ -76,7 +76,7 @@ def _on_this_machine(seeds: Iterable[int], jobs: int) -> Iterator[dict[str, Any]
 
 
 def _end_with(parent: int) -> None:
-    """Let this worker process end with its parent, even where that was killed: joblib's would stay for ever."""
+    """Let this worker process end with its parent, even if the parent is killed; joblib's workers would stay for ever."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -87,7 +87,7 @@ def _end_with(parent: int) -> None:
 
 
 def _on_cluster(seeds: Iterable[int], address: str) -> Iterator[dict[str, Any]]:
-    # a second of importing, which only those who have a cluster should wait for
+    # importing it takes a second, which a run without a cluster should not wait for
     distributed = importlib.import_module("distributed")
     try:
         client = distributed.Client(address, timeout=DASK_TIMEOUT)
@@ -104,7 +104,7 @@ def _path(out: pathlib.Path, seed: int) -> pathlib.Path:
 
 
 def _kept(out: pathlib.Path, seed: int) -> dict[str, Any] | None:
-    """The result of a seed from an earlier call, of whatever code; None where there is none."""
+    """The result of a seed from an earlier call, with any version of the code; None if there is no result."""
     path = _path(out, seed)
     if not path.exists():
         return None
@@ -115,17 +115,17 @@ def _kept(out: pathlib.Path, seed: int) -> dict[str, Any] | None:
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
     except (ValueError, TypeError, KeyError) as error:
-        raise InvalidInput(f"{path}: cannot be read: {error}; remove it to have it computed anew") from error
+        raise InvalidInput(f"{path}: cannot be read: {error}; remove it to have it computed again") from error
     return result
 
 
 def _keep(out: pathlib.Path, result: dict[str, Any]) -> None:
-    # unlike to_json, which is for readers in any language, this keeps infinite numbers as such
+    # json.dumps keeps infinite numbers; to_json, which is for readers in any language, turns them into strings
     _write(_path(out, result["seed"]), json.dumps(result))
 
 
 def _write(path: pathlib.Path, text: str) -> None:
-    """All of the file or nothing of it, however the run may end."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)
+    """Write the whole file or nothing, however the run ends."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)

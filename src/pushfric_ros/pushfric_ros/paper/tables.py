@@ -1,6 +1,6 @@
-"""The paper's tables and figures as numbers: medians and quartiles over the seeds, beside what the paper prints.
+"""The paper's tables and figures as numbers: medians and quartiles over the seeds, next to what the paper prints.
 
-All keys are those of tables.json, which docs/paper.md explains.
+The keys are those of tables.json; docs/paper.md explains them.
 """
 
 import math
@@ -92,7 +92,7 @@ PAPER: Nested = {
         "grid_15": {"w_min": -25.3, "w_max": 38.2, **_center(0.69, -1.80, 5.4, 28.3)},
     },
 }
-"""What the paper prints, in its own units: cm, percent, and the friction of the translating object."""
+"""What the paper prints, in its own units: cm, percent, and the support friction of the translating object."""
 
 REFERENCE: Nested = {
     "table2": {
@@ -118,11 +118,11 @@ REFERENCE: Nested = {
     "figure11": {"points_10": _percent(0.8, 3.1), "points_20": _percent(0.4, 1.5), "points_60": _percent(0.1, 0.6)},
     "figure13": {"feet": _percent(0.1, 0.6), "grid_15": {"w_min": -1.9, "w_max": 1.6}},
 }
-"""Medians of another simulation of the paper's cell with the same noise, where it has them: written apart from this one."""
+"""Medians of another simulation of the paper's cell with the same noise, written independently of this one; it lacks some."""
 
 
 class Spread(NamedTuple):
-    """A number over the seeds; infinite where no w satisfied the hard constraints."""
+    """A number over the seeds; infinite if no w satisfied the hard constraints."""
 
     median: float
     low: float  # quartile
@@ -137,19 +137,19 @@ class Count(NamedTuple):
 
 
 def tables(seeds: Sequence[Mapping[str, Any]]) -> Nested:
-    """The numbers of all seeds in one: each leaf has the figures of this run, of the paper and of the reference.
+    """The numbers of all seeds in one table: each leaf has the figures of this run, of the paper and of the reference.
 
     Args:
-        seeds: the `numbers` of each, all with the same keys.
+        seeds: the `numbers` of each seed, all with the same keys.
     Returns:
-        Nested as they are. A leaf is {median, quartiles: [low, high]} or {held, of}, with `paper` and `reference` where these
-        have a figure, and `seeds`, the number of seeds.
+        A dictionary nested like `numbers`. A leaf is {median, quartiles: [low, high], seeds} or {held, of}. It also has
+        `paper` and `reference` if these give the number; `seeds` is the number of seeds.
     """
     return _merge(seeds, PAPER, REFERENCE)
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Median and quartiles; order statistics that survive infinite values."""
+    """Median and quartiles, as order statistics, which infinite values do not spoil."""
     ranked = np.sort(np.asarray(values, dtype=float))
     low, median, high = (_between(ranked, share * (len(ranked) - 1)) for share in (0.25, 0.5, 0.75))
     return Spread(median, low, high)

@@ -1,1 +1,1 @@
-"""What people read of an estimate: JSON and figures."""
+"""Reports on an estimate for people and programs: JSON and figures."""

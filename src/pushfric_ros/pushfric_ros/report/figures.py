@@ -1,4 +1,4 @@
-"""The figures of a run and of a limit surface, in the manner of the paper's."""
+"""Figures of a run and of a limit surface, in the style of the paper's."""
 
 import pathlib
 from collections.abc import Collection, Sequence
@@ -32,7 +32,7 @@ STYLE = {
 }
 
 MERIDIANS = 8
-"""Sections through the axis of moments that show the limit surface in space."""
+"""Number of sections through the moment axis that show the limit surface in space."""
 
 
 def summary_figure(
@@ -46,12 +46,12 @@ def summary_figure(
     """Four panels: trajectories with contacts (Figure 3), w (Figure 5), mu_c (Figure 8), error of p_CF (Figure 11).
 
     Args:
-        path: where the image goes; its suffix tells the format.
+        path: where to write the image; its suffix selects the format.
         outline: of the object.
-        estimates: after each data point, at least one; the last is drawn.
-        data: the data points, of the last estimate.
-        truth: of a simulated object; without it the last panel shows p_CF itself.
-        slipping: pushes in which the contact is known to slip; their lower bounds on mu_c are shown apart.
+        estimates: the estimates after each data point, at least one; w and mu_c are drawn from the last.
+        data: the data points of the last estimate.
+        truth: the simulated object; None: not known, and the last panel shows p_CF itself instead of its error.
+        slipping: ids of the pushes whose contact is known to slip; the figure marks their lower bounds on mu_c.
     Raises:
         InvalidInput: the image cannot be written.
     """
@@ -71,14 +71,14 @@ def limit_surface_figure(
     """Two panels: the surface with the part that pushes reach (Figure 12, in space), and a section with both ellipsoids.
 
     Args:
-        path: where the image goes; its suffix tells the format.
-        surface: of an object.
-        contact_points: (k, 2) where it can be pushed [m].
+        path: where to write the image; its suffix selects the format.
+        surface: the limit surface of an object.
+        contact_points: (k, 2) where it can be pushed, object frame [m].
         contact_normals: (k, 2) unit, outward.
         mu_c: contact friction coefficient.
     Raises:
-        ValueError: as LimitSurface.reachable.
-        SolverFailed: a motion was not found.
+        ValueError: as for `LimitSurface.reachable`.
+        SolverFailed: the motion of a push was not found.
         InvalidInput: the image cannot be written.
     """
     scale = np.array((1.0, 1.0, MILLIMETRE))
@@ -117,7 +117,7 @@ def _save(figure: Figure, path: pathlib.Path) -> None:
     known = figure.canvas.get_supported_filetypes()
     if path.suffix[1:] not in known:
         raise InvalidInput(
-            f"{path}: not an image's name; expected one that ends with {', '.join(f'.{name}' for name in known)}"
+            f"{path}: not the name of an image; expected one that ends with {', '.join(f'.{name}' for name in known)}"
         )
     try:
         figure.savefig(path, dpi=130)
@@ -126,7 +126,7 @@ def _save(figure: Figure, path: pathlib.Path) -> None:
 
 
 def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:
-    """Two pushes: where the object was at each data point, and where the pusher touched it."""
+    """Two pushes: the outline and the contact at each data point, or all contacts on the outline if the poses are unknown."""
     pushes = sorted({o.push_id for o in data if o.pose is not None})
     shown = [pushes[index] for index in sorted({len(pushes) // 5, len(pushes) - 1 - len(pushes) // 5})] if pushes else []
     shift = 0.0
@@ -142,7 +142,7 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
             axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
         shift += right - left + 0.02
     title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point"
-    if not shown:  # data points that do not tell where the object was: their contacts, in its frame
+    if not shown:
         axes.plot(*(_closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
         axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=BLUE, ms=3.5, alpha=0.6)
         title = "Object and contact of each data point"
@@ -151,7 +151,7 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
 
 
 def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, truth: TableObject | None) -> None:
-    """w as dots of proportional area, an x where it is zero."""
+    """w as dots of proportional area, with an x where it is zero."""
     corners = _closed(outline.vertices) * MILLIMETRE
     axes.plot(*corners.T, color=INK, lw=1)
     points = estimate.support_points * MILLIMETRE
@@ -176,7 +176,7 @@ def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, trut
 
 
 def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[bool], truth: TableObject | None) -> None:
-    """Histogram of the lower bounds on mu_c, those of slipping contacts apart; the last bin holds infinite ones as well."""
+    """Histogram of the lower bounds on mu_c, with slipping contacts marked; the last bin also holds infinite bounds."""
     bounds, slips = estimate.contact_friction, np.asarray(slipping)
     end = (BINS - 1) * BIN_WIDTH
     left = np.arange(BINS) * BIN_WIDTH
@@ -201,7 +201,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
 
 
 def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
-    """p_CF against the number of data points: its error in percent of the sides, or where it is."""
+    """p_CF against the number of data points: its error in percent of the sides, or without a truth its coordinates."""
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
     if truth is None:

@@ -1,4 +1,4 @@
-"""Where p_CF can lie by the data points of a file, without support points, and which pushes would narrow it down."""
+"""Where p_CF can lie according to the data points of a file, without support points, and which pushes narrow it down."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -10,7 +10,14 @@ from pushfric_ros.bags.data_points import Warn, taken
 
 
 def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn: Warn) -> HalfPlanes:
-    """The half-planes of the data points' lines of motion, as a live estimator takes them; `warn` is told of those refused."""
+    """The half-planes that the data points allow p_CF, from their lines of motion, as in a live estimator.
+
+    Args:
+        outline: of the object.
+        data: the data points.
+        margin: by how much the half-planes are widened, as for `HalfPlanes` [m].
+        warn: called with a line of text for each data point left out.
+    """
     half_planes = HalfPlanes(outline, margin)
     for _ in taken(lambda observation: half_planes.add(line_of_motion(observation)), data, warn):
         pass
@@ -18,7 +25,7 @@ def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn:
 
 
 def region_report(region: Region, next_pushes: Sequence[RankedPush]) -> dict[str, Any]:
-    """A region under the names of the command line's JSON; SI units, object frame."""
+    """A region and the next pushes as the command line's JSON names them; SI units, object frame."""
     return {
         "area": region.area,
         "polygon": region.corners.tolist(),

@@ -1,4 +1,4 @@
-"""An estimate as one JSON object, the same for live, replayed and offline ones."""
+"""An estimate as one JSON object, the same whether it is live, replayed or offline."""
 
 import json
 import math
@@ -18,7 +18,7 @@ STATUS_NAMES = {
 
 
 def report(msg: FrictionEstimate) -> dict[str, Any]:
-    """All figures of an estimate under the names of the command line's JSON; SI units, object frame."""
+    """All numbers of an estimate as the command line's JSON names them; SI units, object frame."""
     friction = msg.support_friction
     figures = {
         "object": msg.object,
@@ -43,7 +43,7 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
 
 
 def recognition_report(msg: Recognition) -> dict[str, Any]:
-    """A ranking under the names of the command line's JSON, best first; `best` is None where no hypothesis is feasible."""
+    """A ranking as the command line's JSON names it, best hypothesis first; `best` is None if none is feasible."""
     names = ("name", "fit_error", "ratio", "feasible")
     return {
         "best": msg.best or None,
@@ -52,7 +52,7 @@ def recognition_report(msg: Recognition) -> dict[str, Any]:
 
 
 def truth(name: str) -> dict[str, Any]:
-    """What is true of a simulated object of Table 1, under the same names."""
+    """The true values of a simulated object of Table 1, under the same names; SI units, object frame."""
     known = TABLE_1[name]
     return {
         "center_of_friction": known.support.center_of_friction.tolist(),
@@ -63,7 +63,7 @@ def truth(name: str) -> dict[str, Any]:
 
 
 def to_json(figures: Any) -> str:
-    """JSON on one line; an infinite number becomes the string "inf", and none "nan"."""
+    """JSON on one line; infinite numbers and NaN become the strings "inf", "-inf" and "nan"."""
     return json.dumps(_finite(figures), allow_nan=False)
 
 
