@@ -18,7 +18,7 @@ import numpy as np
 import osqp
 from scipy import optimize, sparse
 
-from pushfric_core.constraints import ConstraintRows
+from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
 from pushfric_core.solvers.program import Status
 from pushfric_core.solvers.simplex import Simplex

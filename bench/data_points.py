@@ -4,10 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pushfric_core.constraints import ConstraintRows, moment_rows, normal_force_rows, stack
+from pushfric_core.constraint_rows import ConstraintRows, stack
+from pushfric_core.constraints import Moment, NormalForce
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, Twist, cross, left_of
 from pushfric_core.simulation import TABLE_1
+from pushfric_core.support import support_forces
 
 OBJECT = TABLE_1["delrin_rect_center"]
 """A flat bottom with the pressure highest in its middle: no grid of support points fits it exactly."""
@@ -40,9 +42,10 @@ def data_points(n: int, seed: int) -> Iterator[ConstraintRows]:
         n: number of hypothesised support points.
         seed: of the pushes and their noise.
     """
-    points = support_points(n)
+    points, constraints = support_points(n), (Moment(), NormalForce())
     for observation in _observations(np.random.default_rng(seed)):
-        yield stack([moment_rows(observation, points), normal_force_rows(observation, points)], n)
+        forces = support_forces(points, observation.twist)
+        yield stack([constraint.rows(observation, forces) for constraint in constraints], n)
 
 
 def _observations(rng: np.random.Generator) -> Iterator[Observation]:

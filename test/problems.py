@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core.constraint_rows import ConstraintRows
+from pushfric_core.constraints import Constraint
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Array, rotation, velocity_at
 from pushfric_core.simulation import pushed_motion
-from pushfric_core.support import Support
+from pushfric_core.support import NOT_FREE, FreeRadii, Support, support_forces
 
 
 class Problem(NamedTuple):
@@ -74,3 +76,10 @@ def moment(weights: Array, points: Array, observation: Observation) -> float:
         rx, ry = point[0] - observation.contact_point[0], point[1] - observation.contact_point[1]
         total += -weight * (rx * vy - ry * vx) / speed
     return total
+
+
+def rows_of(
+    constraint: Constraint, observation: Observation, support_points: Array, free: FreeRadii = NOT_FREE
+) -> ConstraintRows:
+    """What a constraint makes of a data point."""
+    return constraint.rows(observation, support_forces(support_points, observation.twist, free))

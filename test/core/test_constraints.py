@@ -2,9 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from problems import PROBLEMS, moment
+from problems import PROBLEMS, moment, rows_of
 
-from pushfric_core.constraints import cone_rows, frictionless_rows, moment_rows, normal_force_rows, stack
+from pushfric_core.constraint_rows import stack
+from pushfric_core.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection, SensedForce
 from pushfric_core.errors import UninformativePush
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
@@ -20,7 +21,7 @@ TWO = np.array(((-0.03, 0.0), (0.03, 0.0)))
 def test_moment_rows_vanish_at_the_true_weights(make):
     problem = make()
     for observation in problem.observations:
-        rows = moment_rows(observation, problem.truth.points)
+        rows = rows_of(Moment(), observation, problem.truth.points)
         assert rows.a @ problem.truth.weights == pytest.approx(0, abs=1e-5)
 
 
@@ -28,7 +29,7 @@ def test_a_moment_row_is_equation_2(rng):
     problem = PROBLEMS[0]()
     weights = rng.dirichlet(np.ones(4))
     for observation in problem.observations[:5]:
-        rows = moment_rows(observation, problem.truth.points)
+        rows = rows_of(Moment(), observation, problem.truth.points)
         assert rows.a @ weights == pytest.approx(moment(weights, problem.truth.points, observation))
         assert rows.above == rows.below == 1
 
@@ -36,7 +37,7 @@ def test_a_moment_row_is_equation_2(rng):
 def test_the_error_of_an_interval_is_what_reaches_beyond_it():
     # pushed along y at x = 0.01, both supports slide along +y: the force acts at x = w . (-0.03, 0.03)
     push = Observation((0.01, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0), half_width=0.004)
-    rows = moment_rows(push, TWO)
+    rows = rows_of(Moment(), push, TWO)
     for right, error in ((1 / 2 + 0.01 / 0.06, 0.0), (1.0, 0.03 - 0.014), (0.0, 0.03 + 0.006)):
         residuals = rows.a @ (1 - right, right)
         assert fit_error(rows, residuals) == pytest.approx(error)
@@ -46,8 +47,8 @@ def test_an_interval_without_width_costs_as_the_point_does(rng):
     problem = PROBLEMS[0]()
     weights = rng.dirichlet(np.ones(4))
     observation = problem.observations[0]
-    narrow = moment_rows(dataclasses.replace(observation, half_width=1e-12), problem.truth.points)
-    point = moment_rows(observation, problem.truth.points)
+    narrow = rows_of(Moment(), dataclasses.replace(observation, half_width=1e-12), problem.truth.points)
+    point = rows_of(Moment(), observation, problem.truth.points)
     assert fit_error(narrow, narrow.a @ weights) == pytest.approx(fit_error(point, point.a @ weights))
 
 
@@ -55,29 +56,44 @@ def test_an_interval_without_width_costs_as_the_point_does(rng):
 def test_the_pusher_pushes(make):
     problem = make()
     for observation in problem.observations:
-        rows = normal_force_rows(observation, problem.truth.points)
+        rows = rows_of(NormalForce(), observation, problem.truth.points)
         assert (rows.a @ problem.truth.weights > 0).all()
         assert rows.below == np.inf
         assert rows.above == 0
 
 
 def test_a_pulled_object_violates_the_normal_force():
-    assert (normal_force_rows(PULLED, TWO).a @ (0.5, 0.5) < 0).all()
+    assert (rows_of(NormalForce(), PULLED, TWO).a @ (0.5, 0.5) < 0).all()
 
 
 def test_cone_rows_cost_nothing_within_the_true_cone():
     problem = PROBLEMS[0]()  # made with mu_c = 0.5
     for observation in problem.observations:
-        rows = cone_rows(observation, problem.truth.points, mu_bound=0.5, weight=2.0)
+        rows = rows_of(Cone(0.5, weight=2.0), observation, problem.truth.points)
         assert fit_error(rows, rows.a @ problem.truth.weights) == pytest.approx(0, abs=1e-3)
         assert (rows.below == 2.0).all()
 
 
 def test_frictionless_rows_measure_the_tangential_force():
-    rows = frictionless_rows(Observation((0.0, -0.05), (0.0, -1.0), Twist(0.01, 0.01, 0.0)), TWO, weight=0.05)
+    rows = rows_of(Frictionless(0.05), Observation((0.0, -0.05), (0.0, -1.0), Twist(0.01, 0.01, 0.0)), TWO)
     # f = -(1, 1) / sqrt(2), t = (1, 0)
     assert rows.a @ (0.5, 0.5) == pytest.approx(-np.sqrt(0.5))
     assert rows.above == rows.below == 0.05
+
+
+def test_without_a_measured_force_its_constraints_bring_no_rows():
+    push = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0))
+    assert rows_of(SensedForce(), push, TWO).a.shape == (0, 3)
+    assert rows_of(SensedDirection(0.1), push, TWO).a.shape == (0, 2)
+    # a sensor that reads nothing gives no direction, but a magnitude
+    resting = dataclasses.replace(push, force=(0.0, 0.0))
+    assert rows_of(SensedForce(), resting, TWO).a.shape == (2, 3)
+    assert rows_of(SensedDirection(0.1), resting, TWO).a.shape == (0, 2)
+
+
+def test_a_direction_is_known_to_less_than_a_right_angle():
+    with pytest.raises(ValueError, match=r"half_angle must lie in \[0, pi/2\), got 1.6"):
+        SensedDirection(1.6)
 
 
 def test_no_constraints_stack_to_no_rows():
@@ -98,30 +114,30 @@ def test_a_free_support_lowers_the_cost_as_far_as_any_force_can(rng):
         arms = points - turn.contact_point
         known = sum(w[j] * (arms[j][0] * fixed[j][1] - arms[j][1] * fixed[j][0]) for j in (0, 2))
         moments = known + w[1] * (arms[1][0] * disc[:, 1] - arms[1][1] * disc[:, 0])
-        rows = moment_rows(turn, points, free=WITHIN_5_MM)
+        rows = rows_of(Moment(), turn, points, free=WITHIN_5_MM)
         assert fit_error(rows, rows.a @ w) == pytest.approx(np.abs(moments).min(), abs=1e-4)
-        rows = frictionless_rows(turn, points, 2.0, free=WITHIN_5_MM)
+        rows = rows_of(Frictionless(2.0), turn, points, free=WITHIN_5_MM)
         assert fit_error(rows, rows.a @ w) == pytest.approx(2 * np.abs(forces[0] + w[1] * disc[:, 0]).min(), abs=2e-3)
-        rows = normal_force_rows(turn, points, free=WITHIN_5_MM)
+        rows = rows_of(NormalForce(), turn, points, free=WITHIN_5_MM)
         assert rows.a @ w == pytest.approx(-forces[1] + w[1], abs=1e-9)
 
 
 def test_only_supports_within_the_radius_are_free():
     turn = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.001, -0.031, 1.0))
-    assert len(moment_rows(turn, TWO, free=FreeRadii(0.001, 0.001)).a) == 1
-    assert len(moment_rows(turn, TWO, free=FreeRadii(0.002, 0.002)).a) == 2
+    assert len(rows_of(Moment(), turn, TWO, free=FreeRadii(0.001, 0.001)).a) == 1
+    assert len(rows_of(Moment(), turn, TWO, free=FreeRadii(0.002, 0.002)).a) == 2
 
 
 def test_a_support_exactly_on_the_center_of_rotation_needs_a_radius():
     turn = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.03, 1.0))
     with pytest.raises(UninformativePush, match="rotated exactly about its support point"):
-        moment_rows(turn, TWO)
-    assert np.isfinite(moment_rows(turn, TWO, free=FreeRadii(0.001, 0.001)).a).all()
+        rows_of(Moment(), turn, TWO)
+    assert np.isfinite(rows_of(Moment(), turn, TWO, free=FreeRadii(0.001, 0.001)).a).all()
 
 
 def test_a_translation_frees_nothing():
     slide = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0))
-    assert len(moment_rows(slide, TWO, free=FreeRadii(0.05, 0.05)).a) == 1
+    assert len(rows_of(Moment(), slide, TWO, free=FreeRadii(0.05, 0.05)).a) == 1
 
 
 def test_between_the_radii_supports_are_the_freer_the_nearer():

@@ -1,11 +1,12 @@
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from problems import PROBLEMS
+from problems import PROBLEMS, rows_of
 from scipy.optimize import nnls
 
-from pushfric_core.constraints import moment_rows
+from pushfric_core import Constraint, ConstraintRows, Loss, functional_rows
+from pushfric_core.constraints import Moment
 from pushfric_core.errors import UninformativePush
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
@@ -276,7 +277,7 @@ def test_the_loss_l2_is_the_least_squares_fit():
     noisy = [replace(o, twist=Twist(*(np.array(o.twist) * (1 + rng.normal(0, 0.05, 3))))) for o in problem.observations]
     estimate = estimate_of(problem.truth.points, noisy, loss="l2", **settings)
     assert estimate.status is Status.OPTIMAL
-    a = np.concatenate([moment_rows(o, problem.truth.points).a for o in noisy])
+    a = np.concatenate([rows_of(Moment(), o, problem.truth.points).a for o in noisy])
     # nonnegative least squares with the sum as one heavy row: another algorithm, on the same rows
     w, _ = nnls(np.vstack((a, 1e3 * np.ones(a.shape[1]))), np.append(np.zeros(len(a)), 1e3))
     assert estimate.w == pytest.approx(w / w.sum(), abs=1e-4)
@@ -308,3 +309,55 @@ def test_data_points_without_rows_or_cost_are_taken_and_excluded(settings):
     estimator = Estimator(problem.outline.grid(4, 4), EstimatorConfig(**settings))
     assert last_estimate(estimator, problem.observations[:4]).data_points == 4
     assert estimator.exclude(2).data_points == 3
+
+
+@dataclass(frozen=True)
+class OnAxis(Constraint):
+    """Own knowledge: by symmetry, p_CF lies on a line along y; a metre off it costs `weight`."""
+
+    x: float
+    weight: float
+
+    def rows(self, observation, forces):
+        cost = np.array([self.weight])
+        return ConstraintRows(forces.points[None, :, 0] - self.x, cost, cost)
+
+
+@dataclass(frozen=True)
+class KnownFriction(Constraint):
+    """Own knowledge: the contact slides, so the force lies on the left edge of the friction cone: f . t = mu f . n."""
+
+    mu: float
+    weight: float
+
+    def rows(self, observation, forces):
+        x, y = observation.contact_normal
+        return functional_rows(np.array((-y - self.mu * x, x - self.mu * y)), forces, self.weight, self.weight)
+
+
+@pytest.mark.parametrize("settings", [{}, {"loss": "l2"}, {"solver": "osqp"}])
+def test_a_constraint_of_ones_own_joins_the_terms(settings):
+    problem = PROBLEMS[1]()
+    grid = problem.outline.grid(5, 5)
+    alone = last_estimate(Estimator(grid, EstimatorConfig(**settings)), problem.observations[:8]).center_of_friction
+    told = alone[0] + 0.003  # which is not true
+    config = EstimatorConfig(terms=("moment", OnAxis(told, 1000.0)), **settings)
+    estimate = last_estimate(Estimator(grid, config), problem.observations[:8])
+    assert estimate.center_of_friction[0] == pytest.approx(told, abs=1e-4)
+
+
+def test_a_constraint_on_the_force_needs_only_its_direction():
+    push = Observation((0.0, -0.05), (0.0, -1.0), Twist(-0.3, 1.0, 0.0))  # slides along (-0.3, 1): f.t / f.n = 0.3
+    right, wrong = (
+        Estimator([[-0.03, 0.0], [0.03, 0.0]], EstimatorConfig(terms=["moment", KnownFriction(mu, 0.05)])).add(push)
+        for mu in (0.3, 0.4)
+    )
+    force = np.hypot(0.3, 1.0)
+    assert wrong.solution.objective - right.solution.objective == pytest.approx(0.05 * 0.1 / force)
+
+
+def test_terms_are_names_or_constraints():
+    with pytest.raises(ValueError, match=r"terms must be of moment, .* got the unknown 3"):
+        EstimatorConfig(terms=("moment", 3))
+    config = EstimatorConfig(terms=("moment", KnownFriction(0.3, 1.0)), solver="simplex", loss=Loss.L1)
+    assert config == EstimatorConfig(terms=["moment", KnownFriction(0.3, 1.0)])

@@ -1,6 +1,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from pushfric_core.errors import UninformativePush
@@ -14,6 +15,14 @@ GOOD = Observation((0.05, 0.0), (1.0, 0.0), Twist(-0.02, 0.0, 0.1))
     ("change", "text"),
     [
         ({"contact_point": (math.nan, 0.0)}, "contact_point must be finite"),
+        ({"contact_point": (0.0, 0.0, 0.0)}, r"contact_point must be two numbers, got \(0.0, 0.0, 0.0\)"),
+        ({"contact_point": 0.05}, "contact_point must be two numbers, got 0.05"),
+        ({"contact_normal": ("x", 0.0)}, "contact_normal must be two numbers"),
+        ({"force": (1.0,)}, "force must be two numbers"),
+        ({"twist": (0.0, 0.02, 0.1)}, r"twist must be a Twist\(vx, vy, omega\), got \(0.0, 0.02, 0.1\)"),
+        ({"pose": (0.0, 0.0, 0.0)}, r"pose must be a Pose\(x, y, theta\) or None, got \(0.0, 0.0, 0.0\)"),
+        ({"push_id": 1.5}, "push_id must be an integer, got 1.5"),
+        ({"stamp": None}, "stamp must be an integer, got None"),
         ({"contact_normal": (0.9, 0.0)}, r"contact_normal must have length 1, got \(0.9, 0.0\) of length 0.9"),
         ({"contact_normal": (math.inf, 0.0)}, "contact_normal must be finite"),
         ({"twist": Twist(0.0, math.inf, 0.0)}, "twist must be finite"),
@@ -37,3 +46,4 @@ def test_a_data_point_needs_a_motion():
 def test_data_points_compare_by_value():
     assert dataclasses.replace(GOOD) == GOOD
     assert dataclasses.replace(GOOD, push_id=1) != GOOD
+    assert dataclasses.replace(GOOD, contact_point=np.array(GOOD.contact_point)) == GOOD

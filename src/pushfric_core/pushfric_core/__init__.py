@@ -1,1 +1,69 @@
-"""Friction parameters of pushed objects (Lynch 1993): pure maths, no ROS, no files, no clocks."""
+"""Friction parameters of pushed objects (Lynch 1993): pure maths, no ROS, no files, no clocks.
+
+The names below are the public interface. Each is loaded when it is first used, so that importing the package costs next to
+nothing, and everything but the solvers works without their packages, numba and osqp.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+# isort: off
+if TYPE_CHECKING:
+    from pushfric_core.constraint_rows import ConstraintRows as ConstraintRows
+    from pushfric_core.constraints import Constraint as Constraint, functional_rows as functional_rows
+    from pushfric_core.contact import PushingLine as PushingLine
+    from pushfric_core.errors import (
+        PushfricError as PushfricError,
+        SolverFailed as SolverFailed,
+        SolverUnavailable as SolverUnavailable,
+        UninformativePush as UninformativePush,
+    )
+    from pushfric_core.estimate import Estimate as Estimate
+    from pushfric_core.estimator import Estimator as Estimator, EstimatorConfig as EstimatorConfig
+    from pushfric_core.limit_surface import Ellipsoid as Ellipsoid, LimitSurface as LimitSurface
+    from pushfric_core.observation import Observation as Observation
+    from pushfric_core.outline import Outline as Outline, Touch as Touch
+    from pushfric_core.planar import Pose as Pose, Twist as Twist, Wrench as Wrench
+    from pushfric_core.recognition import Hypothesis as Hypothesis, Ranking as Ranking, Recognizer as Recognizer
+    from pushfric_core.region import HalfPlanes as HalfPlanes, Region as Region
+    from pushfric_core.simulation import PushedObject as PushedObject, pushed_motion as pushed_motion
+    from pushfric_core.solvers.program import Loss as Loss, Optimum as Optimum, Solver as Solver, Status as Status
+    from pushfric_core.support import Support as Support, SupportForces as SupportForces
+    from pushfric_core.trajectory import Trajectory as Trajectory, TrajectoryConfig as TrajectoryConfig
+
+# isort: on
+
+__version__ = "0.1.0"
+
+_MODULES = {  # the same as above: a test compares them
+    "constraint_rows": ["ConstraintRows"],
+    "constraints": ["Constraint", "functional_rows"],
+    "contact": ["PushingLine"],
+    "errors": ["PushfricError", "SolverFailed", "SolverUnavailable", "UninformativePush"],
+    "estimate": ["Estimate"],
+    "estimator": ["Estimator", "EstimatorConfig"],
+    "limit_surface": ["Ellipsoid", "LimitSurface"],
+    "observation": ["Observation"],
+    "outline": ["Outline", "Touch"],
+    "planar": ["Pose", "Twist", "Wrench"],
+    "recognition": ["Hypothesis", "Ranking", "Recognizer"],
+    "region": ["HalfPlanes", "Region"],
+    "simulation": ["PushedObject", "pushed_motion"],
+    "solvers.program": ["Loss", "Optimum", "Solver", "Status"],
+    "support": ["Support", "SupportForces"],
+    "trajectory": ["Trajectory", "TrajectoryConfig"],
+}
+_HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
+
+__all__ = sorted(_HOMES)  # noqa: PLE0605 - computed, so that the names stand here no third time
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

@@ -8,13 +8,12 @@ all pushes have in common, as a wrong outline or camera, it cannot tell.
 import math
 from collections import Counter
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
-from pushfric_core.constraints import ConstraintRows
+from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
-from pushfric_core.solvers.simplex import Optimum
+from pushfric_core.solvers.program import Program
 from pushfric_core.support import center_of_friction
 
 SHARE = 0.9
@@ -25,14 +24,6 @@ SPLITS = 6
 
 FEWEST_PUSHES = 4
 """Of fewer, halves say nothing."""
-
-
-class Program(Protocol):
-    """One of the programs for w."""
-
-    def add(self, added: ConstraintRows) -> None: ...
-    def remove(self, group: int) -> None: ...
-    def solve(self) -> Optimum: ...
 
 
 class Halves:

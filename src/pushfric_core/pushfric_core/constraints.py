@@ -1,124 +1,169 @@
-"""Observation -> rows of the fit error: the constraints of section 3 and those of sensed forces, all in one shape.
+"""Observation -> rows of the fit error: the constraints of section 3 and those of measured forces, all in one shape.
 
 Every constraint bounds a linear functional of the support friction, sum_j c_j . f_j. Where the direction of f_j is known, that
 is a number times w_j. A support so near the centre of rotation that it is not known may apply any force of at most free_j w_j
 besides, which moves the functional by at most |c_j| free_j w_j to either side: each side of the constraint becomes a row of its
 own, still linear.
-
-Rows have a column for each support point. Those of a sensed force have one more, for the scale s: one over the total support
-friction of the translating object [1/N], which turns Newtons into the unit of w. Where any row has it, the program has it.
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from pushfric_core.constraint_rows import ConstraintRows, stack
 from pushfric_core.contact import interval, tangent
-from pushfric_core.observation import Observation, Vector
+from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, left_of
-from pushfric_core.support import NOT_FREE, FreeRadii, SupportForces, support_forces
+from pushfric_core.support import SupportForces
 
 
-class ConstraintRows(NamedTuple):
-    """Rows a of the fit error phi(a . w) = above * max(a . w, 0) + below * max(-a . w, 0); an infinite cost is a hard side."""
+class Constraint(ABC):
+    """What a data point says about w, as rows of the fit error.
 
-    a: Array  # (m, n), or (m, n + 1) with the column of the scale
-    above: Array  # (m,) cost per unit of a . w > 0
-    below: Array  # (m,) cost per unit of a . w < 0
+    `EstimatorConfig.terms` takes objects of any subclass next to the names of the built-in ones. A subclass defines `rows`,
+    for which `functional_rows` does most of the work.
+    """
+
+    with_scale: ClassVar[bool] = False
+    """Whether the rows have one more column than there are supports, that of the scale (see ConstraintRows)."""
+
+    needs_force: ClassVar[bool] = False
+    """Whether data points without a measured force bring no rows."""
+
+    @abstractmethod
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        """The rows of a data point, possibly none.
+
+        Args:
+            observation: the data point, object frame.
+            forces: what its motion tells about the friction forces of the supports.
+        Returns:
+            Rows of n columns, n + 1 with a scale, whose cost is in metres of moment.
+        """
 
 
-def moment_rows(observation: Observation, support_points: Array, free: FreeRadii = NOT_FREE) -> ConstraintRows:
+@dataclass(frozen=True)
+class Moment(Constraint):
     """The friction force passes through the contact (eq. 4), or through its interval (eqs 5 and 6) where it has a width.
 
+    The rows are moments about the contact [m, unit force].
+
     Args:
-        observation: contact [m] and twist, object frame.
-        support_points: (n, 2) [m].
-        free: where supports may push any way.
-    Returns:
-        Rows of the moment about the contact [m, unit force].
-    Raises:
-        UninformativePush: see support_forces.
+        half_width: half the contact interval of data points that bring none [m].
     """
-    forces = support_forces(support_points, observation.twist, free)
-    if observation.half_width == 0:
-        return _rows(left_of(support_points - observation.contact_point), forces, 1.0, 1.0)
-    low, high = interval(observation.contact_point, observation.contact_normal, observation.half_width)
-    # -m(c-) >= 0 and m(c+) >= 0
-    sides = [_rows(left_of(support_points - low), forces, 1.0, 0.0), _rows(left_of(support_points - high), forces, 0.0, 1.0)]
-    return stack(sides, len(support_points))
+
+    half_width: float = 0.0
+
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        half_width = observation.half_width or self.half_width
+        if half_width == 0:
+            return functional_rows(left_of(forces.points - observation.contact_point), forces, 1.0, 1.0)
+        low, high = interval(observation.contact_point, observation.contact_normal, half_width)
+        # -m(c-) >= 0 and m(c+) >= 0
+        sides = [
+            functional_rows(left_of(forces.points - low), forces, 1.0, 0.0),
+            functional_rows(left_of(forces.points - high), forces, 0.0, 1.0),
+        ]
+        return stack(sides, len(forces.points))
 
 
-def normal_force_rows(
-    observation: Observation, support_points: Array, weight: float = math.inf, free: FreeRadii = NOT_FREE
-) -> ConstraintRows:
-    """The pusher cannot pull: f . n >= 0 (eq. 7), hard unless a unit of violation costs a finite `weight` [m].
+@dataclass(frozen=True)
+class NormalForce(Constraint):
+    """The pusher cannot pull: f . n >= 0 (eq. 7).
 
-    With a weight above the multiplier of the hard constraint the optimum is the same. The rest as for `moment_rows`.
+    Args:
+        weight: cost of a unit of force that pulls [m]; hard if infinite. With a weight above the multiplier of the hard
+            constraint the optimum is the same.
     """
-    forces = support_forces(support_points, observation.twist, free)
-    return _rows(np.asarray(observation.contact_normal), forces, 0.0, weight)
+
+    weight: float = math.inf
+
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        return functional_rows(np.asarray(observation.contact_normal), forces, 0.0, self.weight)
 
 
-def frictionless_rows(
-    observation: Observation, support_points: Array, weight: float = 1.0, free: FreeRadii = NOT_FREE
-) -> ConstraintRows:
-    """A contact without friction: f . t = 0 (eq. 8), each unit of force costing `weight` [m]. The rest as for `moment_rows`."""
-    forces = support_forces(support_points, observation.twist, free)
-    return _rows(tangent(observation.contact_normal), forces, weight, weight)
+@dataclass(frozen=True)
+class Frictionless(Constraint):
+    """A contact without friction: f . t = 0 (eq. 8).
+
+    Args:
+        weight: cost of a unit of force along the edge [m].
+    """
+
+    weight: float = 1.0
+
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        return functional_rows(tangent(observation.contact_normal), forces, self.weight, self.weight)
 
 
-def cone_rows(
-    observation: Observation, support_points: Array, mu_bound: float, weight: float = 1.0, free: FreeRadii = NOT_FREE
-) -> ConstraintRows:
+@dataclass(frozen=True)
+class Cone(Constraint):
     """The force lies in the friction cone of a known bound on mu_c: mu f . n -+ f . t >= 0 (eqs 9 and 10).
 
-    Each unit of violation costs `weight` [m]. The rest as for `moment_rows`.
+    Args:
+        mu_bound: upper bound on mu_c.
+        weight: cost of a unit of violation [m].
     """
-    forces = support_forces(support_points, observation.twist, free)
-    return _within_cone(np.asarray(observation.contact_normal), mu_bound, forces, weight)
+
+    mu_bound: float
+    weight: float = 1.0
+
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        return _within_cone(np.asarray(observation.contact_normal), self.mu_bound, forces, self.weight)
 
 
-def sensed_force_rows(
-    observation: Observation, support_points: Array, weight: float = 1.0, free: FreeRadii = NOT_FREE
-) -> ConstraintRows:
+@dataclass(frozen=True)
+class SensedForce(Constraint):
     """The friction force is opposite to the measured one, and to scale: f + s F = 0, component by component (section 3.2).
 
-    Each unit of difference costs `weight` [m]. The rows have the column of the scale. The rest as for `moment_rows`.
-
-    Raises:
-        ValueError: no force was measured.
-        UninformativePush: see support_forces.
+    Args:
+        weight: cost of a unit of difference [m].
     """
-    forces = support_forces(support_points, observation.twist, free)
-    parts = []
-    for axis, measured in zip(np.eye(2), _sensed(observation), strict=True):
-        a, above, below = _rows(axis, forces, weight, weight)
-        parts.append(ConstraintRows(np.column_stack((a, np.full(len(a), measured))), above, below))
-    return stack(parts, len(support_points) + 1)
+
+    with_scale: ClassVar[bool] = True
+    needs_force: ClassVar[bool] = True
+
+    weight: float = 1.0
+
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        parts = []
+        for axis, measured in zip(np.eye(2), observation.force or (), strict=False):
+            a, above, below = functional_rows(axis, forces, self.weight, self.weight)
+            parts.append(ConstraintRows(np.column_stack((a, np.full(len(a), measured))), above, below))
+        return stack(parts, len(forces.points) + 1)
 
 
-def sensed_direction_rows(
-    observation: Observation, support_points: Array, half_angle: float, weight: float = 1.0, free: FreeRadii = NOT_FREE
-) -> ConstraintRows:
-    """The friction force lies within `half_angle` [rad] of the opposite of the measured one, whose magnitude is not used.
+@dataclass(frozen=True)
+class SensedDirection(Constraint):
+    """The friction force lies within a cone about the opposite of the measured one, whose magnitude is not used.
 
-    Each unit of violation costs `weight` [m]. The rest as for `moment_rows`.
+    A force of zero gives no direction, and no rows.
 
+    Args:
+        half_angle: of the cone [rad], in [0, pi/2).
+        weight: cost of a unit of violation [m].
     Raises:
-        ValueError: no force was measured, or one of no length, or half_angle is not in [0, pi/2).
-        UninformativePush: see support_forces.
+        ValueError: half_angle is not in [0, pi/2).
     """
-    if not 0 <= half_angle < math.pi / 2:
-        raise ValueError(f"half_angle must lie in [0, pi/2), got {half_angle:g}")
-    force = np.asarray(_sensed(observation))
-    length = math.hypot(*force)
-    if length == 0:
-        raise ValueError("the direction of a measured force needs a length, got (0, 0) N")
-    forces = support_forces(support_points, observation.twist, free)
-    return _within_cone(-force / length, math.tan(half_angle), forces, weight)
+
+    needs_force: ClassVar[bool] = True
+
+    half_angle: float
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.half_angle < math.pi / 2:
+            raise ValueError(f"half_angle must lie in [0, pi/2), got {self.half_angle:g}")
+
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        if observation.force is None or not any(observation.force):
+            return stack([], len(forces.points))
+        force = np.asarray(observation.force)
+        return _within_cone(-force / math.hypot(*force), math.tan(self.half_angle), forces, self.weight)
 
 
 def center_of_friction_rows(center: npt.ArrayLike, support_points: Array) -> ConstraintRows:
@@ -132,30 +177,18 @@ def center_of_friction_rows(center: npt.ArrayLike, support_points: Array) -> Con
     return ConstraintRows((support_points - np.asarray(center, dtype=float)).T, hard, hard)
 
 
-def stack(parts: Sequence[ConstraintRows], n: int) -> ConstraintRows:
-    """The rows of several constraints as one, of n columns: those that lack the last, the scale, get zeros there."""
-    a = [np.pad(part.a, ((0, 0), (0, n - part.a.shape[1]))) if part.a.shape[1] < n else part.a for part in parts]
-    return ConstraintRows(
-        np.concatenate([np.zeros((0, n)), *a]),
-        np.concatenate([np.zeros(0), *(part.above for part in parts)]),
-        np.concatenate([np.zeros(0), *(part.below for part in parts)]),
-    )
+def functional_rows(functional: Array, forces: SupportForces, above: float, below: float) -> ConstraintRows:
+    """The cost of a linear functional of the support friction, r = sum_j c_j . f_j.
 
-
-def _sensed(observation: Observation) -> Vector:
-    if observation.force is None:
-        raise ValueError(f"a measured force is needed, the data point of push {observation.push_id} has none")
-    return observation.force
-
-
-def _within_cone(axis: Array, slope: float, forces: SupportForces, weight: float) -> ConstraintRows:
-    """slope * f . axis -+ f . (axis turned left) >= 0, each at its cost."""
-    sides = [_rows(slope * axis + side * left_of(axis), forces, 0.0, weight) for side in (-1, 1)]
-    return stack(sides, len(forces.free))
-
-
-def _rows(functional: Array, forces: SupportForces, above: float, below: float) -> ConstraintRows:
-    """The cost of sum_j c_j . f_j, with c = functional, (2,) or (n, 2), after the free supports did their best to lower it."""
+    Args:
+        functional: c, (2,) for all supports or (n, 2) for each.
+        forces: of the n supports, f_j = w_j (directions_j + any force of at most free_j).
+        above: cost of a unit of r > 0 [m]; infinite: r <= 0 is a hard constraint.
+        below: the same of r < 0.
+    Returns:
+        One row; where supports are free, one for each side that costs anything, after these supports have done their best to
+        lower its cost.
+    """
     a = np.sum(functional * forces.directions, axis=1)
     if not forces.free.any() or above == below == 0:
         return ConstraintRows(a[None], np.full(1, above), np.full(1, below))
@@ -164,3 +197,9 @@ def _rows(functional: Array, forces: SupportForces, above: float, below: float) 
     sides = [(a - reach, above, 0.0)] * (above > 0) + [(a + reach, 0.0, below)] * (below > 0)
     rows, costs_above, costs_below = zip(*sides, strict=True)
     return ConstraintRows(np.array(rows), np.array(costs_above), np.array(costs_below))
+
+
+def _within_cone(axis: Array, slope: float, forces: SupportForces, weight: float) -> ConstraintRows:
+    """slope * f . axis -+ f . (axis turned left) >= 0, each at its cost."""
+    sides = [functional_rows(slope * axis + side * left_of(axis), forces, 0.0, weight) for side in (-1, 1)]
+    return stack(sides, len(forces.points))

@@ -8,12 +8,14 @@ import numpy as np
 from pushfric_core.contact import tangent
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
+from pushfric_core.records import comparable
 from pushfric_core.support import SupportForces
 
 TINY = 1e-300
 """Keeps a division by no force at all defined; its quotient is not used."""
 
 
+@comparable
 class ContactForces(NamedTuple):
     """What supports of unit weight push along the normals and tangents of m contacts."""
 

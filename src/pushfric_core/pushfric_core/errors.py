@@ -19,3 +19,7 @@ class InfeasibleProgram(PushfricError):
 
 class SolverFailed(PushfricError):
     """The solver stopped without a solution it could certify."""
+
+
+class SolverUnavailable(PushfricError):
+    """The solver that is asked for needs a package that is not installed."""

@@ -2,54 +2,60 @@
 
 import math
 from collections import Counter
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core import contact_friction
 from pushfric_core.confidence import Halves
+from pushfric_core.constraint_rows import stack
 from pushfric_core.constraints import (
-    ConstraintRows,
+    Cone,
+    Constraint,
+    Frictionless,
+    Moment,
+    NormalForce,
+    SensedDirection,
+    SensedForce,
     center_of_friction_rows,
-    cone_rows,
-    frictionless_rows,
-    moment_rows,
-    normal_force_rows,
-    sensed_direction_rows,
-    sensed_force_rows,
-    stack,
 )
 from pushfric_core.contact_friction import ContactForces, contact_forces
+from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Array
 from pushfric_core.settings import check_ranges, setting
-from pushfric_core.solvers.program import Status
-from pushfric_core.solvers.quadratic import LeastSquares, OsqpLinearProgram, nearest_uniform
-from pushfric_core.solvers.simplex import Optimum, Simplex
+from pushfric_core.solvers import empty_program
+from pushfric_core.solvers.program import Loss, Optimum, Program, Solver, Status
 from pushfric_core.support import FreeRadii, center_of_friction, check_points, support_forces
 
-TERMS = ("moment", "frictionless", "cone", "force", "force_angle")
-
-COR_SHARE = 0.55
-"""How far the centre of rotation wanders in a step, as a share of the support's size: docs/estimation.md has the evidence."""
+TERMS: dict[str, Callable[["EstimatorConfig"], Constraint]] = {
+    "moment": lambda config: Moment(config.half_width),
+    "frictionless": lambda config: Frictionless(config.force_weight),
+    "cone": lambda config: Cone(config.mu_bound, config.force_weight),
+    "force": lambda config: SensedForce(config.force_weight),
+    "force_angle": lambda config: SensedDirection(config.force_half_angle, config.force_weight),
+}
+"""The built-in terms, in the order of their rows."""
 
 FORCE_TERMS = ("force", "force_angle")
 """Those that need a measured force; data points without one bring no row of theirs."""
 
+COR_SHARE = 0.55
+"""How far the centre of rotation wanders in a step, as a share of the support's size: docs/estimation.md has the evidence."""
 
 TIE_BREAK_LIMIT = 300
 """Data points up to which ties are broken: more hardly ever leave any, and the cost of one must not grow with their number."""
 
-LOSSES, SOLVERS = ("l1", "l2"), ("simplex", "osqp")
-
 
 @dataclass(frozen=True)
 class EstimatorConfig:
-    """Which constraints make up the program; but for cor_radius, the defaults are the paper's (section 5)."""
+    """Which constraints make up the program; except for cor_radius, the defaults are the paper's (section 5).
 
-    terms: tuple[str, ...] = setting(("moment",), f"what the fit error is made of, any of: {', '.join(TERMS)}")
+    `terms` takes the names of the built-in constraints, and objects of one's own subclasses of `Constraint`. A solver, a loss
+    and a term may be given by name.
+    """
+
+    terms: tuple[str | Constraint, ...] = setting(("moment",), f"what the fit error is made of, any of: {', '.join(TERMS)}")
     half_width: float = setting(0.0, "half the contact interval of data points that bring none [m] (eqs 5 and 6)", 0.0, 1.0)
     cor_radius: float | None = setting(
         None,
@@ -69,8 +75,10 @@ class EstimatorConfig:
     force_half_angle: float = setting(
         0.0, "half the cone about a measured force that holds the true one, for the term force_angle [rad]", 0.0, 1.5
     )
-    loss: str = setting("l1", "l1: the sum of errors, robust; l2: the sum of their squares, for Gaussian ones (section 6.1)")
-    solver: str = setting("simplex", "simplex: exact; osqp: approximate, for comparison; l2 has its own")
+    loss: Loss = setting(
+        Loss.L1, "l1: the sum of errors, robust; l2: the sum of their squares, for Gaussian ones (section 6.1)"
+    )
+    solver: Solver = setting(Solver.SIMPLEX, "simplex: exact; osqp: approximate, for comparison; l2 has its own")
     tie_break: bool = setting(
         True, "of equally good w, take the one nearest to equal weights; with simplex, l1, and not the term force"
     )
@@ -78,90 +86,37 @@ class EstimatorConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        unknown = [term for term in self.terms if term not in TERMS]
+        for name, choices in (("loss", Loss), ("solver", Solver)):
+            if getattr(self, name) not in list(choices):
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, choices(getattr(self, name)))
+        object.__setattr__(self, "terms", tuple(self.terms))
+        unknown = [term for term in self.terms if not isinstance(term, Constraint) and term not in list(TERMS)]
         if unknown:
             raise ValueError(f"terms must be of {', '.join(TERMS)}, got the unknown {', '.join(map(repr, unknown))}")
         if not self.terms:
             raise ValueError(f"terms must name at least one of {', '.join(TERMS)}, got none")
         if "cone" in self.terms and self.mu_bound == math.inf:
             raise ValueError("the term cone needs a mu_bound, the known upper bound on mu_c, got none")
-        for name, known in (("loss", LOSSES), ("solver", SOLVERS)):
-            if getattr(self, name) not in known:
-                raise ValueError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
-        if "force" in self.terms and (self.loss, self.solver) != (LOSSES[0], SOLVERS[0]):
+        if self.with_scale and (self.loss, self.solver) != (Loss.L1, Solver.SIMPLEX):
             raise ValueError(f"the term force needs the loss l1 and the solver simplex, got {self.loss} and {self.solver}")
 
-
-@dataclass(frozen=True)
-class Estimate:
-    """What is known after the last data point; None of it changes later.
-
-    Attributes:
-        support_points: (n, 2) [m], object frame.
-        solution: w with its objective and certificate: the fit error [m, unit force]; with the loss l2 [m^2, unit force^2].
-        data_points: how many it rests on.
-        pushes: how many they came from.
-        stamp: of the newest of them [ns]; 0 where unknown.
-        contact_forces: at each contact, of supports of unit weight, in order of arrival.
-        conflicts: data points whose hard constraints contradict each other; none unless the status is INFEASIBLE.
-        center_given: the centre of friction is one of the hard constraints (eq. 13).
-        confidence: radius about p_CF that holds the truth with 90 % [m]; None where it is not computed, or of few pushes.
-    """
-
-    support_points: Array
-    solution: Optimum
-    data_points: int
-    pushes: int
-    stamp: int
-    contact_forces: ContactForces
-    conflicts: tuple[Observation, ...] = ()
-    center_given: bool = False
-    confidence: float | None = None
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """What makes the rows of a data point: the built-in terms, one's own, and eq. 7."""
+        built_in = tuple(make(self) for name, make in TERMS.items() if name in self.terms)
+        own = tuple(term for term in self.terms if isinstance(term, Constraint))
+        return built_in + own + (NormalForce(self.pull_penalty),) * self.nonnegative_force
 
     @property
-    def w(self) -> Array:
-        """Support friction distribution (n,), >= 0, sum 1."""
-        return self.solution.w
+    def with_scale(self) -> bool:
+        """Whether one of the terms compares magnitudes of measured forces, which needs their scale."""
+        return any(constraint.with_scale for constraint in self.constraints)
 
     @property
-    def status(self) -> Status:
-        return self.solution.status
-
-    @property
-    def total_friction(self) -> float | None:
-        """Support friction of the translating object [N]: times w, absolute magnitudes. None without measured forces."""
-        return 1 / self.solution.scale if self.solution.scale > 0 else None
-
-    @property
-    def contradiction(self) -> str | None:
-        """Which pushes contradict each other, for people; None where none do."""
-        if self.status is not Status.INFEASIBLE:
-            return None
-        pushes = sorted({observation.push_id for observation in self.conflicts})
-        if not pushes:
-            return "no w over the support points has the centre of friction that is asked for"
-        given = " with the centre of friction that is asked for" if self.center_given else ""
-        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
-
-    @cached_property
-    def center_of_friction(self) -> Array:
-        """p_CF (2,) [m], object frame (eq. 3)."""
-        return center_of_friction(self.support_points, self.w)
-
-    @cached_property
-    def contact_friction(self) -> Array:
-        """Lower bounds (m,) on mu_c, one per data point (eq. 12)."""
-        return contact_friction.lower_bounds(self.contact_forces, self.w)
-
-    @property
-    def mu_c_p90(self) -> float:
-        """Value at or below which 90 % of the lower bounds lie."""
-        return contact_friction.percentile(self.contact_friction, 0.9)
-
-    @property
-    def mu_c_max(self) -> float:
-        """The largest of the lower bounds."""
-        return contact_friction.percentile(self.contact_friction, 1.0)
+    def needs_force(self) -> bool:
+        """Whether one of the terms is about measured forces."""
+        return any(constraint.needs_force for constraint in self.constraints)
 
 
 class Estimator:
@@ -188,14 +143,15 @@ class Estimator:
             self._free = FreeRadii(0.0, COR_SHARE * math.sqrt(np.mean(np.sum(spread**2, axis=1))))
         else:
             self._free = FreeRadii(self.config.cor_radius, self.config.cor_radius)
-        self._columns = len(self.support_points) + ("force" in self.config.terms)
+        self._constraints = self.config.constraints
+        self._columns = len(self.support_points) + self.config.with_scale
         self._program = self._empty_program()
         self._observations: dict[int, Observation] = {}  # by the number of their rows in the program
         self._pushes: Counter[int] = Counter()
         self._contacts = _Contacts(len(self.support_points))
         self._next = 0
         self._center_given = center_of_friction is not None
-        computed = self.config.confidence and self.config.solver == SOLVERS[0] and not self._center_given
+        computed = self.config.confidence and self.config.solver is Solver.SIMPLEX and not self._center_given
         self._halves = Halves(self.support_points, self._empty_program) if computed else None
         if center_of_friction is not None:
             center = np.array(center_of_friction, dtype=float)
@@ -218,8 +174,8 @@ class Estimator:
         Raises:
             UninformativePush: the data point rotates exactly about a support point; the estimator is as before.
         """
-        rows = self._rows_of(observation)
         forces = support_forces(self.support_points, observation.twist, self._free)
+        rows = stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns)
         self._program.add(rows)
         if self._halves is not None:
             self._halves.add(self._next, observation.push_id, rows)
@@ -278,45 +234,14 @@ class Estimator:
             confidence,
         )
 
-    def _empty_program(self) -> Simplex | LeastSquares | OsqpLinearProgram:
-        n = len(self.support_points)
-        if self.config.loss == "l2":
-            return LeastSquares(n)
-        return OsqpLinearProgram(n) if self.config.solver == "osqp" else Simplex(n, with_scale="force" in self.config.terms)
+    def _empty_program(self) -> Program:
+        config = self.config
+        return empty_program(len(self.support_points), config.loss, config.solver, config.with_scale)
 
     def _solve(self) -> Optimum:
-        solution, program = self._program.solve(), self._program
-        # with a scale, the vertex stands; with many data points as well: this looks at all of them
-        tie_break = self.config.tie_break and self._columns == len(self.support_points)
-        tie_break = tie_break and len(self._observations) <= TIE_BREAK_LIMIT
-        if not tie_break or not isinstance(program, Simplex) or solution.status is not Status.OPTIMAL or program.unique():
-            return solution
-        certificate = program.certificate()
-        if certificate.status is not Status.OPTIMAL:
-            return solution
-        w, scale, _, objective, lower_bound, gap, status = nearest_uniform(program.rows(), certificate)
-        return Optimum(w, scale, objective, lower_bound, gap, status)
-
-    def _rows_of(self, observation: Observation) -> ConstraintRows:
-        points, config = self.support_points, self.config
-        weight, free = config.force_weight, self._free
-        if observation.half_width == 0 and config.half_width > 0:
-            observation = replace(observation, half_width=config.half_width)
-        parts = []
-        if "moment" in config.terms:
-            parts.append(moment_rows(observation, points, free))
-        if "frictionless" in config.terms:
-            parts.append(frictionless_rows(observation, points, weight, free))
-        if "cone" in config.terms:
-            parts.append(cone_rows(observation, points, config.mu_bound, weight, free))
-        # a sensor that reads nothing at all gives no direction
-        if "force" in config.terms and observation.force is not None:
-            parts.append(sensed_force_rows(observation, points, weight, free))
-        if "force_angle" in config.terms and observation.force is not None and any(observation.force):
-            parts.append(sensed_direction_rows(observation, points, config.force_half_angle, weight, free))
-        if config.nonnegative_force:
-            parts.append(normal_force_rows(observation, points, config.pull_penalty, free))
-        return stack(parts, self._columns)
+        if self.config.tie_break and len(self._observations) <= TIE_BREAK_LIMIT:
+            return self._program.nearest_uniform()
+        return self._program.solve()
 
 
 class _Contacts:

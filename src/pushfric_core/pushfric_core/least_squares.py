@@ -10,12 +10,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.constraints import moment_rows
+from pushfric_core.constraints import Moment
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
-from pushfric_core.support import center_of_friction, check_points
+from pushfric_core.records import comparable
+from pushfric_core.support import center_of_friction, check_points, support_forces
 
 
+@comparable
 class LeastSquaresFit(NamedTuple):
     """The w of least squared moments, whatever its signs."""
 
@@ -47,7 +49,8 @@ def least_squares_fit(observations: Sequence[Observation], support_points: npt.A
     points = check_points(support_points)
     if not observations:
         raise ValueError("a least-squares fit needs at least one data point")
-    moments = np.concatenate([moment_rows(replace(observation, half_width=0.0), points).a for observation in observations])
+    pointlike = [replace(observation, half_width=0.0) for observation in observations]
+    moments = np.concatenate([Moment().rows(one, support_forces(points, one.twist)).a for one in pointlike])
     uniform = np.full(len(points), 1 / len(points))
     # a QR decomposition that starts with the vector of ones has the basis in its other columns
     within = np.linalg.qr(np.column_stack((uniform, np.eye(len(points))[:, 1:])))[0][:, 1:]

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from pushfric_core.contact import tangent
 from pushfric_core.errors import SolverFailed
 from pushfric_core.planar import Array, Twist, Wrench, cross, left_of
+from pushfric_core.records import comparable
 from pushfric_core.support import Support
 
 SMOOTHING = 10.0 ** -np.arange(1, 10)
@@ -49,6 +50,7 @@ DISTINGUISHABLE = 3.0
 """Standard deviations of the noise that a difference of motions must exceed to be told from it."""
 
 
+@comparable
 class Facet(NamedTuple):
     """A flat part of the limit surface: the object rotates about a support point, whose force may be any up to w_j.
 
@@ -61,6 +63,7 @@ class Facet(NamedTuple):
     radius: float  # weight w_j of the support
 
 
+@comparable
 class CrossSection(NamedTuple):
     """Where a plane through the origin cuts the limit surface: a closed convex curve."""
 
@@ -68,6 +71,7 @@ class CrossSection(NamedTuple):
     facets: list[Array]  # (2, 2) each: the ends of its straight parts, which are among the points
 
 
+@comparable
 class Reachable(NamedTuple):
     """The part of the limit surface that pushes at k contacts reach: s wrenches each, from the cone's edge towards -t to +t."""
 
@@ -75,6 +79,7 @@ class Reachable(NamedTuple):
     twists: Array  # (k, s, 3) of unit dissipation
 
 
+@comparable
 @dataclass(frozen=True)
 class Ellipsoid:
     """An ellipsoid W' A W = 1 in place of a limit surface: wrenches and motions in closed form.

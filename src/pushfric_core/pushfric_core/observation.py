@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from numbers import Integral
 
 from pushfric_core.errors import UninformativePush
 from pushfric_core.outline import Outline
@@ -35,7 +36,7 @@ class Observation:
         pose: of the object in the table frame at the stamp; None where unknown.
         force: measured force of the pusher ON the object [N]; None without a force sensor.
     Raises:
-        ValueError: a value that is not finite, a normal that is not unit, a negative half-width or duration.
+        ValueError: a value that is not finite or of another type, a normal that is not unit, a negative half-width or duration.
         UninformativePush: the twist is zero.
     """
 
@@ -50,10 +51,20 @@ class Observation:
     force: Vector | None = None
 
     def __post_init__(self) -> None:
-        for name in ("contact_point", "contact_normal", "twist", "pose", "force"):
+        for name in ("contact_point", "contact_normal", "force"):
+            if name != "force" or self.force is not None:
+                object.__setattr__(self, name, _vector(name, getattr(self, name)))
+        if not isinstance(self.twist, Twist):
+            raise ValueError(f"twist must be a Twist(vx, vy, omega), got {self.twist!r}")
+        if not isinstance(self.pose, Pose | None):
+            raise ValueError(f"pose must be a Pose(x, y, theta) or None, got {self.pose!r}")
+        for name in ("twist", "pose"):
             value = getattr(self, name)
-            if value is not None and not all(math.isfinite(component) for component in value):
+            if value is not None and not all(map(math.isfinite, value)):
                 raise ValueError(f"{name} must be finite, got {tuple(map(float, value))}")
+        for name in ("push_id", "stamp"):
+            if not isinstance(getattr(self, name), Integral):
+                raise ValueError(f"{name} must be an integer, got {getattr(self, name)!r}")
         length = math.hypot(*self.contact_normal)
         if abs(length - 1) > UNIT:
             raise ValueError(f"contact_normal must have length 1, got {self.contact_normal} of length {length:.4g}")
@@ -80,3 +91,14 @@ class Observation:
             raise ValueError(
                 f"contact_point must be within {limit} of the outline, got ({x:g}, {y:g}) m, {distance:.3g} m away"
             )
+
+
+def _vector(name: str, value: object) -> Vector:
+    """Two numbers, from any sequence of them."""
+    try:
+        x, y = map(float, value)  # type: ignore[call-overload]
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be two numbers, got {value!r}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"{name} must be finite, got {(x, y)}")
+    return x, y

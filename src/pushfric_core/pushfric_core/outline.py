@@ -9,6 +9,7 @@ import numpy.typing as npt
 import shapely
 
 from pushfric_core.planar import Array, cross, left_of
+from pushfric_core.records import comparable
 
 ON_OUTLINE = 1e-9
 """Points this close to the outline [m] count as inside: a grid may touch the edges."""
@@ -17,6 +18,7 @@ LARGEST_GRID = 10_000
 """Points; the program for w grows with the square of their number."""
 
 
+@comparable
 class Touch(NamedTuple):
     """Where a round tip, moving along a line, first meets the outline."""
 
@@ -26,6 +28,7 @@ class Touch(NamedTuple):
     edge: int | None  # index of the edge; None: a corner
 
 
+@comparable
 @dataclass(frozen=True)
 class Outline:
     """Simple polygon in the object frame.
@@ -51,9 +54,6 @@ class Outline:
             vertices = vertices[::-1].copy()
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Outline) and np.array_equal(self.vertices, other.vertices)
 
     @classmethod
     def rectangle(cls, length: float, width: float) -> "Outline":

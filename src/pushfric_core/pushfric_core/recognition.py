@@ -7,15 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.estimate import Estimate
+from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, rotation
+from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Status
 
 EXACT = 1e-9
 """A fit error up to this [m, unit force] is rounding: the data agree with the hypothesis exactly."""
 
 
+@comparable
 @dataclass(frozen=True)
 class Hypothesis:
     """What an object may be, or how it may lie.

@@ -14,16 +14,17 @@ import numpy.typing as npt
 import shapely
 from scipy import optimize
 
-from pushfric_core.constraints import ConstraintRows
+from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.contact import friction_cone
 from pushfric_core.errors import UninformativePush
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, left_of, velocity_at
 from pushfric_core.push_plan import PlannedPush, planned_contact
+from pushfric_core.records import comparable
 from pushfric_core.settings import check_ranges, setting
+from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import Status
-from pushfric_core.solvers.simplex import Simplex
 
 SLACK = 1e-9
 """Half-planes are cut this far outside their boundary [m]: a region that is a mere line or point keeps an interior."""
@@ -128,6 +129,7 @@ def _left_of_line(point: npt.ArrayLike, direction: Array) -> HalfPlane:
     return HalfPlane((float(x), float(y)), float((x, y) @ np.asarray(point)))
 
 
+@comparable
 @dataclass(frozen=True)
 class Region:
     """Where p_CF can lie after some test pushes, object frame.
@@ -184,7 +186,7 @@ class HalfPlanes:
         self._polygon = shapely.convex_hull(outline.polygon)
         self._corners = shapely.get_coordinates(self._polygon)[:-1]
         # p_CF as a convex combination of the corners: they take the place of the support points
-        self._program = Simplex(len(self._corners))
+        self._program = empty_program(len(self._corners))
 
     def add(self, half_planes: Iterable[HalfPlane]) -> Region:
         """Take the half-planes of a data point; from the moment they contradict the others, the region stays empty."""

@@ -11,6 +11,7 @@ from pushfric_core.contact import PushingLine, friction_cone, tangent
 from pushfric_core.errors import SolverFailed
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Array, Pose, Twist, compose, exp, left_of, rotation, velocity_at
+from pushfric_core.records import comparable
 from pushfric_core.support import Support
 
 STEP = 2.5e-4
@@ -37,6 +38,7 @@ class ContactMode(Enum):
     SLIDING = "sliding"
 
 
+@comparable
 class Motion(NamedTuple):
     """How a pushed object moves at an instant."""
 
@@ -124,6 +126,7 @@ def _least_dissipation(weights: Array, velocity: Array, modes: Array) -> tuple[A
     raise SolverFailed("the motion of the pushed object did not converge")
 
 
+@comparable
 @dataclass
 class PushedObject:
     """An object on the table that a straight push moves.
@@ -180,6 +183,7 @@ FLAT = PoseNoise(3.5e-4, math.radians(0.45))
 """The same of the flat objects, which are the smallest."""
 
 
+@comparable
 class TableObject(NamedTuple):
     """An object of Table 1: what is true of it, how it is seen, and the grid of support points its estimation starts from."""
 

@@ -8,11 +8,13 @@ import numpy.typing as npt
 
 from pushfric_core.errors import UninformativePush
 from pushfric_core.planar import Array, Twist, Wrench, cross, velocity_at
+from pushfric_core.records import comparable
 
 LARGEST = 1e6
 """Support points further out than this are a mistake [m]."""
 
 
+@comparable
 @dataclass(frozen=True)
 class Support:
     """A support friction distribution: points p_j with weights w_j.
@@ -85,7 +87,7 @@ def friction_directions(support_points: Array, twist: Twist) -> Array:
 
 
 class FreeRadii(NamedTuple):
-    """How far from the centre of rotation the friction of a support is not known [m]; in between, the freer the nearer."""
+    """How near the centre of rotation the friction of a support is unknown [m]; in between, the nearer the less is known."""
 
     wholly: float  # within this it may push any way with a force of at most its weight
     partly: float  # beyond this its friction opposes its velocity
@@ -95,15 +97,17 @@ NOT_FREE = FreeRadii(0.0, 0.0)
 """The paper's: a support exactly on the centre of rotation makes the data point useless."""
 
 
+@comparable
 class SupportForces(NamedTuple):
-    """What a motion tells of the friction forces of unit weights: f_j = directions_j + any force of at most free_j."""
+    """What a motion tells about the friction forces of unit weights: f_j = directions_j + any force of at most free_j."""
 
+    points: Array  # (n, 2) the supports, object frame [m]
     directions: Array  # (n, 2) -(1 - free_j) v_j / |v_j|
     free: Array  # (n,) in [0, 1]
 
 
 def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_FREE) -> SupportForces:
-    """The friction forces, and how far those of supports near the centre of rotation are not known.
+    """The friction forces of a motion, and how much of those of supports near the centre of rotation is unknown.
 
     Args:
         support_points: (n, 2) [m].
@@ -117,13 +121,13 @@ def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_F
     # |v_j| = |omega| * distance to the centre of rotation
     near = speeds <= abs(twist.omega) * radii.partly
     if radii.partly == 0 or not near.any():
-        return SupportForces(friction_directions(support_points, twist), np.zeros(len(support_points)))
+        return SupportForces(support_points, friction_directions(support_points, twist), np.zeros(len(support_points)))
     distances = speeds[near] / abs(twist.omega)
     free = np.zeros(len(support_points))
     width = radii.partly - radii.wholly
     free[near] = np.minimum((radii.partly - distances) / width, 1.0) if width > 0 else 1.0
     known = np.where(free < 1, speeds, 1.0)  # without a division by zero where all is free
-    return SupportForces(-((1 - free) / known)[:, None] * velocities, free)
+    return SupportForces(support_points, -((1 - free) / known)[:, None] * velocities, free)
 
 
 def center_of_friction(support_points: Array, weights: Array) -> Array:

@@ -6,11 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize, nnls
 
-from pushfric_core.constraints import ConstraintRows, stack
+from pushfric_core.constraint_rows import ConstraintRows, stack
 from pushfric_core.planar import cross, left_of
+from pushfric_core.solvers.osqp import OsqpLinearProgram
 from pushfric_core.solvers.program import Status, certify
-from pushfric_core.solvers.quadratic import LeastSquares, OsqpLinearProgram, nearest_uniform
+from pushfric_core.solvers.quadratic import LeastSquares
 from pushfric_core.solvers.simplex import Simplex
+from pushfric_core.solvers.tie_break import nearest_uniform
 
 SEEDS = st.integers(0, 2**32 - 1)
 QUICK = settings(derandomize=True, deadline=None, max_examples=15)

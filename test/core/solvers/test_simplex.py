@@ -4,22 +4,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from problems import rows_of
 from scipy.optimize import linprog
 
+from pushfric_core.constraint_rows import ConstraintRows, stack
 from pushfric_core.constraints import (
-    ConstraintRows,
-    cone_rows,
-    frictionless_rows,
-    moment_rows,
-    normal_force_rows,
-    sensed_direction_rows,
-    sensed_force_rows,
-    stack,
+    Cone,
+    Frictionless,
+    Moment,
+    NormalForce,
+    SensedDirection,
+    SensedForce,
 )
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist, cross, left_of
-from pushfric_core.solvers import basis as vertex
-from pushfric_core.solvers import pivoting
+from pushfric_core.solvers import basis, pivoting
 from pushfric_core.solvers import simplex as simplex_module
 from pushfric_core.solvers.program import HARD_VIOLATION, Status, certify
 from pushfric_core.solvers.simplex import CLOSE, Simplex
@@ -31,7 +30,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def sizes(request, monkeypatch):
     """Each test runs with balls that leave so few rows unsettled that even small programs settle, sort and leave them, too."""
     if request.param == "small balls":
-        monkeypatch.setattr(vertex, "ROOM", 4)
+        monkeypatch.setattr(basis, "ROOM", 4)
         for name, rows in (("CLOSE", 2), ("CLOSE_PER_COLUMN", 1), ("FAR", 4)):
             monkeypatch.setattr(simplex_module, name, rows)
 
@@ -260,13 +259,13 @@ def test_removing_all_data_and_adding_them_again_equals_a_fresh_program(seed, n,
 
 
 TERMS = {
-    "moment": moment_rows,
-    "frictionless": lambda observation, points: frictionless_rows(observation, points, 0.05),
-    "cone": lambda observation, points: cone_rows(observation, points, 0.4, 0.05),
-    "force": lambda observation, points: sensed_force_rows(observation, points, 0.05),
-    "direction": lambda observation, points: sensed_direction_rows(observation, points, 0.1, 0.05),
-    "soft normal force": lambda observation, points: normal_force_rows(observation, points, 0.5),
-    "normal force": normal_force_rows,
+    "moment": Moment(),
+    "frictionless": Frictionless(0.05),
+    "cone": Cone(0.4, 0.05),
+    "force": SensedForce(0.05),
+    "direction": SensedDirection(0.1, 0.05),
+    "soft normal force": NormalForce(0.5),
+    "normal force": NormalForce(),
 }
 
 
@@ -289,7 +288,7 @@ def test_every_constraint_of_the_estimator_agrees_with_highs(seed, n, terms, int
             half_width=0.005 * intervals,
             force=tuple(8.0 * force + 0.3 * rng.normal(size=2)),
         )
-        parts = [TERMS[term](observation, points) for term in sorted(terms)]
+        parts = [rows_of(TERMS[term], observation, points) for term in sorted(terms)]
         groups.append(stack(parts, n + ("force" in terms)))
         simplex.add(groups[-1])
         optimum = simplex.solve()

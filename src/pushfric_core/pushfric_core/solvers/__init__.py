@@ -1,1 +1,43 @@
-"""The linear and quadratic programs for w, what solves them, and what certifies the result."""
+"""The linear and quadratic programs for w, what solves them, and what certifies the result.
+
+Each solver is a peer behind `program.Program`, and loaded when it is first asked for.
+"""
+
+from pushfric_core.errors import SolverUnavailable
+from pushfric_core.solvers.program import Loss, Program, Solver
+
+PACKAGES = ("numba", "osqp")
+"""What solvers need besides numpy and scipy."""
+
+
+def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX, with_scale: bool = False) -> Program:
+    """A program over the weights of n support points that has no rows yet.
+
+    Args:
+        n: number of support points.
+        loss: with L2 the solver is the one for least squares.
+        solver: of the linear program.
+        with_scale: the rows have one more column, that of the scale; the simplex solver alone knows it.
+    Raises:
+        ValueError: n < 1, or a scale with another solver.
+        SolverUnavailable: the solver needs a package that is not installed.
+    """
+    name = "least squares" if loss is Loss.L2 else solver.value
+    if with_scale and name != Solver.SIMPLEX:
+        raise ValueError(f"measured forces with a scale need the loss l1 and the solver simplex, got {loss} and {solver}")
+    try:
+        if loss is Loss.L2:
+            from pushfric_core.solvers.quadratic import LeastSquares
+
+            return LeastSquares(n)
+        if solver is Solver.OSQP:
+            from pushfric_core.solvers.osqp import OsqpLinearProgram
+
+            return OsqpLinearProgram(n)
+        from pushfric_core.solvers.simplex import Simplex
+
+        return Simplex(n, with_scale)
+    except ModuleNotFoundError as error:
+        if error.name not in PACKAGES:
+            raise
+        raise SolverUnavailable(f"the solver {name} needs the package {error.name}: pip install {error.name}") from error

@@ -1,4 +1,4 @@
-"""A vertex of the linear program: which conditions are active there, and which may become so, while rows come and go."""
+"""The basis of the linear program: its active conditions, and those that may become active, while rows come and go."""
 
 from typing import TypeVar
 
@@ -12,16 +12,16 @@ from pushfric_core.solvers.pivoting import COUNT, FIT, UPDATES, VIOLATION, Indic
 Number = TypeVar("Number", np.float64, np.int64)
 
 NEGATIVE_PART = 1e3
-"""Cost of a negative x_j beside that of a violated row: even where hard rows contradict each other, w stays in the simplex."""
+"""Cost of a negative x_j, in units of that of a violated row: w stays in the simplex even where hard rows are contradictory."""
 
 ROOM = 384
-"""A vertex takes as many rows more as it was given, and this number, before it is time to settle some of them."""
+"""A basis takes as many more rows as it was given, plus this number, before it is time to settle some of them."""
 
 BROKEN = 1e-6
-"""Where the sum of w misses 1 by this, the inverse is none: active conditions all but depend on each other."""
+"""Where the sum of w misses 1 by this, the inverse is useless: the active conditions all but depend on each other."""
 
 
-class Vertex:
+class Basis:
     """n active conditions, the inverse of their normals, and every condition that may become active.
 
     Args:
@@ -65,7 +65,7 @@ class Vertex:
         self.refresh()
 
     def refresh(self) -> None:
-        """Compute all afresh from the active conditions; where they turn out to depend on each other, from others."""
+        """Compute everything again from the active conditions; from others where these turn out to depend on each other."""
         state = self.state
         try:
             state.inverse[:] = np.linalg.inv(state.a[:, state.active].T)
@@ -78,7 +78,7 @@ class Vertex:
         self.check()
 
     def check(self) -> None:
-        """Start over where the inverse is none."""
+        """Start over where the inverse is useless."""
         if not abs(self.state.x[: self._weights].sum() - 1) < BROKEN:
             self.restart()
 
@@ -139,7 +139,7 @@ class Vertex:
         return state.number[np.flatnonzero(np.abs(y) > smallest)]
 
     def _reserve(self, rows: int) -> None:
-        """Make room for so many rows; those there are lost."""
+        """Make room for this many rows; those that are here are lost."""
         state = self.state
 
         room = 16 * ((self._fixed + rows) // 16) + 24  # not a multiple of a page: a column is read across all rows of `a`

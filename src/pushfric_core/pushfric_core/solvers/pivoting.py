@@ -1,4 +1,4 @@
-"""The walk from a vertex to the best one, compiled: the simplex method for a piecewise linear cost.
+"""Pivoting from one vertex to the next until none is better, compiled: the simplex method for a piecewise linear cost.
 
 At a vertex n conditions a . x = 0 are active, x being w and, where there is one, the scale. Column i of B^-1, the inverse of
 their normals, is the edge that leaves condition i alone; the first column is x itself.
@@ -17,6 +17,7 @@ Numba compiles each function when it is first called, and keeps the result for l
 alone to tell whether that is still true: so whatever the functions are made of stands here, or is handed to them.
 """
 
+import logging
 import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar, cast
@@ -24,6 +25,7 @@ from typing import NamedTuple, TypeVar, cast
 import numba
 import numpy as np
 import numpy.typing as npt
+from numba.core import event
 
 from pushfric_core.planar import Array
 
@@ -46,16 +48,16 @@ LEVEL = 1e-9
 """Edges whose slope is within this fraction of the gradient leave the violation as it is."""
 
 STALLED = 12
-"""After this many exchanges without progress, a degenerate vertex is split by shifting its conditions apart."""
+"""After this many exchanges without progress, a degenerate vertex is perturbed: its conditions are shifted apart."""
 
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
 
 REACH = 2.0
-"""The walk goes no farther than so many radii from the center of its ball.
+"""Pivoting goes no farther than this many radii from the center of its ball.
 
-Outside, the rows settled there are taken for linear: F is underestimated, a little near the ball, where the end of a walk is a
-good start for the next, and without measure in the corners of the simplex, where a walk that believes it would end.
+Outside, the rows settled there are taken for linear: F is underestimated, a little near the ball, where one descent ends
+is a good start for the next, and without bound in the corners of the simplex, where a descent that believes it would end.
 """
 
 REFRESH = 100
@@ -65,13 +67,13 @@ LARGEST = 1e150
 """No coefficient and no finite cost is larger; a row whose coefficients are all smaller than its inverse is one of zeros."""
 
 VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
-NO_STEP = -1.0  # what `follow` returns without one
+NO_STEP = -1.0  # what `ratio_test` returns without one
 COUNT, UPDATES = 0, 1  # places in State.tally
 COEFFICIENT, COST = -1.0, -2.0  # what `store` finds wrong
 
 
 class State(NamedTuple):
-    """A vertex in arrays, with room for more rows than there are.
+    """A basis in arrays, with room for more rows than there are.
 
     Conditions are numbered by position: sum w = 1; then x_j >= 0, j = 1..n; then the rows that are not settled.
     """
@@ -88,6 +90,28 @@ class State(NamedTuple):
     inverse: Array  # (n, n) B^-1
     x: Array  # (n,) where this is
     dual: Array  # (n,) multipliers of the active rows, as `bounds` left them
+
+
+class CompilationNotice(event.Listener):  # type: ignore[misc]
+    """Says once, as a warning, that functions of this module are being compiled; nothing where all come from the cache."""
+
+    def __init__(self) -> None:
+        self._given = False
+
+    def on_start(self, started: event.Event) -> None:
+        dispatcher = started.data["dispatcher"]
+        if self._given or dispatcher.py_func.__module__ != __name__:
+            return
+        self._given = True
+        folder = dispatcher.stats.cache_path
+        later = f"later runs load it from {folder}" if folder else "every run does, as no folder for the result is writable"
+        logging.getLogger(__name__).warning("compiling the solver, which takes some 20 seconds; %s", later)
+
+    def on_end(self, ended: event.Event) -> None:
+        pass
+
+
+event.register("numba:compile", CompilationNotice())
 
 
 def compiled(function: F) -> F:
@@ -284,7 +308,7 @@ def violation(state: State) -> float:
     return largest
 
 
-# ---- the walk
+# ---- pivoting
 
 
 @compiled
@@ -349,12 +373,12 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
         edge = choose(state, phase, level, flat, slopes)
         if edge < 0:
             return True
-        step = follow(state, ball, place, edge, phase, slopes[phase, edge], room, ahead)
+        step = ratio_test(state, ball, place, edge, phase, slopes[phase, edge], room, ahead)
         if step == NO_STEP:
             return math.isinf(ball.radius)  # with no row settled, rounding alone keeps an edge from turning
         stalled = stalled + 1 if step < TIE else 0
         if stalled == STALLED:
-            split(state, shift)
+            perturb(state, shift)
             stalled = 0
     return True
 
@@ -402,7 +426,9 @@ def price(state: State, phase: int, slopes: Array) -> None:
 
 
 @compiled
-def follow(state: State, ball: Ball, place: Array, edge: int, phase: int, initial: float, room: Array, ahead: Indices) -> float:
+def ratio_test(
+    state: State, ball: Ball, place: Array, edge: int, phase: int, initial: float, room: Array, ahead: Indices
+) -> float:
     """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step.
 
     It is NO_STEP, and nothing has changed, where that condition is too far out of the ball, or nothing turns the edge.
@@ -496,7 +522,7 @@ def exchange(state: State, i: int, entering: int) -> None:
 
 
 @compiled
-def split(state: State, shift: float) -> None:
+def perturb(state: State, shift: float) -> None:
     """Move the conditions that are nearly zero off zero, each by another amount, so that edges have a length."""
     for k in range(state.tally[COUNT]):
         if state.side[k] * state.value[k] < shift:
@@ -556,7 +582,7 @@ def add_active(state: State, multipliers: Array, total: Array) -> None:
 
 @compiled
 def largest_scale(state: State, objective: float) -> float:
-    """A bound on the scale of any x that is as good: see `linear_program.largest_scale`. From the unsettled rows alone."""
+    """A bound on the scale of any x that is as good: see `program.largest_scale`. From the unsettled rows alone."""
     n = len(state.active)
     bound, steepness, constant = math.inf, 0.0, objective
     for k in range(n + 1, state.tally[COUNT]):
@@ -581,7 +607,7 @@ def largest_scale(state: State, objective: float) -> float:
 def receive(
     state: State, rows: Rows, first: int, group: int, a: Array, above: Array, below: Array, weights: int, unsettled: bool
 ) -> float:
-    """Store the rows of a group, and append them to the vertex if they are to be unsettled; returns what `store` does.
+    """Store the rows of a group, and append them to the basis if they are to be unsettled; returns what `store` does.
 
     In one function: entering a compiled one takes longer than this.
     """

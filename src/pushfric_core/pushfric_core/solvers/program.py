@@ -1,4 +1,4 @@
-"""The linear program for w, its solution, and the certificate that says how good a solution is, whoever found it.
+"""The program for w, what every solver of it can do, and the certificate that says how good a solution is, whoever found it.
 
     minimise  F(w, s) = sum_k phi_k(a_k . w + b_k s)   over   w >= 0, sum w = 1, s >= 0
     phi_k(r) = above_k * max(r, 0) + below_k * max(-r, 0)
@@ -8,13 +8,14 @@ forces were measured. The dual is: maximise min_j (A' y)_j over -below <= y <= a
 bound, and any w in the simplex with any s >= 0 an upper one (Lynch 1993, section 3.3, eqs 7 and 11).
 """
 
-from enum import Enum
-from typing import NamedTuple
+from enum import Enum, StrEnum
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pushfric_core.constraints import ConstraintRows
+from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
+from pushfric_core.records import comparable
 
 RELATIVE_GAP = 1e-9
 """A solution is optimal when its gap is within this of its objective."""
@@ -34,6 +35,60 @@ class Status(Enum):
     INFEASIBLE = "infeasible"
 
 
+class Loss(StrEnum):
+    """How the residuals of all rows add up to the fit error."""
+
+    L1 = "l1"
+    L2 = "l2"
+
+
+class Solver(StrEnum):
+    """What solves the linear program."""
+
+    SIMPLEX = "simplex"
+    OSQP = "osqp"
+
+
+@comparable
+class Optimum(NamedTuple):
+    """The w with the smallest F, and how far that is proven."""
+
+    w: Array  # (n,) weights, >= 0, sum 1
+    scale: float  # s >= 0; 0 where the program has none, or nothing to tell it from
+    objective: float  # F(w, s), of the finite costs
+    lower_bound: float  # no w and s have a smaller F
+    gap: float  # objective - lower_bound, >= 0
+    status: Status
+
+
+class Program(Protocol):
+    """A program for w whose rows come and go, data point by data point: all that the estimator asks of any solver."""
+
+    def add(self, added: ConstraintRows, /) -> None:
+        """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
+
+        Raises:
+            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
+        """
+
+    def remove(self, group: int, /) -> None:
+        """Take the rows of one data point out again.
+
+        Raises:
+            ValueError: there is no such group, or it was removed before.
+        """
+
+    def solve(self) -> Optimum:
+        """The optimum over the present rows; where hard rows contradict each other, the w that violates them least."""
+
+    def nearest_uniform(self) -> Optimum:
+        """As `solve`; but of equally good w the one nearest to equal weights, where this solver can tell."""
+
+    def conflicts(self) -> list[int]:
+        """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""
+
+
+@comparable
 class Solution(NamedTuple):
     """A point of the simplex, and a scale, with their certificate."""
 
@@ -44,6 +99,11 @@ class Solution(NamedTuple):
     lower_bound: float  # no w and s have a smaller F
     gap: float  # objective - lower_bound, >= 0
     status: Status
+
+    @property
+    def optimum(self) -> Optimum:
+        """The same without the multipliers."""
+        return Optimum(self.w, self.scale, self.objective, self.lower_bound, self.gap, self.status)
 
 
 def certify(rows: ConstraintRows, w: Array, multipliers: Array, scale: float | None = None) -> Solution:
@@ -77,7 +137,7 @@ def certify(rows: ConstraintRows, w: Array, multipliers: Array, scale: float | N
     # y = 0 is in its box: F is never negative
     lower_bound = max(0.0, min(bound, objective))
     gap = objective - lower_bound
-    worst = float(np.sum(largest * np.maximum(_finite(rows.above), _finite(rows.below))))
+    worst = float(np.sum(largest * np.maximum(finite(rows.above), finite(rows.below))))
     if violated.any():
         status = Status.INFEASIBLE
     elif gap <= RELATIVE_GAP * max(objective, NOISELESS * worst):
@@ -122,8 +182,36 @@ def largest_scale(a: Array, b: Array, cost: Array, objective: float) -> float:
 
 def fit_error(rows: ConstraintRows, residuals: Array) -> float:
     """Sum of the costs of the residuals a . w + b s (m,); the hard sides, satisfied or not, cost nothing."""
-    return float(_finite(rows.above) @ np.maximum(residuals, 0.0) + _finite(rows.below) @ np.maximum(-residuals, 0.0))
+    return float(finite(rows.above) @ np.maximum(residuals, 0.0) + finite(rows.below) @ np.maximum(-residuals, 0.0))
 
 
-def _finite(costs: Array) -> Array:
+def finite(costs: Array) -> Array:
+    """The costs, with zero in place of infinite ones."""
     return np.where(np.isinf(costs), 0.0, costs)
+
+
+def check_size(n: int) -> int:
+    """The number of support points.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if n < 1:
+        raise ValueError(f"n must be at least 1, got {n}")
+    return n
+
+
+def check_rows(rows: ConstraintRows, n: int) -> None:
+    """Refuse rows that no program over n support points can take.
+
+    Raises:
+        ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
+    """
+    a, above, below = rows
+    m = len(above)
+    if a.shape != (m, n) or below.shape != (m,):
+        raise ValueError(f"rows must have shapes (m, {n}), (m,), (m,), got {a.shape}, {above.shape}, {below.shape}")
+    if not np.isfinite(a).all():
+        raise ValueError("the coefficients of the rows must be finite")
+    if not np.minimum(above, below).min(initial=0.0) >= 0:
+        raise ValueError("the costs of the rows must not be negative or NaN")

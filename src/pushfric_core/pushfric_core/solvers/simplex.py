@@ -1,27 +1,36 @@
-"""The linear program for w, solved exactly and incrementally: one vertex, walked to the next optimum as data points arrive.
+"""The linear program for w, solved exactly and incrementally: each solve starts from the last optimal basis.
 
-`pivoting` moves it; here is what makes the cost independent of how many data points came before, and what certifies its end.
+`pivoting` exchanges its conditions; this module makes the cost independent of how many data points came before, and certifies
+the result.
 
 A row far from zero keeps its side, so it is linear: |a . (x - c)| <= |a|* |x - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
 the second moment of the rows (x moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
-settled in a ball around c need not be looked at while x stays in it, and a walk that would leave it by far stops first. Of two
-nested balls, the small one is sorted anew often, and from the rows of the large one only: so the cost of a data point does not
-depend on the number before it.
+settled in a ball around c need no look while x stays in it, and a descent that would leave it by far stops first. There are two
+nested balls. The small one is sorted often, and only from the rows that the large one leaves unsettled: so the cost of a data
+point does not depend on the number before it.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.constraints import ConstraintRows
+from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
 from pushfric_core.solvers import pivoting
-from pushfric_core.solvers.basis import Vertex
+from pushfric_core.solvers.basis import Basis
 from pushfric_core.solvers.pivoting import COEFFICIENT, COST, FIT, LARGEST, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
-from pushfric_core.solvers.program import HARD_VIOLATION, NOISELESS, RELATIVE_GAP, Solution, Status, certify
+from pushfric_core.solvers.program import (
+    HARD_VIOLATION,
+    NOISELESS,
+    RELATIVE_GAP,
+    Optimum,
+    Solution,
+    Status,
+    certify,
+    finite,
+)
+from pushfric_core.solvers.tie_break import nearest_uniform
 
 OWN_GAP = RELATIVE_GAP / 2
-"""Half of what `linear_program.certify` allows: it adds up in another order, and must come to the same conclusion."""
+"""Half of what `program.certify` allows: it adds up in another order, and must come to the same conclusion."""
 
 VIOLATED = HARD_VIOLATION / 4
 """A hard row is violated beyond this: well within what the certificate allows, which measures by the largest coefficient."""
@@ -60,17 +69,6 @@ STEEP = 1e-9
 """An edge along which F rises by less than this fraction of its gradient is taken for level."""
 
 
-class Optimum(NamedTuple):
-    """The w with the smallest F and how far that is proven: a `linear_program.Solution` without its multipliers."""
-
-    w: Array  # (n,) weights, >= 0, sum 1
-    scale: float  # >= 0; 0 where the program has none, or nothing to tell it from
-    objective: float  # F, of the finite costs
-    lower_bound: float  # no w and scale have a smaller F
-    gap: float  # objective - lower_bound, >= 0
-    status: Status
-
-
 class Simplex:
     """Minimises F over the weights of n support points, and the scale if there is one, while rows come and go.
 
@@ -92,14 +90,14 @@ class Simplex:
         self._present: set[int] = set()  # groups
         self._scaled = 0  # rows that say something about the scale
         self._worst = 0.0  # the most that any w without a scale costs
-        self._vertex = Vertex(n, self._columns)
+        self._basis = Basis(n, self._columns)
         self._optimum: Optimum | None = None  # of the present rows
         self._infeasible = False
         self._strained = False  # the balls had to be enlarged: around the optimum, small ones will do again
         self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
         self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
-        self._far = self._close = Ball(self._metric, self._vertex.state.x.copy(), np.inf)
+        self._far = self._close = Ball(self._metric, self._basis.state.x.copy(), np.inf)
         self._far_gradient = np.zeros(self._columns)  # of F, of the rows settled in the far ball
         self._near: Indices = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
         self._fresh = 0
@@ -119,8 +117,8 @@ class Simplex:
         first, last = self._count, self._count + m
         if last > len(self._rows.a):
             self._rows = self._rows.with_room(2 * last)
-        unsettled = self._vertex.has_room(m) and not self._strained
-        worst = pivoting.receive(self._vertex.state, self._rows, first, self._groups, a, above, below, self._n, unsettled)
+        unsettled = self._basis.has_room(m) and not self._strained
+        worst = pivoting.receive(self._basis.state, self._rows, first, self._groups, a, above, below, self._n, unsettled)
         if worst == COEFFICIENT:
             raise ValueError(f"the coefficients of the rows must be finite, and at most {LARGEST:g}")
         if worst == COST:
@@ -149,13 +147,13 @@ class Simplex:
             return
         rows, numbers = self._rows.part(slice(first, last)), np.arange(first, last)
         gradients = _slope(rows)[:, None] * rows.a
-        settled = ~self._vertex.free(numbers)
+        settled = ~self._basis.free(numbers)
         far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
-        self._vertex.forget(gradients[settled].sum(axis=0))
+        self._basis.forget(gradients[settled].sum(axis=0))
         self._far_gradient -= gradients[far].sum(axis=0)
         self._optimum = None
         self._removed += len(numbers)
-        self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ _finite(rows.cost).max(axis=1))
+        self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ finite(rows.cost).max(axis=1))
         self._scaled -= int(np.count_nonzero(rows.a[:, self._n :]))
         # without cost, a row is in nobody's way: it may stay active until an exchange takes it out
         rows.cost[:] = 0.0
@@ -170,12 +168,22 @@ class Simplex:
             self._optimum = self._solved()
         return self._optimum
 
+    def nearest_uniform(self) -> Optimum:
+        """As `solve`; but of equally good w the one nearest to equal weights, unless there is a scale. O(M n)."""
+        optimum = self.solve()
+        if self._columns > self._n or optimum.status is not Status.OPTIMAL or self.unique():
+            return optimum
+        certificate = self.certificate()
+        if certificate.status is not Status.OPTIMAL:
+            return optimum
+        return nearest_uniform(self.rows(), certificate).optimum
+
     def multipliers(self) -> Array:
         """The dual y of the last optimum, one per present row in order of arrival; O(M)."""
         self._remember_sides()
         rows = self._rows.part(slice(self._count))
         y = _slope(rows)
-        numbers, active = self._vertex.active_rows()
+        numbers, active = self._basis.active_rows()
         y[numbers] = active
         if self._infeasible or (y @ rows.a[:, : self._n]).min() < 0:
             y[:] = 0.0  # F >= 0 is the better bound
@@ -184,7 +192,7 @@ class Simplex:
 
     def unique(self) -> bool:
         """Whether the last optimum is certainly the only one: from its vertex F rises along every edge, and not just barely."""
-        state = self._vertex.state
+        state = self._basis.state
         slopes = np.empty(2 * self._columns)
         pivoting.price(state, FIT, slopes)
         return bool(slopes.min() > STEEP * np.abs(state.gradient[FIT]).max())
@@ -197,10 +205,10 @@ class Simplex:
         return ConstraintRows(rows.a * scale, *(rows.cost / scale).T)
 
     def certificate(self) -> Solution:
-        """The last optimum, judged from scratch by `linear_program.certify`; O(M)."""
+        """The last optimum, judged from scratch by `program.certify`; O(M)."""
         return certify(
             self.rows(),
-            self._vertex.state.x[: self._n],
+            self._basis.state.x[: self._n],
             self.multipliers(),
             self._scale() if self._columns > self._n else None,
         )
@@ -212,31 +220,31 @@ class Simplex:
         """
         if not self._infeasible:
             return []
-        return [int(group) for group in np.unique(self._rows.group[self._vertex.contradiction(VIOLATED)])]
+        return [int(group) for group in np.unique(self._rows.group[self._basis.contradiction(VIOLATED)])]
 
     def _solved(self) -> Optimum:
         for flat in FLAT:
             optimum = self._optimise(flat)
             if optimum.status is not Status.UNCERTIFIED:
                 return optimum
-            self._vertex.refresh()
-        self._vertex.restart()
+            self._basis.refresh()
+        self._basis.restart()
         self._sort()
         return self._optimise(FLAT[0])
 
     def _scale(self) -> float:
-        return float(self._vertex.state.x[self._n]) if self._scaled else 0.0
+        return float(self._basis.state.x[self._n]) if self._scaled else 0.0
 
     def _optimise(self, flat: float) -> Optimum:
         """Lexicographic descent, until x is optimal for the unsettled rows and no other was settled wrongly."""
         effort = inversions = 0
         proven = False
         while effort < ROUNDS and inversions < 10 + self._columns:
-            state = self._vertex.state
+            state = self._basis.state
             result = pivoting.improve(state, self._close, self._n, flat, SHIFT * 0.1**effort, VIOLATED)
             stays, self._infeasible, consistent, feasible, objective, lower_bound, smallest = result
             if state.tally[UPDATES] >= REFRESH:
-                self._vertex.refresh()
+                self._basis.refresh()
                 inversions += 1
                 continue
             lower_bound = max(0.0, min(lower_bound, objective))
@@ -253,19 +261,19 @@ class Simplex:
             w = state.x[: self._n].copy()
             w.setflags(write=False)
             return Optimum(w, self._scale(), objective, lower_bound, gap, Status.OPTIMAL)
-        self._vertex.check()
+        self._basis.check()
         truth = self.certificate()
         truth.w.setflags(write=False)
         status = Status.INFEASIBLE if self._infeasible else truth.status
         return Optimum(truth.w, truth.scale, truth.objective, truth.lower_bound, truth.gap, status)
 
     def _sort(self, effort: int = 0) -> None:
-        """Centre the close ball on x: settle the rows far from zero there, and give the vertex the others.
+        """Centre the close ball on x: settle the rows far from zero there, and give the basis the others.
 
         Each effort doubles the balls, so that a descent that leads out of them again and again ends with all rows unsettled.
         """
         self._remember_sides()
-        x = self._vertex.state.x.copy()
+        x = self._basis.state.x.copy()
         close = self._close_size << effort
         far = max(self._far_size, WIDER * close)
         grown = len(self._near) + self._count - self._fresh > 2 * self._far_size
@@ -277,7 +285,7 @@ class Simplex:
         near, self._close, gradient = _settle(self._rows, near, self._metric, x, close)
         # x is within half the far radius now: whatever the close ball allows stays in the far one
         self._close = self._close._replace(radius=min(self._close.radius, self._far.radius / 2))
-        self._vertex.replace(near, self._rows, self._far_gradient + gradient)
+        self._basis.replace(near, self._rows, self._far_gradient + gradient)
 
     def _measure(self) -> bool:
         """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
@@ -304,13 +312,13 @@ class Simplex:
         """Forget the removed rows, except active ones."""
         rows = self._rows.part(slice(self._count))
         kept = (rows.scale > 0) | (rows.side == 0)
-        self._vertex.renumber(np.cumsum(kept) - 1)
+        self._basis.renumber(np.cumsum(kept) - 1)
         self._count, self._removed, self._metric_count = int(kept.sum()), 0, 0
         for field, old in zip(self._rows.part(slice(self._count)), rows, strict=True):
             field[:] = old[kept]
 
     def _remember_sides(self) -> None:
-        numbers, sides = self._vertex.sides()
+        numbers, sides = self._basis.sides()
         self._rows.side[numbers] = sides
 
 
@@ -335,9 +343,5 @@ def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) ->
 
 def _slope(rows: Rows) -> Array:
     """Derivative of each row's cost on its side; 0 where it is active or its cost infinite."""
-    above, below = _finite(rows.cost).T
+    above, below = finite(rows.cost).T
     return np.where(rows.side > 0, above, np.where(rows.side < 0, -below, 0.0))
-
-
-def _finite(cost: Array) -> Array:
-    return np.where(np.isinf(cost), 0.0, cost)

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple, TypeVar
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import FORCE_TERMS, Estimate, Estimator
+from pushfric_core.estimate import Estimate
+from pushfric_core.estimator import FORCE_TERMS, Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.recognition import Ranking, Recognizer
 from pushfric_core.sensed_force import SensedForce

@@ -13,10 +13,11 @@ import typer
 from rich.console import Console
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import LOSSES, Estimator, EstimatorConfig
+from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.recognition import Recognizer
 from pushfric_core.region import RegionConfig
 from pushfric_core.simulation import TABLE_1
+from pushfric_core.solvers.program import Loss
 from pushfric_ros.bags import bag as bags
 from pushfric_ros.bags import data_points, zhou2015
 from pushfric_ros.commands import calibrate as calibrate_cli
@@ -357,7 +358,7 @@ def _with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathli
     return make_object(model.file.model_copy(update={"support": support}), where)
 
 
-def _print_result(figures: dict[str, Any], as_json: bool, loss: str = EstimatorConfig.loss) -> None:
+def _print_result(figures: dict[str, Any], as_json: bool, loss: Loss = EstimatorConfig.loss) -> None:
     if as_json:
         print(to_json(figures))
         return
@@ -370,7 +371,7 @@ def _print_result(figures: dict[str, Any], as_json: bool, loss: str = EstimatorC
     output.print(f"mu_c   {mu['p90']:.3f} (90 %), {mu['max']:.3f} (100 %){slipping}")
     if "total_friction" in figures:
         output.print(f"total  {figures['total_friction']:.3f} N of support friction")
-    squares = loss == LOSSES[1]
+    squares = loss is Loss.L2
     scale, unit = (1e6, "mm^2") if squares else (1e3, "mm")
     output.print(
         f"fit    {figures['objective'] * scale:.4f} {unit}, {figures['status']}, gap {figures['gap'] * scale:.1e} {unit}"

@@ -11,7 +11,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimate, Estimator
+from pushfric_core.estimate import Estimate
+from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.simulation import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate

@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import pydantic
 
-from pushfric_core.estimator import FORCE_TERMS, EstimatorConfig
+from pushfric_core.estimator import EstimatorConfig
 from pushfric_core.region import RegionConfig
 from pushfric_core.settings import AUTO
 from pushfric_core.trajectory import TrajectoryConfig
@@ -33,7 +34,7 @@ class EstimatorSettings:
     @property
     def with_forces(self) -> bool:
         """Whether one of the terms needs measured forces."""
-        return not set(self.estimator.terms).isdisjoint(FORCE_TERMS)
+        return self.estimator.needs_force
 
     def without(self, pushes: Iterable[int]) -> "EstimatorSettings":
         """The same, with these pushes left out as well."""
@@ -87,5 +88,10 @@ class EstimatorSettings:
 
 def _taken_from(values: dict[str, Any], config: type[Config]) -> Config:
     """A config from those of the values that are its fields, which are taken out."""
+    hints = typing.get_type_hints(config)
     own = {each.name: values.pop(each.name) for each in dataclasses.fields(config) if each.name in values}  # type: ignore[arg-type]
-    return pydantic.TypeAdapter(config).validate_python(own)
+    # a model of the fields, as the dataclass itself may hold what pydantic does not know: constraints of one's own
+    fields: Any = {name: (hints[name], ...) for name in own}
+    known = pydantic.create_model(config.__name__, __config__={"arbitrary_types_allowed": True}, **fields)
+    checked = known.model_validate(own)
+    return config(**{name: getattr(checked, name) for name in own})

@@ -10,7 +10,7 @@ from geometry_msgs.msg import Point, Point32, PoseWithCovarianceStamped, Quatern
 from geometry_msgs.msg import Pose as PoseMsg
 
 from pushfric_core.contact import PushingLine
-from pushfric_core.estimator import Estimate
+from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Pose, Twist
 from pushfric_core.recognition import Ranking
@@ -28,7 +28,9 @@ from pushfric_msgs.msg import (
     SupportFriction,
     TestPush,
 )
-from pushfric_msgs.msg import Observation as ObservationMsg
+from pushfric_msgs.msg import (
+    Observation as ObservationMsg,
+)
 
 TABLE = "table"
 OBJECT = "object"

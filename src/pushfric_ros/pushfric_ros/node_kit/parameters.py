@@ -80,4 +80,4 @@ def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:
 
 def _type_name(default: Any) -> str:
     names = {bool: "true or false", int: "an integer", float: "a number with a point", str: "a text"}
-    return names.get(type(default), "a list")
+    return next((name for kind, name in names.items() if isinstance(default, kind)), "a list")

@@ -13,7 +13,8 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.estimate import Estimate
+from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.recognition import Recognizer
 from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
@@ -28,7 +29,9 @@ from pushfric_msgs.msg import (
     Recognition,
     SupportFriction,
 )
-from pushfric_msgs.msg import Observation as ObservationMsg
+from pushfric_msgs.msg import (
+    Observation as ObservationMsg,
+)
 from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.files.estimator_settings import EstimatorSettings

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 import pushfric_core
 from pushfric_core import contact_friction
-from pushfric_core.constraints import moment_rows, stack
 from pushfric_core.contact import PushingLine
-from pushfric_core.estimator import Estimate, Estimator, EstimatorConfig
+from pushfric_core.estimate import Estimate
+from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.least_squares import least_squares_fit
 from pushfric_core.limit_surface import LimitSurface, Measurement, separation
 from pushfric_core.observation import Observation
@@ -27,7 +27,7 @@ from pushfric_core.push_plan import PlannedPush, even_pushes, placement
 from pushfric_core.recognition import Hypothesis, Recognizer
 from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.simulation import TABLE_1, PushedObject
-from pushfric_core.solvers.quadratic import LeastSquares
+from pushfric_core.solvers.program import Loss
 from pushfric_core.support import Support, center_of_friction, support_forces
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
 
@@ -383,13 +383,11 @@ def _least_squares(observations: list[Observation]) -> tuple[Numbers, dict[str, 
     known = TABLE_1["wood_rect4"]
     feet, points = known.support.points, known.support_points
     on_feet, on_grid = least_squares_fit(observations, feet), least_squares_fit(observations, points)
-    program = LeastSquares(len(points))
-    for observation in observations:
-        program.add(stack([moment_rows(observation, points)], len(points)))
+    squares = EstimatorConfig(cor_radius=0.0, nonnegative_force=False, loss=Loss.L2, confidence=False)
     weights = {
         "feet": (on_feet.w, feet),
         "grid_15": (on_grid.w, points),
-        "grid_15_nonnegative": (program.solve().w, points),
+        "grid_15_nonnegative": (estimate(observations, points, squares).w, points),
         "grid_15_linear_program": (estimate(observations, points).w, points),
     }
     numbers = {

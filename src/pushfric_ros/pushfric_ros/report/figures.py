@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimate
+from pushfric_core.estimate import Estimate
 from pushfric_core.limit_surface import LimitSurface
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline

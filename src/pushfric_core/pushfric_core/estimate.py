@@ -1,0 +1,86 @@
+"""The estimate of w, p_CF and mu_c, as the estimator hands it out."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from pushfric_core import contact_friction
+from pushfric_core.contact_friction import ContactForces
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Array
+from pushfric_core.records import comparable
+from pushfric_core.solvers.program import Optimum, Status
+from pushfric_core.support import center_of_friction
+
+
+@comparable
+@dataclass(frozen=True)
+class Estimate:
+    """What is known after the last data point; it never changes later.
+
+    Attributes:
+        support_points: (n, 2) [m], object frame.
+        solution: w with its objective and certificate: the fit error [m, unit force]; with the loss l2 [m^2, unit force^2].
+        data_points: how many it rests on.
+        pushes: how many they came from.
+        stamp: of the newest of them [ns]; 0 where unknown.
+        contact_forces: at each contact, of supports of unit weight, in order of arrival.
+        conflicts: data points whose hard constraints contradict each other; none unless the status is INFEASIBLE.
+        center_given: the centre of friction is one of the hard constraints (eq. 13).
+        confidence: radius about p_CF that holds the truth with 90 % [m]; None where it is not computed, or from too few pushes.
+    """
+
+    support_points: Array
+    solution: Optimum
+    data_points: int
+    pushes: int
+    stamp: int
+    contact_forces: ContactForces
+    conflicts: tuple[Observation, ...] = ()
+    center_given: bool = False
+    confidence: float | None = None
+
+    @property
+    def w(self) -> Array:
+        """Support friction distribution (n,), >= 0, sum 1."""
+        return self.solution.w
+
+    @property
+    def status(self) -> Status:
+        """How far the solution can be trusted."""
+        return self.solution.status
+
+    @property
+    def total_friction(self) -> float | None:
+        """Support friction of the translating object [N]: times w, absolute magnitudes. None without measured forces."""
+        return 1 / self.solution.scale if self.solution.scale > 0 else None
+
+    @property
+    def contradiction(self) -> str | None:
+        """Which pushes contradict each other, in words; None where none do."""
+        if self.status is not Status.INFEASIBLE:
+            return None
+        pushes = sorted({observation.push_id for observation in self.conflicts})
+        if not pushes:
+            return "no w over the support points has the centre of friction that is asked for"
+        given = " with the centre of friction that is asked for" if self.center_given else ""
+        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
+
+    @cached_property
+    def center_of_friction(self) -> Array:
+        """p_CF (2,) [m], object frame (eq. 3)."""
+        return center_of_friction(self.support_points, self.w)
+
+    @cached_property
+    def contact_friction(self) -> Array:
+        """Lower bounds (m,) on mu_c, one per data point (eq. 12)."""
+        return contact_friction.lower_bounds(self.contact_forces, self.w)
+
+    @property
+    def mu_c_p90(self) -> float:
+        """Value at or below which 90 % of the lower bounds lie."""
+        return contact_friction.percentile(self.contact_friction, 0.9)
+
+    @property
+    def mu_c_max(self) -> float:
+        """The largest of the lower bounds."""
+        return contact_friction.percentile(self.contact_friction, 1.0)

@@ -1,0 +1,40 @@
+"""The rows that a solver keeps, with the groups they belong to."""
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.planar import Array
+
+SPARE = 64
+"""Rows there is room for at first; the room doubles whenever it is too small."""
+
+
+class RowTable:
+    """Rows of numbers, each of a group, with room to grow."""
+
+    def __init__(self, columns: int) -> None:
+        self._room = np.empty((SPARE, columns))
+        self._groups = np.empty(SPARE, int)
+        self._count = 0
+
+    @property
+    def rows(self) -> Array:
+        return self._room[: self._count]
+
+    @property
+    def groups(self) -> npt.NDArray[np.intp]:
+        return self._groups[: self._count]
+
+    def append(self, rows: Array, group: int) -> None:
+        first, self._count = self._count, self._count + len(rows)
+        if self._count > len(self._room):
+            self._room = np.concatenate((self._room[:first], np.empty((self._count, self._room.shape[1]))))
+            self._groups = np.concatenate((self._groups[:first], np.empty(self._count, int)))
+        self._room[first : self._count] = rows
+        self._groups[first : self._count] = group
+
+    def remove(self, group: int) -> None:
+        kept = self.groups != group
+        rows, groups = self.rows[kept], self.groups[kept]
+        self._count = len(rows)
+        self._room[: self._count], self._groups[: self._count] = rows, groups

@@ -1,0 +1,88 @@
+"""What `import pushfric_core` offers, and what it needs for that."""
+
+import ast
+import importlib
+import inspect
+import pathlib
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree
+
+import pytest
+
+import pushfric_core
+
+README = (pathlib.Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+PACKAGE = pathlib.Path(pushfric_core.__file__).resolve().parents[1]
+
+WITHOUT_SOLVERS = """
+import importlib, pkgutil, sys
+sys.modules.update(dict.fromkeys(("numba", "osqp")))  # as if they were not installed
+import pushfric_core
+solvers = {"simplex", "basis", "pivoting", "osqp"}
+for module in pkgutil.walk_packages(pushfric_core.__path__, "pushfric_core."):
+    if module.name.rpartition(".")[2] not in solvers:
+        importlib.import_module(module.name)
+from pushfric_core import *
+push = Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1))
+for settings in ({}, {"solver": "osqp"}):
+    try:
+        Estimator([[-0.05, 0.0], [0.05, 0.0]], EstimatorConfig(**settings)).add(push)
+    except SolverUnavailable as error:
+        print(error)
+"""
+
+
+def typed_names():
+    """What type checkers see: name -> module."""
+    (block,) = [node for node in ast.parse(inspect.getsource(pushfric_core)).body if isinstance(node, ast.If)]
+    return {alias.asname: line.module for line in block.body for alias in line.names}
+
+
+def test_names_are_the_same_for_python_and_for_type_checkers():
+    assert typed_names().keys() == set(pushfric_core.__all__) <= set(dir(pushfric_core))
+    for name, module in typed_names().items():
+        assert getattr(pushfric_core, name) is getattr(importlib.import_module(module), name)
+
+
+def test_every_public_name_says_what_it_is():
+    for name in pushfric_core.__all__:
+        public = getattr(pushfric_core, name)
+        assert inspect.getdoc(public), name
+        members = vars(public) if inspect.isclass(public) else {}
+        for member, value in members.items():
+            if not member.startswith("_") and (inspect.isfunction(value) or isinstance(value, property)):
+                assert inspect.getdoc(getattr(public, member)), f"{name}.{member}"
+
+
+def test_the_example_of_the_readme_runs(capsys):
+    (example,) = [block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "pushfric_core" in block]
+    known: dict = {}
+    exec(example, known)
+    assert len(known["estimate"].w) == 4
+    assert str(known["estimate"].center_of_friction) in capsys.readouterr().out
+
+
+def test_an_unknown_name_is_an_error():
+    with pytest.raises(AttributeError, match="has no attribute 'Estimater'"):
+        pushfric_core.Estimater  # noqa: B018
+
+
+def test_the_version_is_that_of_the_package():
+    manifest = xml.etree.ElementTree.parse(PACKAGE / "package.xml")
+    assert manifest.findtext("version") == pushfric_core.__version__
+    assert f'version="{pushfric_core.__version__}"' in (PACKAGE / "setup.py").read_text()
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = "import sys, pushfric_core; print(*{'numpy', 'scipy', 'shapely', 'numba', 'osqp'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
+
+
+def test_all_but_the_solvers_work_without_their_packages():
+    run = subprocess.run([sys.executable, "-c", WITHOUT_SOLVERS], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines() == [
+        "the solver simplex needs the package numba: pip install numba",
+        "the solver osqp needs the package osqp: pip install osqp",
+    ]

@@ -1,0 +1,74 @@
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from problems import PROBLEMS
+
+from pushfric_core import ConstraintRows, Ellipsoid, Estimator, HalfPlanes, Hypothesis, LimitSurface, Outline, Support, Twist
+from pushfric_core.least_squares import least_squares_fit
+from pushfric_core.limit_surface import CrossSection
+from pushfric_core.planar import Wrench
+from pushfric_core.records import comparable
+from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.support import support_forces
+
+SQUARE = np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+
+
+def records(size):
+    """One of each kind of record that holds arrays, all of them different for another size."""
+    problem = PROBLEMS[0]()
+    points = size * SQUARE
+    support = Support(points, np.full(4, 0.25))
+    surface = LimitSurface(support)
+    estimate = Estimator(0.01 * points).add(problem.observations[0])
+    return [
+        estimate,
+        estimate.solution,
+        estimate.contact_forces,
+        support,
+        support_forces(points, Twist(0.1, 0.2, 0.3)),
+        Outline(points),
+        Outline(points).first_touch((-3.0, 0.5 * size), (1.0, 0.0)),
+        Hypothesis("square", points, points.mean(axis=0)),
+        PushedObject(Outline(points), support, 0.5, problem.observations[0].pose),
+        TABLE_1["wood_rect4"]._replace(outline=Outline(points)),
+        HalfPlanes(Outline(points)).region(),
+        surface.facets[0],
+        surface.cross_section(Wrench(0, 1, 0), Wrench(0, 0, 1)),
+        surface.reachable(points[:1], [[-1.0, 0.0]], 0.3),
+        Ellipsoid(size * np.eye(3)),
+        least_squares_fit(problem.observations, 0.01 * points),
+        ConstraintRows(size * np.eye(2), np.ones(2), np.ones(2)),
+    ]
+
+
+def test_records_compare_by_what_they_hold():
+    for one, same, other in zip(records(1.0), records(1.0), records(2.0), strict=True):
+        assert one is not same
+        assert (one == same) is True, type(one)
+        assert (one != same) is False, type(one)
+        assert (one == other) is False, type(one)
+        assert (one != other) is True, type(one)
+        assert one != "something else"
+
+
+@comparable
+class Pair(NamedTuple):
+    array: np.ndarray
+    parts: list
+
+
+@pytest.mark.parametrize(
+    ("other", "equal"),
+    [
+        (Pair(np.zeros(2), [np.ones(3)]), True),
+        (Pair(np.zeros(2), [np.zeros(3)]), False),
+        (Pair(np.zeros(2), []), False),
+        (Pair(np.zeros(3), [np.ones(3)]), False),
+        ((np.zeros(2), [np.ones(3)]), False),
+        (CrossSection(np.zeros(2), [np.ones(3)]), False),
+    ],
+)
+def test_arrays_are_compared_as_a_whole(other, equal):
+    assert (Pair(np.zeros(2), [np.ones(3)]) == other) is equal
