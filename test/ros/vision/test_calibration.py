@@ -15,14 +15,13 @@ from matplotlib.path import Path
 from printed import picture
 
 from pushfric_core.errors import InvalidInput
+from pushfric_ros.vision.board import Board, BoardFinder
+from pushfric_ros.vision.board_pdf import save_board
 from pushfric_ros.vision.calibration import (
-    Board,
-    BoardFinder,
     calibrate_lens,
     calibrate_table,
     lens_from_source,
     read_table_points,
-    save_board,
     table_from_source,
 )
 from pushfric_ros.vision.camera import Camera, Lens, load_lens, save_camera

@@ -8,12 +8,12 @@ from rich.console import Console
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.nodes.tracker import TOPICS
+from pushfric_ros.vision.board import Board
+from pushfric_ros.vision.board_pdf import save_board
 from pushfric_ros.vision.calibration import (
-    Board,
     calibrate_table,
     lens_from_source,
     read_table_points,
-    save_board,
     table_from_source,
 )
 from pushfric_ros.vision.camera import load_lens, save_camera

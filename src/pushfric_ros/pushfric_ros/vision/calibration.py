@@ -1,32 +1,24 @@
 """Calibrates a camera: its lens from views of a printed board, its table from the board lying on it or from measured points."""
 
 import csv
-import math
 import pathlib
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import shapely
-import shapely.affinity
-from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Array
 from pushfric_ros.files.file_errors import reading
+from pushfric_ros.vision.board import Board, BoardFinder, View, moved
 from pushfric_ros.vision.camera import Camera, Image, Lens
 from pushfric_ros.vision.frame_source import Device
 
 MIN_VIEWS = 8
 """Number of different views that a lens calibration needs."""
-MIN_CORNERS = 12
-"""Number of corners that a view of the board must show."""
 MIN_TILT = 20.0
 """The tilt of the board must vary by this much over the views, about the image's u axis and about its v axis [degree]."""
 MAX_FOCAL_ERROR = 0.005
@@ -41,51 +33,7 @@ NOVEL = 0.04
 STILL_PX = 1.0
 """From one frame to the next, the corners of a board at rest move at most this far on average."""
 
-_DICTIONARY = cv2.aruco.DICT_4X4_250
-_MARKER = 0.7  # of a square
-_MARKER_MODULES = 6
-_SUBPIX = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-3)
-_PAPER_MM = (297.0, 210.0)  # A4, landscape
-_MARGIN_MM = 12.0
-_RULER_MM = 100
 _REGIONS = tuple(f"{row} {column}".strip() for row in ("upper", "middle", "lower") for column in ("left", "centre", "right"))
-
-
-@dataclass(frozen=True)
-class Board:
-    """A ChArUco board: a chessboard with a marker in each white square.
-
-    The origin of its frame is the lower left corner of the printed chessboard: x right, y up, z towards the viewer.
-
-    Args:
-        columns, rows: number of squares.
-        square: side of a square [m].
-    Raises:
-        ValueError: fewer than 4 x 4 or more than 500 squares, or squares not between 0 and 1 m.
-    """
-
-    columns: int = 9
-    rows: int = 6
-    square: float = 0.028
-
-    def __post_init__(self) -> None:
-        if self.columns < 4 or self.rows < 4 or self.columns * self.rows > 500:
-            raise ValueError(f"a board must have 4 x 4 to 500 squares, got {self.columns} x {self.rows}")
-        if not 0 < self.square < 1:
-            raise ValueError(f"the board's squares must be larger than 0 and smaller than 1 m, got {self.square:g}")
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height of the chessboard [m]."""
-        return self.columns * self.square, self.rows * self.square
-
-
-class View(NamedTuple):
-    """The corners of a board's squares that one image shows."""
-
-    ids: Array  # (n,) numbers of the corners
-    points: Array  # (n, 2) where they are on the board, in its frame [m]
-    pixels: Array  # (n, 2) where they are in the image [px]
 
 
 class LensCalibration(NamedTuple):
@@ -113,31 +61,6 @@ class TableCalibration(NamedTuple):
     def rms(self) -> float:
         """Root mean square of the errors on the table [m]."""
         return _rms(self.errors)
-
-
-class BoardFinder:
-    """Finds a board's corners in images."""
-
-    def __init__(self, board: Board) -> None:
-        self._board = board
-        self._detector = cv2.aruco.CharucoDetector(_charuco(board))
-
-    def view(self, image: Image) -> View | None:
-        """The board in an image (height, width); None: the image shows too few of its corners."""
-        pixels, ids, _, _ = self._detector.detectBoard(image)
-        if ids is None or len(ids) < MIN_CORNERS:
-            return None
-        number = ids.ravel()
-        points = np.array(_charuco(self._board).getChessboardCorners(), dtype=float)[number, :2]
-        # The detector's own window reaches into the markers and loses 0.1 px by it; this one ends before the nearest marker.
-        rough = pixels.reshape(-1, 2).astype(float)
-        apart = np.linalg.norm(rough[:, None] - rough, axis=2)
-        square_px = apart[apart > 0].min()
-        window = max(2, int((1 - _MARKER) / 2 * square_px) - 1)
-        refined = cv2.cornerSubPix(image, pixels.reshape(-1, 1, 2), (window, window), (-1, -1), _SUBPIX)
-        # OpenCV counts rows downwards
-        points[:, 1] = self._board.size[1] - points[:, 1]
-        return View(number, points, refined.reshape(-1, 2).astype(float))
 
 
 def calibrate_lens(views: Sequence[View], width: int, height: int) -> LensCalibration:
@@ -249,9 +172,9 @@ def lens_from_source(source: str, board: Board, progress: Callable[[str], None])
             size = frame.shape
             view = finder.view(frame)
             last, previous = previous, view
-            if view is None or not all(_moved(view, other) > NOVEL * size[1] for other in kept):
+            if view is None or not all(moved(view, other) > NOVEL * size[1] for other in kept):
                 continue
-            if not device.pictures and (last is None or _moved(view, last) > STILL_PX):
+            if not device.pictures and (last is None or moved(view, last) > STILL_PX):
                 continue
             kept.append(view)
             missing = ""
@@ -316,70 +239,6 @@ def read_table_points(path: pathlib.Path) -> tuple[Array, Array]:
                 raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be finite")
     table = np.array(values).reshape(-1, 4)
     return table[:, :2], table[:, 2:]
-
-
-def save_board(board: Board, path: pathlib.Path) -> None:
-    """Write the board to scale as a PDF, on A4 or larger paper, with a ruler to check the print.
-
-    Raises:
-        InvalidInput: the file cannot be written.
-    """
-    width, height = (1e3 * side for side in board.size)
-    ruler_room = 16.0
-    page = np.maximum(_PAPER_MM, (width + 2 * _MARGIN_MM, height + 2 * _MARGIN_MM + ruler_room))
-    figure = Figure(figsize=tuple(page / 25.4), frameon=False)
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, page[0]), ylim=(0, page[1]))
-    axes.set_axis_off()
-    left, bottom = (page[0] - width) / 2, (page[1] - height + ruler_room) / 2
-    black = shapely.affinity.translate(_black(board, 1e3 * board.square), left, bottom)
-    axes.add_patch(PathPatch(_path(black), facecolor="black", linewidth=0))
-    for mm in range(0, _RULER_MM + 1, 5):
-        axes.plot((left + mm,) * 2, (bottom - 10, bottom - (6 if mm % 10 == 0 else 8)), color="black", linewidth=0.3)
-    text = f"This ruler is {_RULER_MM} mm long, each square {1e3 * board.square:g} mm wide. If not, print again at 100 %."
-    axes.text(left + _RULER_MM + 5, bottom - 10, f"{text} {board.columns} x {board.rows} squares.", fontsize=7)
-    try:
-        figure.savefig(path, format="pdf")
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error}") from error
-
-
-def _charuco(board: Board) -> Any:
-    dictionary = cv2.aruco.getPredefinedDictionary(_DICTIONARY)
-    return cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, _MARKER * board.square, dictionary)
-
-
-def _black(board: Board, square: float) -> shapely.Geometry:
-    """The black area of a board with squares of side `square` and its lower left corner at the origin."""
-    charuco = _charuco(board)
-    boxes = [
-        shapely.box(column, row, column + 1, row + 1)
-        for column in range(board.columns)
-        for row in range(board.rows)
-        if (column + board.rows - 1 - row) % 2 == 0  # the upper left square is black
-    ]
-    module = _MARKER / _MARKER_MODULES
-    for number, corners in zip(charuco.getIds().ravel(), charuco.getObjPoints(), strict=True):
-        code = charuco.getDictionary().generateImageMarker(int(number), _MARKER_MODULES)
-        left, top = corners[0][:2] / board.square
-        for row, column in np.argwhere(code == 0):
-            x, y = left + column * module, board.rows - top - row * module
-            boxes.append(shapely.box(x, y - module, x + module, y))
-    # Joined to whole areas, because a printer may leave hairlines between neighbours; on a fine grid, so that they do join.
-    black = shapely.union_all(shapely.set_precision(boxes, 1e-6))
-    return shapely.affinity.scale(black, square, square, origin=(0, 0))
-
-
-def _path(area: shapely.Geometry) -> Path:
-    rings = [ring for part in shapely.get_parts(shapely.orient_polygons(area)) for ring in (part.exterior, *part.interiors)]
-    return Path.make_compound_path(*(Path(np.array(ring.coords), closed=True) for ring in rings))
-
-
-def _moved(view: View, other: View) -> float:
-    """Mean distance between the corners that both views show [px]; infinite if they share none."""
-    _, mine, its = np.intersect1d(view.ids, other.ids, return_indices=True)
-    if not len(mine):
-        return math.inf
-    return float(np.linalg.norm(view.pixels[mine] - other.pixels[its], axis=1).mean())
 
 
 def _misses(lens: Lens, solid: Array, pixels: Array, turn: Array, shift: Array) -> Array:
