@@ -39,6 +39,11 @@ setup(
             "pushfric = pushfric_ros.__main__:main",
             *(f"{name}_node = pushfric_ros.nodes.{name}:main" for name in NODES),
         ],
+        "pushfric.pushers": ["grbl = pushfric_ros.pushers.grbl_config:GrblConfig"],
+        "pushfric.trackers": [
+            "contour = pushfric_ros.vision.tracker_settings:ContourConfig",
+            "fiducial = pushfric_ros.vision.tracker_settings:FiducialConfig",
+        ],
     },
     zip_safe=False,
 )

@@ -1,15 +1,44 @@
-"""A config dataclass field that says what it is: default, description and range, once, for Python, nodes and docs alike."""
+"""Settings: fields of frozen dataclasses that say what they are, once, for Python, nodes, files, command line and docs alike.
+
+A setting is a bool, an int, a float, a text, an enum with texts as values, a tuple of one of these, or `float | None`, where
+None means that the value is found by the program and is written `auto`.
+"""
 
 import dataclasses
-from typing import Any
+import enum
+import math
+import typing
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 AUTO = "auto"
 """What people write where a setting is None: to be found."""
 
+REQUIRED: Any = dataclasses.MISSING
+"""In place of a default, where there is none."""
 
-def setting(default: Any, description: str, low: float | None = None, high: float | None = None) -> Any:
-    """A dataclass field with its default, description [unit] and inclusive range; the range is the caller's to enforce."""
-    return dataclasses.field(default=default, metadata={"description": description, "low": low, "high": high})
+Config = TypeVar("Config")
+
+
+def setting(
+    default: Any,
+    description: str,
+    low: float | None = None,
+    high: float | None = None,
+    key: str | None = None,
+    path: bool = False,
+) -> Any:
+    """A dataclass field that says what it is.
+
+    Args:
+        default: its value where none is given, or REQUIRED.
+        description: what it does, with its unit in brackets.
+        low, high: its inclusive range. A float may be infinite only where `high` is.
+        key: its name in a cell's file, where that is not the field's.
+        path: it may name a file; in a cell's file, a relative path starts at that file's folder.
+    """
+    metadata = {"description": description, "low": low, "high": high, "key": key, "path": path}
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 def check_ranges(config: Any) -> None:
@@ -19,11 +48,167 @@ def check_ranges(config: Any) -> None:
         ValueError: names the field, its range and its value.
     """
     for field in dataclasses.fields(config):
-        low, high = field.metadata.get("low"), field.metadata.get("high")
         value = getattr(config, field.name)
-        # `not >=` also catches NaN
-        if value is None:
-            continue  # to be found: only where the field's type allows it
-        if (low is not None and not value >= low) or (high is not None and not value <= high):
-            span = f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
-            raise ValueError(f"{field.name} must lie in {span}, got {value}")
+        if value is not None:  # to be found: only where the field's type allows it
+            _check_range(field, field.name, value)
+
+
+def _check_range(field: Any, name: str, value: Any) -> None:
+    low, high = field.metadata.get("low"), field.metadata.get("high")
+    # `not >=` also catches NaN
+    if (low is not None and not value >= low) or (high is not None and not value <= high):
+        span = f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
+        raise ValueError(f"{name} must lie in {span}, got {value}")
+
+
+def read(values: Mapping[str, Any], *configs: type, keys: bool = False) -> tuple[Any, ...]:
+    """Configs of these classes from what was written for them: in a file, as a node's parameters, or on a command line.
+
+    Args:
+        values: by name of the field; no others. Numbers are converted to the field's type, lists to tuples.
+        configs: dataclasses of settings, whose names differ.
+        keys: the names are those of a cell's file.
+    Raises:
+        ValueError: an unknown name, one that lacks, a value of another type or out of range, or what a class refuses.
+    """
+    known = [key_of(field) if keys else field.name for config in configs for field in fields_of(config)]
+    if repeated := sorted({name for name in known if known.count(name) > 1}):
+        raise ValueError(f"{', '.join(config.__name__ for config in configs)} repeat the setting {', '.join(repeated)}")
+    if unknown := [str(name) for name in values if name not in known]:
+        raise ValueError(f"expected any of {', '.join(known)}, got {', '.join(unknown)}")
+    return tuple(_read(config, values, keys) for config in configs)
+
+
+def _read(config: type[Config], values: Mapping[str, Any], keys: bool) -> Config:
+    hints = typing.get_type_hints(config)
+    given = {}
+    for field in fields_of(config):
+        name = key_of(field) if keys else field.name
+        if name in values:
+            given[field.name] = _converted(field, name, hints[field.name], values[name])
+        elif is_required(field):
+            raise ValueError(f"{name} must be given: {field.metadata['description']}")
+    made = config(**given)
+    check_ranges(made)  # a class from elsewhere may leave it to us
+    return made
+
+
+def fields_of(config: type) -> tuple[Any, ...]:
+    """The settings of a class, in order."""
+    return dataclasses.fields(config)
+
+
+def key_of(field: Any) -> str:
+    """A setting's name in a cell's file."""
+    return field.metadata.get("key") or str(field.name)
+
+
+def is_required(field: Any) -> bool:
+    """Whether a setting has no default."""
+    return bool(field.default is REQUIRED)
+
+
+def plain(config: Any) -> dict[str, Any]:
+    """A config's values as node parameters have them: lists for tuples, texts for enums, and AUTO for None.
+
+    An empty list is left out: of what it is one, ROS cannot tell.
+    """
+    values = {field.name: plain_value(getattr(config, field.name)) for field in dataclasses.fields(config)}
+    return {name: value for name, value in values.items() if value != []}
+
+
+def plain_value(value: Any) -> Any:
+    """One value as a node's parameter has it."""
+    if isinstance(value, tuple):
+        return [plain_value(item) for item in value]
+    if isinstance(value, enum.Enum):
+        return value.value
+    return AUTO if value is None else value
+
+
+def expected(hint: Any) -> str:
+    """What a value of a field with this type must be, in words."""
+    if _is_optional(hint):
+        return f"{AUTO} or {expected(_written(hint))}"
+    if typing.get_origin(hint) is tuple:
+        items = typing.get_args(hint)
+        count = "" if items[-1] is Ellipsis else f"{len(items)} "
+        return f"a list of {count}{_PLURAL[_written(items[0])]}"
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        return f"one of {', '.join(str(member.value) for member in hint)}"
+    return _SINGULAR[hint]
+
+
+_SINGULAR = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a finite number",
+    str: "a text, in quotes where it looks like a number",
+}
+_PLURAL = {bool: "true or false", int: "whole numbers", float: "finite numbers", str: "texts"}
+
+_LONGEST = 80
+"""No more of a wrong value is shown."""
+
+
+def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
+    infinite = field.metadata.get("high") == math.inf
+    try:
+        converted = _convert(hint, value, infinite)
+    except (ValueError, OverflowError):
+        shown = list(value) if isinstance(value, Sequence) and not isinstance(value, str | bytes) else value
+        got = "nothing" if value is None else repr(shown)
+        got = got if len(got) <= _LONGEST else f"{got[:_LONGEST]}..."
+        raise ValueError(f"{name} must be {expected(hint)}, got {got}") from None
+    if converted is not None:
+        _check_range(field, name, converted)
+    return converted
+
+
+def _convert(hint: Any, value: Any, infinite: bool) -> Any:
+    """A value as a field of this type has it; ValueError or OverflowError where it is none."""
+    if _is_optional(hint):
+        return None if value is None or value == AUTO else _convert(_written(hint), value, infinite)
+    if typing.get_origin(hint) is tuple:
+        return _convert_items(typing.get_args(hint), value, infinite)
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        return hint(value)
+    if hint in (bool, str):
+        if not isinstance(value, hint):
+            raise ValueError
+        return value
+    # YAML takes 1e-3 for a text
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError
+    number = float(value)
+    if hint is int:
+        if not number.is_integer():
+            raise ValueError
+        return value if isinstance(value, int) else int(number)
+    if not (math.isfinite(number) or (infinite and number == math.inf)):
+        raise ValueError
+    return number
+
+
+def _convert_items(hints: tuple[Any, ...], value: Any, infinite: bool) -> tuple[Any, ...]:
+    if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+        raise ValueError
+    if hints[-1] is Ellipsis:
+        return tuple(_convert(_written(hints[0]), item, infinite) for item in value)
+    if len(value) != len(hints):
+        raise ValueError
+    return tuple(_convert(hint, item, infinite) for hint, item in zip(hints, value, strict=True))
+
+
+def _is_optional(hint: Any) -> bool:
+    return type(None) in typing.get_args(hint)
+
+
+def _written(hint: Any) -> Any:
+    """Of a union, the type that can be written in a file: neither None nor a class of one's own objects."""
+    return next((kind for kind in typing.get_args(hint) if kind in _SINGULAR), hint)
+
+
+def merged(configs: Iterable[Any]) -> dict[str, Any]:
+    """The values of several configs as node parameters have them."""
+    return {name: value for config in configs for name, value in plain(config).items()}

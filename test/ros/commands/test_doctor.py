@@ -17,14 +17,18 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose
+from pushfric_core.settings import plain
 from pushfric_ros.commands import cli, discovery, doctor
+from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.doctor import Check, Frame, Level
-from pushfric_ros.files.cell_file import CameraEntry, PlanEntry, PusherEntry
+from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.qos import SENSOR_DATA
-from pushfric_ros.pushers.pusher import Limits, Mode
+from pushfric_ros.pushers import grbl_checks
+from pushfric_ros.pushers.grbl_config import GrblConfig
+from pushfric_ros.pushers.pusher import Limits, Mode, PusherConfig
 from pushfric_ros.simulated import grbl_firmware
 from pushfric_ros.simulated.camera import SimulatedCamera
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
@@ -53,9 +57,9 @@ class Listening(SimulatedGrbl):
         return super()._gcode(line, jog)
 
 
-def pusher(**changes) -> PusherEntry:
+def pusher(**changes) -> PusherConfig:
     values = {"line_origin": (0.0, 0.0), "line_direction": (0.0, 1.0), "tip_radius": 0.003, "stroke": 0.06, "max_speed": 0.1}
-    return PusherEntry(**{"port": "/dev/pushfric-none", **values, **changes})
+    return PusherConfig(**{**values, **changes})
 
 
 def video(path, frames, rate=30):
@@ -70,8 +74,7 @@ def cell_file(folder, port, **pushers):
     simulation = SimulatedCamera(SHARP, load_object(NAME).outline.vertices, 0.0, np.random.default_rng(0))
     video(folder / "camera.avi", [simulation.render(Pose(0.02, 0.05, 0.3)) for _ in range(25)])
     save_camera(SHARP, folder / "camera.yaml")
-    entry = pusher(port=str(port), **pushers).model_dump()
-    entry |= {name: list(entry[name]) for name in ("line_origin", "line_direction")}
+    entry = plain(pusher(**pushers)) | {"port": str(port)}
     content = {
         "object": NAME,
         "camera": {"source": str(folder / "camera.avi"), "calibration": "camera.yaml"},
@@ -328,7 +331,7 @@ def test_frames_of_a_topic_are_judged_as_those_of_a_device(ros, encoding):
         out.publish(msg)
 
     node.create_timer(0.02, send)
-    seen = doctor.watch(CameraEntry(source="topic", calibration=""), "/cell", None)
+    seen = doctor.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None)
     assert len(seen) == doctor.FRAMES
     assert all(any(np.array_equal(frame.image, sent) for sent in NOISE) for frame in seen)
     assert doctor.check_stamps(seen).level is FAILED
@@ -339,12 +342,12 @@ def test_a_topic_of_no_pictures_is_refused(ros):
     out = node.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
     node.create_timer(0.02, lambda: out.publish(CompressedImage(format="jpeg", data=b"no picture")))
     with pytest.raises(InvalidInput, match="image_raw/compressed: not a picture: 10 bytes of format 'jpeg'"):
-        doctor.watch(CameraEntry(source="compressed", calibration=""), "/cell", None)
+        doctor.watch(CameraConfig("camera.yaml", source="compressed"), "/cell", None)
 
 
 def test_a_topic_that_nobody_publishes_gives_no_frames(monkeypatch):
     monkeypatch.setattr(doctor, "PATIENCE", 0.2)
-    assert doctor.watch(CameraEntry(source="topic", calibration=""), "/cell", None) == []
+    assert doctor.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None) == []
 
 
 @pytest.mark.parametrize(
@@ -373,13 +376,13 @@ def test_a_calibration_of_another_size_fails():
 
 def test_an_object_too_small_for_the_camera_fails(tmp_path):
     (tmp_path / "coin.yaml").write_text(yaml.safe_dump({"name": "coin", "outline": [[0, 0], [0.005, 0], [0, 0.005]]}))
-    check = doctor.check_object(CameraEntry(calibration=""), CAMERA, load_object(str(tmp_path / "coin.yaml")), None)
+    check = doctor.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(str(tmp_path / "coin.yaml")), None)
     assert check.level is FAILED
     assert "too small or thin for the tracker" in check.finding
 
 
-def test_an_object_need_not_lie_there_yet():
-    check = doctor.check_object(CameraEntry(calibration=""), CAMERA, load_object(NAME), np.zeros((240, 320), np.uint8))
+def test_an_object_need_not_lie_there_yet(tmp_path):
+    check = doctor.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), np.zeros((240, 320), np.uint8))
     assert check[1:3] == (OK, "rubber_rect4 is not seen now: saturated or empty frame")
 
 
@@ -387,10 +390,10 @@ def test_an_object_need_not_lie_there_yet():
 
 
 @pytest.mark.parametrize(
-    ("plan", "level"), [({}, OK), ({"distance": 0.07}, FAILED), ({"speed": 0.2}, FAILED), ({"file": "none.yaml"}, FAILED)]
+    ("plan", "level"), [({}, OK), ({"distance": 0.07}, FAILED), ({"speed": 0.2}, FAILED), ({"plan": "none.yaml"}, FAILED)]
 )
 def test_a_plan_must_fit_the_pusher(plan, level):
-    check = doctor.check_plan(PlanEntry(**plan), pusher(), load_object(NAME))
+    check = doctor.check_plan(PlanConfig(**plan), pusher(), load_object(NAME))
     assert check.level is level
 
 
@@ -398,29 +401,23 @@ def test_a_port_without_permission_names_its_group(monkeypatch, tmp_path):
     (tmp_path / "port").touch()
     group = (tmp_path / "port").group()
     monkeypatch.setattr(os, "access", lambda *_: False)
-    check = doctor.check_port(str(tmp_path / "port"))
+    check = grbl_checks.check_port(str(tmp_path / "port"))
     assert check.finding == f"you may not use {tmp_path}/port"
-    assert check.advice == f"sudo usermod -aG {group} $USER, then log in anew"
+    assert check.advice == f"sudo usermod -aG {group} $USER, then log in again"
 
 
 def test_other_firmware_is_told(monkeypatch):
     monkeypatch.setattr(grbl_firmware, "GREETING", "\r\nGrbl 0.9j ['$' for help]")
     with SimulatedGrbl(time.monotonic) as controller:
-        check, limits = doctor.check_controller(pusher(port=controller.port))
+        check, limits = grbl_checks.check_controller(GrblConfig(controller.port), pusher())
     assert (check.level, limits) == (FAILED, None)
     assert "Grbl 0.9j" in check.finding
     assert "is too old, expected Grbl 1.1" in check.finding
 
 
-def test_an_axis_that_there_is_not_is_told():
-    check, limits = doctor.check_controller(pusher(axis="W"))
-    assert (check.level, limits) == (FAILED, None)
-    assert check.finding.startswith("pusher.axis must be X, Y, Z, A, B or C")
-
-
 def test_a_controller_without_homing_is_idle_where_it_stands():
     with Listening(time.monotonic, travel=0.1) as controller:
-        check, limits = doctor.check_controller(pusher(port=controller.port))
+        check, limits = grbl_checks.check_controller(GrblConfig(controller.port), pusher())
     assert (check.level, check.finding.endswith(", idle, at 0.0 mm")) == (OK, True)
     assert limits == Limits(math.inf, pytest.approx(0.1), pytest.approx(0.5))
     assert set(controller.heard) == {"$I", "$$", "G21G90G94"}
@@ -441,11 +438,11 @@ def test_a_controller_without_homing_is_idle_where_it_stands():
     ],
 )
 def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, level):
-    assert doctor.judge(mode, position, "", pusher(home=home)).level is level
+    assert grbl_checks.judge(mode, position, "", pusher(home=home)).level is level
 
 
 def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
-    advice = doctor.check_limits(pusher(axis="Y"), PlanEntry(), Limits(0.059, 0.1, 0.5)).advice
+    advice = grbl_checks.check_limits(GrblConfig("none", axis="Y"), pusher(), 0.05, 0.02, Limits(0.059, 0.1, 0.5)).advice
     expected = (
         "shorten pusher.stroke, 60 mm, or set $131 to the axis's travel; where it homes ($22), the pull-off $27 counts as lost"
     )
@@ -465,7 +462,7 @@ def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
     ],
 )
 def test_the_cell_must_stay_within_what_the_controller_is_set_to(limits, axis, level, words):
-    check = doctor.check_limits(pusher(axis=axis), PlanEntry(), limits)
+    check = grbl_checks.check_limits(GrblConfig("none", axis=axis), pusher(), 0.05, 0.02, limits)
     assert check.level is level
     assert words in check.finding + check.advice
 

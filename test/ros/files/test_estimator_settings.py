@@ -71,16 +71,16 @@ def test_parameters_are_as_ros_wants_them():
     parameters = EstimatorSettings().parameters()
     assert (parameters["cor_radius"], parameters["terms"]) == ("auto", ["moment"])
     assert "exclude_pushes" not in parameters  # of what an empty list is one, ROS cannot tell
-    assert UNUSUAL.parameters(["exclude_pushes", "window"]) == {"exclude_pushes": [2, 5], "window": 7}
+    assert {**UNUSUAL.parameters(), "exclude_pushes": [2, 5], "window": 7} == UNUSUAL.parameters()
 
 
 @pytest.mark.parametrize(
     ("text", "error"),
     [
         ("[1]", "must be a JSON object"),
-        ('{"colour": 1}', "expected any of the estimator's parameters .*, got colour$"),
+        ('{"colour": 1}', "expected any of terms, .*, got colour$"),
         ('{"window": 4}', "^window must be odd"),
-        ('{"window": "wide"}', "^window: expected a whole number, got 'wide'$"),
+        ('{"window": "wide"}', "^window must be a whole number, got 'wide'$"),
     ],
 )
 def test_other_texts_are_refused(text, error):
@@ -125,6 +125,6 @@ def test_a_bag_that_says_nothing_was_recorded_with_the_defaults(tmp_path):
 def test_settings_that_are_not_understood_are_refused(tmp_path):
     bag = bag_of(tmp_path / "bag", '{"colour": 1}')
     with pytest.raises(
-        InvalidInput, match=r"bag: /cell/estimator_settings is not understood: expected any of the .*, got colour$"
+        InvalidInput, match=r"bag: /cell/estimator_settings is not understood: expected any of terms, .*, got colour$"
     ):
         data_points.recorded_settings(bag)

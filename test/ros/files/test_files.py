@@ -235,12 +235,15 @@ def test_a_cell_finds_its_files_beside_it(write, tmp_path):
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        (CELL.replace("port: /dev/ttyUSB0, ", ""), "pusher.port: expected a value, got only line_origin, line_d"),
-        (CELL.replace("stroke: 0.06", "stroke: -1"), "pusher.stroke: expected more than 0, got -1$"),
-        (CELL.replace("{calib", "{threshold: 256, calib"), "camera.threshold: expected at most 255, got 256$"),
-        (CELL.replace("{port", "{home: maybe, port"), "pusher.home: expected true or false, got 'maybe'$"),
-        (CELL + "table: 3", "yaml: expected any of the keys namespace, .*, estimator, got table$"),
-        (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: .*give file or choose, not both"),
+        (
+            CELL.replace("port: /dev/ttyUSB0, ", ""),
+            "cell.yaml: pusher: port must be given: serial port of the GRBL",
+        ),
+        (CELL.replace("stroke: 0.06", "stroke: -1"), r"pusher: stroke must lie in \[0.001, 10.0\], got -1.0$"),
+        (CELL.replace("{calib", "{threshold: 256, calib"), r"camera: threshold must lie in \[0, 255\], got 256$"),
+        (CELL.replace("{port", "{home: maybe, port"), "pusher: home must be true or false, got 'maybe'$"),
+        (CELL + "table: 3", "yaml: expected any of namespace, object, camera, .*, simulation, got table$"),
+        (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: give a plan's file or choose, not both, got 'plan.yaml' and 5$"),
     ],
 )
 def test_bad_cells_are_refused(write, text, error):
@@ -250,23 +253,24 @@ def test_bad_cells_are_refused(write, text, error):
 
 def test_a_cells_estimator_section_becomes_parameters(write):
     text = CELL + "estimator: {cor_radius: auto, half_width: 0, window: 7, terms: [moment, cone], mu_bound: 1}\n"
-    parameters = load_cell(write(text)).estimator
-    assert parameters == {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"], "mu_bound": 1.0}
+    parameters = load_cell(write(text)).estimator.parameters()
+    expected = {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"], "mu_bound": 1.0}
+    assert parameters | expected == parameters
     assert isinstance(parameters["half_width"], float)  # as a node wants it
 
 
 @pytest.mark.parametrize(
     ("section", "error"),
     [
-        ("{half_width: x}", "estimator.half_width: expected a number, got 'x'$"),
+        ("{half_width: x}", "estimator: half_width must be a finite number, got 'x'$"),
         ("{half_width: -1}", r"estimator: half_width must lie in \[0.0, 1.0\], got -1.0$"),
-        ("{window: 7.5}", "estimator.window: expected a whole number, got 7.5$"),
-        ("{tie_break: maybe}", "estimator.tie_break: expected true or false, got 'maybe'$"),
-        ("{terms: 5}", "estimator.terms: expected a list, got 5$"),
+        ("{window: 7.5}", "estimator: window must be a whole number, got 7.5$"),
+        ("{tie_break: maybe}", "estimator: tie_break must be true or false, got 'maybe'$"),
+        ("{terms: 5}", "estimator: terms must be a list of texts, got 5$"),
         ("{terms: [moment, moments]}", "estimator: terms must be of moment, .*, force_angle, got the unknown 'moments'$"),
         ("{terms: [moment, cone]}", "estimator: the term cone needs a mu_bound, .*, got none$"),
-        ("{exclude_pushes: [1, a]}", "estimator.exclude_pushes.1: expected a whole number, got 'a'$"),
-        ("{grid: 5}", "estimator: expected any of the estimator's parameters terms, .*, slipping_pushes, got grid$"),
+        ("{exclude_pushes: [1, a]}", r"estimator: exclude_pushes must be a list of whole numbers, got \[1, 'a'\]$"),
+        ("{grid: 5}", "estimator: expected any of terms, .*, slipping_pushes, got grid$"),
     ],
 )
 def test_a_bad_estimator_section_is_refused_in_one_line(write, section, error):

@@ -1,5 +1,6 @@
 """The whole graph in one process."""
 
+import dataclasses
 import pathlib
 
 import pytest
@@ -8,8 +9,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.bags import bag, data_points
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.files.cell_file import PlanEntry
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.node_settings import PlanConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import compose
 from pushfric_ros.node_kit.qos import LATCHED
@@ -20,9 +21,7 @@ PLAN = "pushes: [{edge: 0, offset: 0.03}, {edge: 2, offset: -0.02}]"
 @pytest.fixture
 def specs(tmp_path):
     (tmp_path / "plan.yaml").write_text(PLAN)
-    cell = demo_cell("wood_rect4", tmp_path).model_copy(
-        update={"plan": PlanEntry(file=str(tmp_path / "plan.yaml"), distance=0.03)}
-    )
+    cell = dataclasses.replace(demo_cell("wood_rect4", tmp_path), plan=PlanConfig(str(tmp_path / "plan.yaml"), distance=0.03))
     return graph.simulated_cell(cell, str(tmp_path / "bag"), seed=3, speed=8.0)
 
 

@@ -712,13 +712,23 @@ while True:
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ({}, "port must name the serial port of the GRBL controller, got ''"),
+        ({}, "port must be given: serial port of the GRBL controller$"),
+        ({"port": ""}, "port must name the serial port of the GRBL controller, got ''"),
         ({"port": "/dev/x", "line_direction": [0.0, 0.0]}, r"line_direction must have a length, got \(0, 0\)"),
-        ({"port": "/dev/x", "line_origin": [0.0]}, r"line_origin must be two finite numbers, got \(0.0,\)"),
+        (
+            {"port": "/dev/x", "line_origin": [0.0]},
+            r"line_origin must be a list of 2 finite numbers, got \[0.0\]$",
+        ),
         ({"port": "/dev/x", "axis": "Q"}, "axis must be X, Y, Z, A, B or C, .*got 'Q'"),
-        ({"port": "/dev/x", "stroke": 0.0}, "parameter stroke must lie in"),
+        ({"port": "/dev/x", "stroke": 0.0}, r"parameter stroke must lie in \[0.001, 10.0\], got 0.0$"),
+        ({"port": "/dev/x", "driver": "crane"}, r"driver must be an entry point of pushfric.pushers \(grbl\), got 'crane'$"),
     ],
 )
 def test_unusable_parameters_are_refused(ros, parameters, text):
     with pytest.raises(InvalidInput, match=text):
-        ActuatorNode(parameter_overrides=overrides(**parameters))
+        ActuatorNode(parameter_overrides=overrides(**LINE | parameters))
+
+
+def test_the_stage_must_be_described(ros):
+    with pytest.raises(InvalidInput, match=r"actuator: parameter line_origin must be given: centre of the round tip"):
+        ActuatorNode(parameter_overrides=overrides(port="/dev/x"))

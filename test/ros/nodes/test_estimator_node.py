@@ -393,10 +393,11 @@ def test_what_contradicts_itself_is_not_told_without_its_status(ros):
 @pytest.mark.parametrize(
     ("parameters", "error"),
     [
-        ({}, "no object ''"),
-        ({"object": NAME, "source": "camera"}, "source must be one of poses, observations"),
+        ({}, "object must be given: name of an object of Table 1, or path of an object YAML"),
+        ({"object": ""}, "no object ''"),
+        ({"object": NAME, "source": "camera"}, "parameter source must be one of poses, observations, got 'camera'"),
         ({"object": NAME, "stride": 0}, r"parameter stride must lie in \[1, 1000\]"),
-        ({"object": NAME, "mu_bound": 1}, "parameter mu_bound must be a number with a point"),
+        ({"object": NAME, "mu_bound": "much"}, "parameter mu_bound must be a finite number, got 'much'"),
         ({"object": NAME, "mu_bound": math.nan}, "mu_bound"),
         ({"object": NAME, "window": 4}, "window must be odd"),
         ({"object": NAME, "terms": ["forces"]}, "terms must be of moment, .*, got the unknown 'forces'"),

@@ -64,7 +64,13 @@ class Table:
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
                  "awaits": ["estimator"]}  # fmt: skip
         if actuator is None:
-            line = {"stroke": 0.06, "max_speed": 0.1}
+            line = {
+                "line_origin": [0.0, 0.0],
+                "line_direction": [0.0, 1.0],
+                "tip_radius": 0.003,
+                "stroke": 0.06,
+                "max_speed": 0.1,
+            }
             self.actuator = ros.compose(
                 ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **line}))
             )
@@ -149,7 +155,7 @@ def test_pushes_are_chosen_one_by_one_from_what_is_known_of_all_before(ros, cont
     region = ros.node("region", namespace="/cell").create_publisher(
         CenterOfFrictionRegion, "center_of_friction_region", LATCHED
     )
-    table = Table(ros, tmp_path, choose=3)
+    table = Table(ros, tmp_path, plan="", choose=3)
     table.wait_for_message("waiting for: the region of p_CF")
     choices = [PlannedPush(1, 0.01), PlannedPush(2, -0.02)]
     for number, choice in enumerate(choices):

@@ -42,7 +42,7 @@ SECOND = 10**9
 START = 1_700_000_000 * SECOND
 TOPICS = [f"observation {OBSERVATION} reliable", f"center_of_friction {POINT} latched", f"text {STRING} sensor_data"]
 RECORDER, PLAYER = (
-    [sys.executable, "-c", f"from pushfric_ros.{name}_node import main; main()"] for name in ("recorder", "player")
+    [sys.executable, "-c", f"from pushfric_ros.nodes.{name} import main; main()"] for name in ("recorder", "player")
 )
 NAMES = ["/cell/observation", "/cell/center_of_friction", "/cell/text"]
 
@@ -252,8 +252,8 @@ def test_what_the_middleware_tells_counts_once():
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
-        ({"topics": TOPICS}, "bag must name the folder to record into, got nothing"),
-        ({"bag": "bag"}, "topics must name what to record unless discover is true, got nothing"),
+        ({"topics": TOPICS}, "bag must be given: folder of the bag, new or empty"),
+        ({"bag": "bag"}, "topics must name what to record unless discover is true, got none"),
         ({"bag": "bag", "topics": ["text"]}, r"must be 'name package/msg/Type sensor_data\|reliable\|latched', got 'text'"),
         ({"bag": "bag", "topics": [f"text {STRING} best"]}, r"topics must be 'name .*', got 'text std_msgs/msg/String best'"),
         ({"bag": "bag", "topics": [f"te//xt {STRING} reliable"]}, "parameter topics: 'te//xt' is not a topic"),
@@ -599,7 +599,7 @@ def test_the_player_says_in_one_line_what_is_wrong(tmp_path):
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
-        ({"bag": ""}, "bag must name the bag to play, got nothing"),
+        ({"bag": ""}, "bag must name the bag to play, got ''"),
         ({"rate": 0.0}, r"parameter rate must lie in \[0.01, 1000.0\]"),
         ({"start": 0.2}, r"start must lie within its 0.140 s, got 0.2"),
         ({"topics": ["nothing"]}, "parameter topics: /cell/nothing is not played from .*, expected one of /cell/observation, "),

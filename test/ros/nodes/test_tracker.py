@@ -40,7 +40,8 @@ class Cell:
     def __init__(self, ros, folder, **parameters) -> None:
         (folder / "object.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist(), "height": HEIGHT}))
         save_camera(CAMERA, folder / "camera.yaml")
-        values = {"object": str(folder / "object.yaml"), "calibration": str(folder / "camera.yaml")} | parameters
+        given = {"object": str(folder / "object.yaml"), "calibration": str(folder / "camera.yaml"), "source": "topic"}
+        values = given | parameters
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.ros = ros
         self.simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
@@ -475,10 +476,11 @@ def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
         ({"source": "99"}, "no camera at '99': expected 'topic', a device index, a URL, a video file or pictures"),
         ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
         ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
-        ({"calibration": ""}, "the tracker needs calibration, the path of the camera's calibration YAML"),
+        ({"calibration": ""}, "calibration must name the camera's calibration YAML, got ''"),
         ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read: "),
         ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
-        ({"threshold": 300}, "threshold"),
+        ({"threshold": 300}, r"parameter threshold must lie in \[0, 255\], got 300$"),
+        ({"tracker": "fiducial"}, "fiducials must name the YAML file of the markers on the object, got ''"),
         ({"object_height": -1.0}, "object_height"),
         ({"fiducials": "absent.yaml"}, "absent.yaml: cannot be read"),
     ],

@@ -10,7 +10,7 @@ from pushfric_core.planar import Pose, transform, wrap
 from pushfric_ros.simulated.camera import SimulatedCamera, coverage
 from pushfric_ros.vision.camera import Camera
 from pushfric_ros.vision.contour_tracker import ContourTracker
-from pushfric_ros.vision.edge_fit import NotSeen, Sighting
+from pushfric_ros.vision.sighting import NotSeen, Sighting
 
 PIXEL = 0.000625
 HEIGHT = 0.01

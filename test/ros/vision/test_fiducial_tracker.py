@@ -7,8 +7,8 @@ from printed import HALF_SIZE, marked_picture
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, transform, wrap
 from pushfric_ros.vision.camera import Camera
-from pushfric_ros.vision.edge_fit import NotSeen
 from pushfric_ros.vision.fiducial_tracker import Fiducials, FiducialTracker, Marker, load_fiducials
+from pushfric_ros.vision.sighting import NotSeen
 
 PIXEL = 0.000625
 HEIGHT = 0.01

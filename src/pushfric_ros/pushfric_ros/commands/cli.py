@@ -24,8 +24,9 @@ from pushfric_ros.commands import calibrate as calibrate_cli
 from pushfric_ros.commands import demo as demonstration
 from pushfric_ros.commands.doctor import examine, findings, passed, table
 from pushfric_ros.commands.settings_options import with_settings
-from pushfric_ros.files.cell_file import PlanEntry, load_cell
+from pushfric_ros.files.cell_file import load_cell
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.node_settings import PlanConfig
 from pushfric_ros.files.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
 from pushfric_ros.files.plan_file import load_plan, save_plan
 from pushfric_ros.graph import graph
@@ -98,8 +99,8 @@ def demo(
         raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
     if plan is not None and choose:
         raise InvalidInput("give --plan or --choose, not both")
-    pushes = PlanEntry(file=str(plan) if plan is not None else "", choose=choose)
-    load_plan(pushes.file, load_object(object_name))  # what is wrong with it is said before all starts
+    pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
+    load_plan(pushes.plan, load_object(object_name))  # what is wrong with it is said before all starts
     with _telling_what_is_left(bag):
         last, ended = demonstration.run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
     if ended.code or last is None:
@@ -125,8 +126,8 @@ def run(
     file = load_cell(cell)
     model = load_object(file.object)
     bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
-    if not pathlib.Path(file.pusher.port).exists():
-        raise InvalidInput(f"{cell}: pusher.port: no serial port at {file.pusher.port}; expected a GRBL controller's")
+    if (absence := file.driver.absence()) is not None:
+        raise InvalidInput(f"{cell}: pusher: {absence}")
     specs = graph.cell(file, str(bag), start)
 
     def go_on(push: int) -> None:

@@ -1,6 +1,7 @@
 """The demonstration: the whole graph on a simulated cell, then a summary beside the truth."""
 
 import contextlib
+import dataclasses
 import pathlib
 import tempfile
 from collections.abc import Callable, Sequence
@@ -19,14 +20,18 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.interrupt import end_at_once
 from pushfric_ros.commands.watch import Monitor
-from pushfric_ros.files.cell_file import CameraEntry, CellFile, PlanEntry, PusherEntry
+from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import Ended, Supervisor
+from pushfric_ros.pushers.grbl_config import GrblConfig
+from pushfric_ros.pushers.pusher import PusherConfig
 from pushfric_ros.vision.camera import Camera, save_camera
+from pushfric_ros.vision.tracker_settings import ContourConfig
 
-SPEED = 5.0
+SPEED: float = SimulatedRunConfig.speed
 """Multiple of real time at which the simulated cell runs."""
 
 FIGURE = "figure.png"
@@ -36,8 +41,7 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
     """The simulated cell: a camera that looks straight down on a pushing line along y; its files go to `folder`."""
     camera = Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625)
     save_camera(camera, folder / "camera.yaml")
-    pusher = PusherEntry(
-        port=str(folder / "pusher"),
+    pusher = PusherConfig(
         line_origin=(0.0, 0.0),
         line_direction=(0.0, 1.0),
         tip_radius=0.003,
@@ -45,16 +49,20 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
         max_speed=0.1,
     )
     return CellFile(
-        object=object_name, camera=CameraEntry(source="topic", calibration=str(folder / "camera.yaml")), pusher=pusher
+        object=object_name,
+        camera=CameraConfig(source="topic", calibration=str(folder / "camera.yaml")),
+        tracker=ContourConfig(),
+        pusher=pusher,
+        driver=GrblConfig(port=str(folder / "pusher")),
     )
 
 
 def run_demo(
-    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool, plan: PlanEntry
+    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool, plan: PlanConfig
 ) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; returns the last estimate published, and how the run ended."""
     with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
-        cell = demo_cell(object_name, pathlib.Path(scratch)).model_copy(update={"plan": plan})
+        cell = dataclasses.replace(demo_cell(object_name, pathlib.Path(scratch)), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
         ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live)

@@ -2,7 +2,6 @@
 
 import contextlib
 import ctypes
-import grp
 import importlib.metadata
 import importlib.util
 import itertools
@@ -14,7 +13,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from enum import Enum
 from typing import Any, NamedTuple
 
 import cv2
@@ -29,24 +27,23 @@ from rich.table import Table
 from rich.text import Text
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
-from serial.tools.list_ports import comports
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands import discovery
-from pushfric_ros.files.cell_file import CameraEntry, CellFile, PlanEntry, PusherEntry, load_cell
+from pushfric_ros.files.cell_file import CellFile, load_cell
+from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
-from pushfric_ros.pushers.grbl import Grbl
-from pushfric_ros.pushers.pusher import Limits, Mode, PusherError, PusherReport
+from pushfric_ros.pushers.check import Check, Level
+from pushfric_ros.pushers.pusher import PusherConfig
 from pushfric_ros.vision.camera import Camera, Image, load_camera
-from pushfric_ros.vision.contour_tracker import ContourTracker
-from pushfric_ros.vision.edge_fit import MIN_CONTRAST, SATURATED, NotSeen
-from pushfric_ros.vision.fiducial_tracker import FiducialTracker, load_fiducials
+from pushfric_ros.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_ros.vision.frame_source import Device
+from pushfric_ros.vision.sighting import NotSeen, Tracker
 
 TRIED_DISTROS, TRIED_RMW = ("jazzy", "kilted"), "rmw_fastrtps_cpp"
 LAST_DOMAIN = 101
@@ -65,31 +62,10 @@ LENS_ERROR_PX = 0.5
 """A lens that leads from a pixel to the table and back this far off is none."""
 STALE = 1.0
 """Frames older than this on arrival [s], or from the future, carry another clock's stamps."""
-RAMP_SHARE = 0.1
-"""Of a push, the ramps to its speed and from it may take this much."""
-ROUNDING = 1e-4
-"""Of the pusher's positions [m]."""
 BAG_RATE = 10e3
 """A recorded cell fills as much [byte/s], without images."""
 LEAST_SPACE, AMPLE_SPACE = 100e6, 1e9  # [byte]
 TIME_ERROR = 5  # what adjtimex returns where nothing disciplines the clock (linux/timex.h)
-
-
-class Level(Enum):
-    """How a check came out."""
-
-    OK = "ok"
-    WARNING = "warning"
-    FAILED = "failed"
-
-
-class Check(NamedTuple):
-    """One thing that was looked at."""
-
-    name: str
-    level: Level
-    finding: str
-    advice: str = ""  # what to do; none where all is well
 
 
 class Frame(NamedTuple):
@@ -160,15 +136,9 @@ def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[C
     if camera is not None:
         yield check_calibration(camera, frames[-1].image if frames else None, cell.pusher)
         if model is not None:
-            yield check_object(cell.camera, camera, model, frames[-1].image if frames else None)
+            yield check_object(cell, camera, model, frames[-1].image if frames else None)
     progress("pusher")
-    port = check_port(cell.pusher.port)
-    yield port
-    if port.level is not Level.FAILED:
-        controller, limits = check_controller(cell.pusher)
-        yield controller
-        if limits is not None:
-            yield check_limits(cell.pusher, cell.plan, limits)
+    yield from cell.driver.checks(cell.pusher, cell.plan.distance, cell.plan.speed)
 
 
 # The machine
@@ -322,7 +292,7 @@ def check_multicast() -> Check:
 # The camera
 
 
-def watch(entry: CameraEntry, namespace: str, size: tuple[int, int] | None) -> list[Frame]:
+def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> list[Frame]:
     """The first frames of a camera, of a device or a topic; none where none come in time.
 
     Args:
@@ -439,7 +409,7 @@ def check_stamps(frames: list[Frame]) -> Check:
     return Check("stamps", Level.OK, finding)
 
 
-def check_calibration(camera: Camera, image: Image | None, pusher: PusherEntry) -> Check:
+def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig) -> Check:
     """The calibration against the camera's picture, where there is one (height, width), and the pushing line."""
     if image is not None and image.shape != (camera.height, camera.width):
         got = f"{image.shape[1]} x {image.shape[0]}"
@@ -465,20 +435,16 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherEntry) 
     return Check("calibration", Level.OK, finding)
 
 
-def check_object(entry: CameraEntry, camera: Camera, model: ObjectModel, image: Image | None) -> Check:
+def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Image | None) -> Check:
     """Whether the tracker can find such an object, and sees it now; it need not lie there yet."""
-    height, outline = entry.object_height or model.height, model.outline.vertices
     try:
-        if entry.fiducials:
-            track: Callable[[Image], Any] = FiducialTracker(camera, outline, height, load_fiducials(entry.fiducials)).track
-        else:
-            track = ContourTracker(camera, outline, height, entry.threshold or None).track
+        tracker: Tracker = cell.tracker.open_tracker(camera, model, cell.camera.object_height or model.height)
     except InvalidInput as error:
         return Check("object", Level.FAILED, str(error), "a camera nearer to the table, larger markers, or another object")
     if image is None or image.shape != (camera.height, camera.width):
         return Check("object", Level.OK, f"{model.name}: nobody looked whether it is seen")
     try:
-        sighting = track(image)
+        sighting = tracker.track(image)
     except NotSeen as reason:
         return Check("object", Level.OK, f"{model.name} is not seen now: {reason}")
     x, y = 1e3 * sighting.pose.x, 1e3 * sighting.pose.y
@@ -490,10 +456,10 @@ def check_object(entry: CameraEntry, camera: Camera, model: ObjectModel, image: 
 # The pusher
 
 
-def check_plan(plan: PlanEntry, pusher: PusherEntry, model: ObjectModel) -> Check:
+def check_plan(plan: PlanConfig, pusher: PusherConfig, model: ObjectModel) -> Check:
     """The push plan against object and pusher."""
     try:
-        pushes = load_plan(plan.file, model)
+        pushes = load_plan(plan.plan, model)
     except InvalidInput as error:
         return Check("plan", Level.FAILED, str(error), "docs/files.md shows a plan")
     finding = f"{plan.choose or len(pushes)} pushes of {1e3 * plan.distance:g} mm at {1e3 * plan.speed:g} mm/s"
@@ -501,75 +467,6 @@ def check_plan(plan: PlanEntry, pusher: PusherEntry, model: ObjectModel) -> Chec
         finding += f"; the pusher's stroke is {1e3 * pusher.stroke:g} mm, its greatest speed {1e3 * pusher.max_speed:g} mm/s"
         return Check("plan", Level.FAILED, finding, "shorten plan.distance, lower plan.speed")
     return Check("plan", Level.OK, finding)
-
-
-def check_port(path: str) -> Check:
-    """The serial port, untouched."""
-    if not os.path.exists(path):
-        there = ", ".join(port.device for port in comports()) or "none"
-        advice = f"plug it in; ports there are: {there}; names that stay are under /dev/serial/by-id/"
-        return Check("port", Level.FAILED, f"no serial port at {path}", advice)
-    if not os.access(path, os.R_OK | os.W_OK):
-        try:
-            group = grp.getgrgid(os.stat(path).st_gid).gr_name
-        except KeyError:
-            group = "dialout"
-        return Check("port", Level.FAILED, f"you may not use {path}", f"sudo usermod -aG {group} $USER, then log in anew")
-    return Check("port", Level.OK, path)
-
-
-def check_controller(entry: PusherEntry) -> tuple[Check, Limits | None]:
-    """What answers at the port; it is neither moved nor unlocked. Its limits where it is a GRBL controller."""
-    try:
-        # of one that homes an alarm is left as it is, and homing itself waits for recover()
-        grbl = Grbl(entry.port, entry.baud, entry.axis, home=True)
-    except ValueError as error:
-        return Check("controller", Level.FAILED, f"pusher.{error}", "docs/cell.md"), None
-    last: PusherReport | None = None
-    with contextlib.closing(grbl):
-        try:
-            grbl.connect()
-            while grbl.busy:
-                last = grbl.poll() or last
-                time.sleep(0.005)
-        except PusherError as error:
-            advice = "Ctrl-X in a terminal at that baud rate must bring a greeting; docs/hardware.md lists what can go wrong"
-            return Check("controller", Level.FAILED, str(error), advice), None
-        position = last.position if last is not None else math.nan
-        finding = f"{grbl.name}, {grbl.mode.value}" + (f", at {1e3 * position:.1f} mm" if not entry.home else "")
-        return judge(grbl.mode, position, finding, entry), grbl.limits
-
-
-def judge(mode: Mode, position: float, finding: str, entry: PusherEntry) -> Check:
-    """A controller that answers: its mode, and its stroke position [m]."""
-    if mode is Mode.ALARM and not entry.home:
-        advice = "the run will unlock it: bring the pusher to its home end by hand before, switch it off and on"
-        return Check("controller", Level.WARNING, finding, advice)
-    if mode not in (Mode.IDLE, Mode.ALARM):
-        return Check("controller", Level.WARNING, finding, "it accepts no motion: release its hold or door, or reset it")
-    if not entry.home and not -ROUNDING <= position <= entry.stroke + ROUNDING:
-        advice = "that is beyond the stroke: bring it to its home end, switch it off and on, or home it"
-        return Check("controller", Level.WARNING, finding, advice)
-    return Check("controller", Level.OK, finding)
-
-
-def check_limits(entry: PusherEntry, plan: PlanEntry, limits: Limits) -> Check:
-    """What the controller is set to against what the cell's file asks of it."""
-    axis = "XYZABC".index(entry.axis[-1])
-    travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
-    finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
-    if entry.stroke > limits.travel + ROUNDING:
-        advice = f"shorten pusher.stroke, {1e3 * entry.stroke:g} mm, or set ${130 + axis} to the axis's travel"
-        advice += "; where it homes ($22), the pull-off $27 counts as lost"
-        return Check("limits", Level.FAILED, finding, advice)
-    if plan.speed > limits.max_speed:
-        return Check("limits", Level.FAILED, finding, f"lower plan.speed, {1e3 * plan.speed:g} mm/s, or raise ${110 + axis}")
-    if entry.max_speed > limits.max_speed:
-        advice = f"lower pusher.max_speed, {1e3 * entry.max_speed:g} mm/s, or raise ${110 + axis}"
-        return Check("limits", Level.WARNING, finding, advice)
-    if plan.speed**2 / limits.acceleration > RAMP_SHARE * plan.distance:
-        return Check("limits", Level.WARNING, finding, f"ramps take much of a push: raise ${120 + axis}, or push more slowly")
-    return Check("limits", Level.OK, finding)
 
 
 # What is told

@@ -17,9 +17,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Empty
 
+from pushfric_core import settings
+from pushfric_core.settings import AUTO
 from pushfric_ros.bags.bag import BagWriter
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.node_kit.parameters import REQUIRED
 from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.estimator import EstimatorNode
@@ -122,13 +125,14 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
         "`force` or `force_angle` in `terms`": {"terms": ["moment", "force"]},
         "`source: observations`": {"source": "observations"},
     }
-    yield Start(TrackerNode, {"object": name, **camera}, sources)
-    yield Start(ActuatorNode, {"port": cell.pusher.port}, {})
+    pusher, stage = settings.merged((cell.pusher, cell.driver)), settings.plain(cell.pusher.stage)
+    yield Start(TrackerNode, {"object": name, **camera, "source": "topic"}, sources)
+    yield Start(ActuatorNode, pusher, {})
     yield Start(EstimatorNode, {"object": name}, kinds)
     yield Start(ExperimentNode, {"object": name}, {})
     yield Start(RecorderNode, {"bag": str(folder / "new"), "discover": True}, {})
     yield Start(PlayerNode, {"bag": str(bag)}, {})
-    yield Start(SimulatedCellNode, {"port_link": cell.pusher.port, **camera}, {})
+    yield Start(SimulatedCellNode, {"object": name, "port_link": pusher["port"], **camera, **stage}, {})
 
 
 def _describe(start: Start, context: rclpy.Context) -> Description:
@@ -141,33 +145,31 @@ def _describe(start: Start, context: rclpy.Context) -> Description:
         node = _remembering(start.kind)(namespace=NAMESPACE, parameter_overrides=overrides, context=context)
         try:
             found[label] = [endpoint for endpoint in _endpoints(node) if endpoint not in common and endpoint.type != OF_THE_BAG]
-            name, declared = node.get_name(), node.declared
+            name = node.get_name()
+            if not label:
+                declared = [
+                    _setting(node.get_parameter(parameter), default, node.describe_parameter(parameter))
+                    for parameter, default in node.defaults.items()
+                    if parameter not in common_parameters and not parameter.startswith("qos_overrides.")  # of topics of the bag
+                ]
         finally:
             node.destroy_node()
     all_found = sorted(
         {endpoint for label in found for endpoint in found[label]}, key=lambda found: (ROLES.index(found.role), found)
     )
     endpoints = {endpoint._replace(name=endpoint.name.replace("~", name)): _when(endpoint, found) for endpoint in all_found}
-    settings = [
-        _setting(parameter, default, descriptor, parameter in start.required)
-        for parameter, (default, descriptor) in declared.items()
-        if parameter not in common_parameters and not parameter.startswith("qos_overrides.")  # of topics of the bag
-    ]
-    return Description(name, " ".join((inspect.getdoc(start.kind) or "").split()), endpoints, settings)
+    return Description(name, " ".join((inspect.getdoc(start.kind) or "").split()), endpoints, declared)
 
 
 def _remembering(kind: type[Node]) -> type[Node]:
-    """The same node, but it keeps in `declared` what it declares: default and descriptor of each parameter."""
+    """The same node, but it keeps in `defaults` what each parameter is by default."""
 
     class Remembering(kind):  # type: ignore[misc, valid-type]
-        declared: dict[str, tuple[Any, ParameterDescriptor]] = {}  # noqa: RUF012 - each class has one instance
+        defaults: dict[str, Any] = {}  # noqa: RUF012 - each class has one instance
 
-        def declare_parameter(
-            self, name: str, value: Any = None, descriptor: ParameterDescriptor | None = None, *rest: Any
-        ) -> Parameter:
-            if descriptor is not None:  # ours all have one
-                self.declared[name] = value, descriptor
-            return super().declare_parameter(name, value, descriptor, *rest)
+        def declare_parameter(self, name: str, value: Any = None, *rest: Any) -> Parameter:
+            self.defaults[name] = value
+            return super().declare_parameter(name, value, *rest)
 
     return Remembering
 
@@ -212,21 +214,24 @@ def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
     return f"not with {', '.join(lacking)}" if lacking else ""
 
 
-def _setting(name: str, default: Any, descriptor: ParameterDescriptor, required: bool) -> Setting:
-    unset = isinstance(default, Parameter.Type)  # it has no default, only a type
-    kind = (default if unset else Parameter.Type.from_parameter_value(default)).name.lower().replace("_array", "[]")
-    default = [] if unset else default
-    if descriptor.dynamic_typing:
+def _setting(parameter: Parameter, default: Any, descriptor: ParameterDescriptor) -> Setting:
+    required = descriptor.additional_constraints.startswith(REQUIRED)
+    kind = parameter.type_.name.lower().replace("_array", "[]")
+    if parameter.value is None:  # an empty list
+        kind = descriptor.additional_constraints
+    if default == AUTO and descriptor.dynamic_typing:
         kind = "double or string"
-    shown = "*required*" if required and default == "" else f"`{_shown(default)}`"
+    shown = "*required*" if required else f"`{_shown(default)}`"
     spans = [*descriptor.integer_range, *descriptor.floating_point_range]
     limits = ", ".join(f"{_end(span.from_value)} to {_end(span.to_value)}" for span in spans)
-    return Setting(name, kind, shown, limits, descriptor.description)
+    return Setting(parameter.name, kind, shown, limits, descriptor.description)
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_shown, filter(lambda item: item != '', value)))}]"
+    if value is None:
+        return "[]"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(_shown, value))}]"
     return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
 
 

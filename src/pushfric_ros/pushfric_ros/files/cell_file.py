@@ -1,88 +1,119 @@
-"""A cell's YAML file: camera, pusher, object, push plan and how it estimates."""
+"""A cell's YAML file: every setting of every node, in sections.
+
+A section holds the fields of one node's settings classes. The values go through the same reading as the node's parameters, so
+that the file is refused where the node would be, in the same words.
+"""
 
 import pathlib
-from typing import Annotated, Any
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
-import pydantic
-
+from pushfric_core.errors import InvalidInput
+from pushfric_core.settings import fields_of, key_of, read, setting
 from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import Point, Strict, read_yaml
-from pushfric_ros.pushers.pusher import PusherConfig
+from pushfric_ros.files.node_settings import CameraConfig, ObjectConfig, PlanConfig, RecorderConfig, SimulationConfig
+from pushfric_ros.files.object_file import yaml_content
+from pushfric_ros.files.plugins import PUSHERS, chosen_tracker, plugin, tracker_kinds
+from pushfric_ros.pushers.pusher import PusherConfig, PusherDriver
 
 
-class CameraEntry(Strict):
-    """Where images come from, and how they map to the table."""
+@dataclass(frozen=True)
+class NamespaceConfig:
+    """What the cell is called."""
 
-    source: str = "0"  # device index, URL, video file or image folder; topic or compressed: subscribe
-    calibration: str  # path of the camera's calibration YAML
-    fiducials: str = ""  # path of the YAML of the markers on the object; empty: it is seen by its outline
-    object_height: Annotated[float, pydantic.Field(ge=0, le=1)] = 0.0  # over the table [m]; 0: as the object's file says
-    threshold: Annotated[int, pydantic.Field(ge=0, le=255)] = 0  # of brightness; 0: found in each frame (Otsu)
-    time_offset: float = 0.0  # added to the stamps of the images [s]
+    namespace: str = setting("/cell", "of all nodes and topics; two cells differ in it")
 
-
-class PusherEntry(Strict):
-    """The linear stage and its line on the table."""
-
-    port: str  # serial port of the GRBL controller
-    baud: int = PusherConfig.baud
-    axis: str = PusherConfig.axis  # with a minus sign where the forward stroke goes to negative coordinates
-    home: bool = (
-        PusherConfig.home
-    )  # seek the home switch at activation; otherwise work zero of the controller is stroke position 0
-    line_origin: Point  # centre of the tip at stroke position 0, in the table frame [m]
-    line_direction: Point  # of the forward stroke, in the table frame
-    tip_radius: Annotated[float, pydantic.Field(ge=0)]  # [m]
-    stroke: Annotated[float, pydantic.Field(gt=0)]  # travel [m]
-    max_speed: Annotated[float, pydantic.Field(gt=0)]  # [m/s]
+    def __post_init__(self) -> None:
+        if re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace) is None:
+            raise ValueError(f"namespace must be like /cell or /hall/cell_2, got {self.namespace!r}")
 
 
-class PlanEntry(Strict):
-    """What is pushed where, and how."""
-
-    file: str = ""  # path of a push plan; empty: a few pushes along each edge
-    # this many pushes are chosen one by one instead, to shrink the region of p_CF fastest; 0: those of the file
-    choose: Annotated[int, pydantic.Field(ge=0, le=1000)] = 0
-    distance: Annotated[float, pydantic.Field(gt=0)] = 0.05  # [m]
-    speed: Annotated[float, pydantic.Field(gt=0)] = 0.02  # [m/s]
-
-    @pydantic.model_validator(mode="after")
-    def _one_way(self) -> "PlanEntry":
-        if self.file and self.choose:
-            raise ValueError("give file or choose, not both")
-        return self
+ROOT = (NamespaceConfig, ObjectConfig)
+ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in fields_of(config))
+SECTIONS = ("camera", "pusher", "plan", "estimator", "recorder", "simulation")
 
 
-class CellFile(Strict):
+@dataclass(frozen=True)
+class CellFile:
     """One robot cell."""
 
-    namespace: str = "/cell"
     object: str  # name of an object of Table 1, or path of an object YAML
-    camera: CameraEntry
-    pusher: PusherEntry
-    plan: PlanEntry = PlanEntry()
-    # parameters of the estimator node: see EstimatorSettings
-    estimator: dict[str, Any] = pydantic.Field(default={})
-
-    @pydantic.field_validator("estimator")
-    @classmethod
-    def _known(cls, values: dict[str, Any]) -> dict[str, Any]:
-        return EstimatorSettings.from_parameters(values).parameters(values)
+    camera: CameraConfig
+    tracker: Any  # settings of what finds the object: a pushfric_ros.vision.sighting.TrackerDriver
+    pusher: PusherConfig
+    driver: PusherDriver  # settings of what drives the pusher
+    plan: PlanConfig = field(default_factory=PlanConfig)
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
+    recorder: RecorderConfig = field(default_factory=RecorderConfig)
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    namespace: str = NamespaceConfig.namespace
 
 
 def load_cell(path: pathlib.Path) -> CellFile:
     """A cell file; relative paths in it are meant from its own folder.
 
     Raises:
-        InvalidInput: it cannot be read or does not describe a cell.
+        InvalidInput: it cannot be read or does not describe a cell; one line that names file and key.
     """
-    cell = read_yaml(path, CellFile)
-    folder = path.resolve().parent
+    content = yaml_content(path)
+    try:
+        return _cell(content, path.resolve().parent)
+    except ValueError as error:
+        raise InvalidInput(f"{path}: {error}") from error
 
-    def beside(name: str) -> str:
-        return str(folder / name) if name and (folder / name).exists() else name
 
-    files = {name: beside(getattr(cell.camera, name)) for name in ("calibration", "fiducials")}
-    camera = cell.camera.model_copy(update=files)
-    plan = cell.plan.model_copy(update={"file": beside(cell.plan.file)})
-    return cell.model_copy(update={"object": beside(cell.object), "camera": camera, "plan": plan})
+def _cell(content: Any, folder: pathlib.Path) -> CellFile:
+    whole = _mapping("a cell's file", content)
+
+    def section(name: str, kinds: Callable[[Mapping[str, Any]], Sequence[type]]) -> tuple[Any, ...]:
+        values = _mapping(name, whole.pop(name, {}))
+        try:
+            configs = kinds(values)
+            return read(_beside(values, folder, configs), *configs, keys=True)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+
+    camera, *trackers = section(
+        "camera", lambda given: [CameraConfig, *tracker_kinds(given.get("tracker", CameraConfig.tracker))]
+    )
+    pusher, driver = section("pusher", lambda given: [PusherConfig, plugin(PUSHERS, given.get("driver", PusherConfig.driver))])
+    (plan,) = section("plan", lambda _: [PlanConfig])
+    estimator = section("estimator", lambda _: EstimatorSettings.PARTS)
+    (recorder,) = section("recorder", lambda _: [RecorderConfig])
+    (simulation,) = section("simulation", lambda _: [SimulationConfig])
+    if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
+        raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
+    named, pushed = read(_beside(whole, folder, ROOT), *ROOT)
+    try:
+        tracker = chosen_tracker(trackers)
+    except ValueError as error:
+        raise ValueError(f"camera: {error}") from error
+    return CellFile(
+        pushed.object,
+        camera,
+        tracker,
+        pusher,
+        driver,
+        plan,
+        EstimatorSettings.of(*estimator),
+        recorder,
+        simulation,
+        named.namespace,
+    )
+
+
+def _mapping(name: str, content: Any) -> dict[Any, Any]:
+    if not isinstance(content, dict):
+        raise ValueError(f"{name} must be keys with values, got {'nothing' if content is None else repr(content)[:80]}")
+    return dict(content)
+
+
+def _beside(values: Mapping[str, Any], folder: pathlib.Path, configs: Sequence[type]) -> dict[str, Any]:
+    """The values, with paths of files that exist in the cell's folder made absolute."""
+    paths = {key_of(field) for config in configs for field in fields_of(config) if field.metadata.get("path")}
+    return {
+        key: str(folder / value) if key in paths and isinstance(value, str) and value and (folder / value).exists() else value
+        for key, value in values.items()
+    }

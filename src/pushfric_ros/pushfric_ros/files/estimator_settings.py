@@ -2,34 +2,45 @@
 
 import dataclasses
 import json
-import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
-
-import pydantic
+from typing import Any, ClassVar
 
 from pushfric_core.estimator import EstimatorConfig
 from pushfric_core.region import RegionConfig
-from pushfric_core.settings import AUTO
+from pushfric_core.settings import merged, read, setting
 from pushfric_core.trajectory import TrajectoryConfig
-from pushfric_ros.files.object_file import complaint
 
 TOPIC = "estimator_settings"
-EXCLUDED, SLIPPING = "exclude_pushes", "slipping_pushes"
 
-Config = TypeVar("Config")
+
+@dataclass(frozen=True)
+class PushesConfig:
+    """What is known of single pushes."""
+
+    exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
+    slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
 
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """All that decides which estimate comes of given poses, beside the object."""
+    """All that decides which estimate comes of given poses, except the object. Section `estimator`."""
 
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     excluded: tuple[int, ...] = ()  # pushes whose data points are left out
     region: RegionConfig = field(default_factory=RegionConfig)
     slipping: tuple[int, ...] = ()  # pushes whose contact is known to slip
+
+    PARTS: ClassVar = (EstimatorConfig, TrajectoryConfig, RegionConfig, PushesConfig)
+    """The dataclasses whose fields are its parameters."""
+
+    @classmethod
+    def of(
+        cls, estimator: EstimatorConfig, trajectory: TrajectoryConfig, region: RegionConfig, pushes: PushesConfig
+    ) -> "EstimatorSettings":
+        """From its PARTS."""
+        return cls(estimator, trajectory, pushes.exclude_pushes, region, pushes.slipping_pushes)
 
     @property
     def with_forces(self) -> bool:
@@ -47,24 +58,11 @@ class EstimatorSettings:
         Raises:
             ValueError: one is unknown, of another type or out of range.
         """
-        rest = {name: None if value == AUTO else value for name, value in values.items()}
-        estimator, trajectory = _taken_from(rest, EstimatorConfig), _taken_from(rest, TrajectoryConfig)
-        region = _taken_from(rest, RegionConfig)
-        pushes = pydantic.TypeAdapter(dict[str, tuple[int, ...]])
-        chosen = pushes.validate_python({name: rest.pop(name, ()) for name in (EXCLUDED, SLIPPING)})
-        if rest:
-            known = (*cls().parameters(), EXCLUDED, SLIPPING)
-            raise ValueError(f"expected any of the estimator's parameters {', '.join(known)}, got {', '.join(map(str, rest))}")
-        return cls(estimator, trajectory, chosen[EXCLUDED], region, chosen[SLIPPING])
+        return cls.of(*read(values, *cls.PARTS))
 
-    def parameters(self, names: Iterable[str] | None = None) -> dict[str, Any]:
-        """All or those named, as a node's parameters are: a list for a tuple, left out where empty, and `auto` for None."""
-        values = {EXCLUDED: self.excluded, SLIPPING: self.slipping}
-        for config in (self.estimator, self.trajectory, self.region):
-            values |= dataclasses.asdict(config)
-        wanted = values if names is None else {name: values[name] for name in names}
-        plain = {n: AUTO if v is None else list(v) if isinstance(v, tuple) else v for n, v in wanted.items()}
-        return {name: value for name, value in plain.items() if value != []}
+    def parameters(self) -> dict[str, Any]:
+        """As a node's parameters are: a list for a tuple, left out where empty, and `auto` for None."""
+        return merged((self.estimator, self.trajectory, self.region, PushesConfig(self.excluded, self.slipping)))
 
     def to_text(self) -> str:
         """As the estimator publishes them."""
@@ -80,18 +78,4 @@ class EstimatorSettings:
         values = json.loads(text)
         if not isinstance(values, dict):
             raise ValueError(f"the estimator's settings must be a JSON object, got {text!r}")
-        try:
-            return cls.from_parameters(values)
-        except pydantic.ValidationError as error:
-            raise ValueError(complaint(error)) from error
-
-
-def _taken_from(values: dict[str, Any], config: type[Config]) -> Config:
-    """A config from those of the values that are its fields, which are taken out."""
-    hints = typing.get_type_hints(config)
-    own = {each.name: values.pop(each.name) for each in dataclasses.fields(config) if each.name in values}  # type: ignore[arg-type]
-    # a model of the fields, as the dataclass itself may hold what pydantic does not know: constraints of one's own
-    fields: Any = {name: (hints[name], ...) for name in own}
-    known = pydantic.create_model(config.__name__, __config__={"arbitrary_types_allowed": True}, **fields)
-    checked = known.model_validate(own)
-    return config(**{name: getattr(checked, name) for name in own})
+        return cls.from_parameters(values)

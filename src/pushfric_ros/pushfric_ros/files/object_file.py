@@ -188,16 +188,25 @@ def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
     Raises:
         InvalidInput: cannot be read, is not YAML, or does not fit the model; one line naming file, field and expectation.
     """
-    with reading(path):
-        text = path.read_text(encoding="utf-8")
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError) as error:  # the latter of a date that is none
-        raise InvalidInput(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    content = yaml_content(path)
     try:
         return model.model_validate(content)
     except pydantic.ValidationError as error:
         raise InvalidInput(f"{path}: {complaint(error)}") from error
+
+
+def yaml_content(path: pathlib.Path) -> Any:
+    """What a YAML file holds.
+
+    Raises:
+        InvalidInput: cannot be read, or is not YAML.
+    """
+    with reading(path):
+        text = path.read_text(encoding="utf-8")
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError) as error:  # a ValueError comes of an impossible date
+        raise InvalidInput(f"{path}: not YAML: {' '.join(str(error).split())}") from error
 
 
 EXPECTED = {

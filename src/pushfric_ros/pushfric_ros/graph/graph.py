@@ -4,13 +4,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from pushfric_core.errors import InvalidInput
+from pushfric_core.settings import plain
 from pushfric_ros.bags.data_points import Source
 from pushfric_ros.files import estimator_settings
 from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.pushers.grbl_config import GrblConfig
 
 PACKAGE = "pushfric_ros"
-NAMESPACE = "/cell"
+NAMESPACE = CellFile.namespace
+
+PATIENCE = 10.0
+"""A simulated object is given up when unseen for this long, of wall time [s], or longer where the cell's file says so."""
 
 
 @dataclass(frozen=True)
@@ -63,23 +69,15 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         bag: folder of the bag to record.
         start: number of the push of the plan to begin with.
     """
-    topics = [*TOPICS, WRENCH] if EstimatorSettings.from_parameters(file.estimator).with_forces else TOPICS
-    pusher = file.pusher.model_dump() | {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
-    plan = {
-        "object": file.object,
-        "plan": file.plan.file,
-        "choose": file.plan.choose,
-        "distance": file.plan.distance,
-        "speed": file.plan.speed,
-        "start": start,
-    }
+    topics = [*TOPICS, *[WRENCH] * file.estimator.with_forces]
+    recorded = [*(" ".join(topic) for topic in topics), *file.recorder.topics]
     return [
-        NodeSpec("recorder", {"bag": bag, "object": file.object, "topics": [" ".join(topic) for topic in topics]}),
-        NodeSpec("estimator", {"object": file.object, **file.estimator}),
-        NodeSpec("tracker", {"object": file.object, **file.camera.model_dump()}, respawn=True),
+        NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(replace(file.recorder, topics=tuple(recorded)))}),
+        NodeSpec("estimator", {"object": file.object, **file.estimator.parameters()}),
+        NodeSpec("tracker", {"object": file.object, **plain(file.camera), **plain(file.tracker)}, respawn=True),
         # a new one does not know where the pusher stands, unless it homes
-        NodeSpec("actuator", pusher, respawn=file.pusher.home),
-        NodeSpec("experiment", plan, ends_run=True),
+        NodeSpec("actuator", {**plain(file.pusher), **plain(file.driver)}, respawn=file.pusher.home),
+        NodeSpec("experiment", {"object": file.object, "start": start, **plain(file.plan)}, ends_run=True),
     ]
 
 
@@ -92,21 +90,20 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         seed: of the simulation.
         speed: multiple of real time.
     """
-    line = {name: list(getattr(file.pusher, name)) for name in ("line_origin", "line_direction")}
-    same = {name: getattr(file.pusher, name) for name in ("tip_radius", "stroke", "max_speed")}
+    if not isinstance(file.driver, GrblConfig):
+        raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
     simulation = {
         "object": file.object,
         "calibration": file.camera.calibration,
-        "port_link": file.pusher.port,
+        "port_link": file.driver.port,
         "seed": seed,
         "speed": speed,
-        **line,
-        **same,
+        **plain(file.pusher.stage),
+        **plain(file.simulation),
     }
     # at a multiple of real time, a busy machine is no lost object yet
-    patient = {"experiment": {"lost_object": 10.0}}
-    specs = [with_simulated_time(replace(s, parameters={**s.parameters, **patient.get(s.name, {})})) for s in cell(file, bag)]
-    return [NodeSpec("simulated_cell", simulation), *specs]
+    patient = replace(file, plan=replace(file.plan, lost_object=max(file.plan.lost_object, PATIENCE)))
+    return [NodeSpec("simulated_cell", simulation), *map(with_simulated_time, cell(patient, bag))]
 
 
 def replay(

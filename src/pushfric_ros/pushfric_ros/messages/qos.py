@@ -38,3 +38,6 @@ RELIABLE = Qos(depth=500)
 
 LATCHED = Qos(depth=1, durability=Durability.TRANSIENT_LOCAL)
 """A late subscriber gets the last message at once."""
+
+QUALITIES = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
+"""Those a publisher of the cell may have, as settings name them."""

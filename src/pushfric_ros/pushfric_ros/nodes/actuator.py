@@ -24,13 +24,13 @@ from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
+from pushfric_ros.files.plugins import PUSHERS, plugin
 from pushfric_ros.messages.conversions import TABLE, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
-from pushfric_ros.pushers.grbl import Grbl
-from pushfric_ros.pushers.pusher import Mode, NotConnected, Pusher, PusherConfig, PusherError, PusherReport
+from pushfric_ros.pushers.pusher import Mode, NotConnected, Pusher, PusherConfig, PusherDriver, PusherError, PusherReport
 
 READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.5, 5.0
@@ -61,7 +61,8 @@ class ActuatorNode(LifecycleNode):
         super().__init__("actuator", **kwargs)
         self._config = config = declare(self, PusherConfig)
         try:
-            self._pusher: Pusher = Grbl(config.port, config.baud, config.axis, config.home, config.connect_timeout)
+            driver: PusherDriver = declare(self, plugin(PUSHERS, config.driver))
+            self._pusher: Pusher = driver.open_pusher(config)
         except ValueError as error:
             raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
         self._line = pushing_line(config.line_origin, config.line_direction, config.tip_radius)
@@ -333,7 +334,7 @@ class ActuatorNode(LifecycleNode):
         message = mode.value if level is Level.OK else self._explained(mode)
         if not self._active and (not self._configured or level is Level.OK):
             level, message = Level.WARN, self._not_active
-        values = {"state": self._lifecycle_state, "port": self._config.port, "controller": self._pusher.name,
+        values = {"state": self._lifecycle_state, "controller": self._pusher.name,
                   "mode": mode.value, "last problem": self._problem or "none"}  # fmt: skip
         return Health(level, message, values)
 

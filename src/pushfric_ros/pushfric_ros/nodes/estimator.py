@@ -1,6 +1,5 @@
 """The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
 
-from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -14,13 +13,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
-from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.recognition import Recognizer
-from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
+from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.sensed_force import SensedForce
-from pushfric_core.settings import setting
-from pushfric_core.trajectory import Trajectory, TrajectoryConfig
+from pushfric_core.trajectory import Trajectory
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
@@ -35,6 +33,7 @@ from pushfric_msgs.msg import (
 from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, ObjectConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
 from pushfric_ros.messages.conversions import (
     estimate_to_msg,
@@ -63,37 +62,18 @@ def settled_in(msg: DiagnosticArray) -> int | None:
     return next((int(value.value) for status in msg.status for value in status.values if value.key == SETTLED), None)
 
 
-SOURCES = ("poses", "observations")
-
-
-@dataclass(frozen=True)
-class EstimatorNodeConfig:
-    """Of what object, and where the data points come from."""
-
-    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
-    source: str = setting("poses", "poses: data points from object_pose and pusher_state; observations: from that topic")
-    exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
-    slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
-
-    def __post_init__(self) -> None:
-        if self.source not in SOURCES:
-            raise ValueError(f"source must be one of {', '.join(SOURCES)}, got {self.source!r}")
-
-
 class EstimatorNode(Node):
     """Publishes an estimate after every data point; late subscribers get the last one."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("estimator", **kwargs)
-        config = declare(self, EstimatorNodeConfig)
-        trajectory, estimator = declare(self, TrajectoryConfig), declare(self, EstimatorConfig)
-        region = declare(self, RegionConfig)
-        self._settings = EstimatorSettings(estimator, trajectory, config.exclude_pushes, region, config.slipping_pushes)
-        self._select(load_object(config.object))
+        model, config = declare(self, ObjectConfig), declare(self, EstimatorNodeConfig)
+        self._settings = EstimatorSettings.of(*[declare(self, part) for part in EstimatorSettings.PARTS])
+        self._select(load_object(model.object))
         self._estimator.estimate()  # loads the compiled solver now, not with the first data point
         self._observations_out = None
         self._diagnostics = topics = Diagnostics(self, self._health)
-        if config.source == "observations":
+        if config.source is DataPointSource.OBSERVATIONS:
             topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
         else:
             self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)

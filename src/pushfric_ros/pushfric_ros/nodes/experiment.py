@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -18,9 +17,9 @@ from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, wrap
 from pushfric_core.push_plan import PlannedPush, placement
-from pushfric_core.settings import setting
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
+from pushfric_ros.files.node_settings import ExperimentConfig, ObjectConfig, PlanConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.messages.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg
@@ -45,48 +44,26 @@ HINDRANCES = {
 """Why a pusher in this mode cannot push, and what the operator does about it."""
 
 
-@dataclass(frozen=True)
-class ExperimentConfig:
-    """What is pushed where, and when the object counts as placed."""
-
-    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
-    plan: str = setting("", "path of a push plan; empty: the paper's plan, or a few pushes along each edge")
-    choose: int = setting(
-        0, "this many pushes are chosen one by one, to shrink the region of p_CF fastest; 0: those of the plan", 0, 1000
-    )
-    start: int = setting(1, "push of the plan to begin with, to go on with one that was interrupted", 1, 2**31)
-    distance: float = setting(0.05, "length of a push [m]", 0.001, 10.0)
-    speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
-    gap: float = setting(0.005, "from the resting tip to where the object is wanted [m]", 0.0, 0.1)
-    position_tolerance: float = setting(0.01, "the object may lie this far from where it is wanted [m]", 0.0, 1.0)
-    angle_tolerance: float = setting(0.2, "and be turned this much against it [rad]", 0.0, math.pi)
-    still: float = setting(0.5, "it must lie still for this long [s]", 0.0, 60.0)
-    still_distance: float = setting(0.0005, "still: moved less than this [m], turned less than it over 10 cm", 0.0, 0.1)
-    awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes that must report themselves well before the first push")
-    lost_object: float = setting(1.0, "a push is stopped when the object is unseen for this long, of wall time [s]", 0.1, 60.0)
-    lost_result: float = setting(
-        3.0, "a push is given up when the pusher idles or is silent for this long, of wall time [s]", 0.1, 60.0
-    )
-
-
 class ExperimentNode(Node):
     """Ends its process when the plan is finished."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("experiment", **kwargs)
-        self._config = declare(self, ExperimentConfig)
-        self._object = load_object(self._config.object)
+        model, begin = declare(self, ObjectConfig), declare(self, ExperimentConfig)
+        self._config = declare(self, PlanConfig)
+        self._object = load_object(model.object)
         self._plan = [] if self._config.choose else load_plan(self._config.plan, self._object)
         self._count = self._config.choose or len(self._plan)
-        if self._config.start > self._count:
-            where = f"{self.get_fully_qualified_name()}: parameter start"
-            raise InvalidInput(f"{where} must be at most {self._count}, the pushes of the plan; got {self._config.start}")
+        self._first = begin.start - 1
+        if begin.start > self._count:
+            where = f"{self.get_fully_qualified_name()}: parameter"
+            raise InvalidInput(f"{where} start must be at most {self._count}, the pushes of the plan; got {begin.start}")
         self._region: CenterOfFrictionRegion | None = None
         self._settled = self._pushed = -1  # what the estimator has dealt with; when the last push ended [ns]
         self._diagnostics = topics = Diagnostics(self, self._health)
         self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
-        self._progress = PlanProgress(count=self._count, push_id=self._config.start - 1)
+        self._progress = PlanProgress(count=self._count, push_id=self._first)
         self._awaited = {f"{self.get_namespace()}/{name}".replace("//", "/") for name in self._config.awaits if name}
         self._well: set[str] = set()
         self._action = ActionClient(self, Push, "push")
@@ -109,7 +86,7 @@ class ExperimentNode(Node):
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         # not only are they running: they hear those they need, so that nothing of the first push is missed
         await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
-        for push_id in range(self._config.start - 1, self._count):
+        for push_id in range(self._first, self._count):
             self._progress.push_id = push_id
             push = await self._choose() if self._config.choose else self._plan[push_id]
             if push is None:

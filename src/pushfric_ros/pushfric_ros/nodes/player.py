@@ -1,7 +1,6 @@
 """The player node: a bag's messages published again, at the pace they were recorded or another."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -18,8 +17,8 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.settings import setting
 from pushfric_ros.bags.bag import BagMessage, Topic, describe, read, recorded_class
+from pushfric_ros.files.node_settings import PlayerConfig
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.parameters import declare
@@ -37,27 +36,6 @@ LATE = 1.0  # of wall time [s]; a player further behind its rate says so
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 )
-
-
-@dataclass(frozen=True)
-class PlayerConfig:
-    """What is played, and how fast."""
-
-    bag: str = setting("", "folder of the bag, or a bare .mcap")
-    rate: float = setting(1.0, "multiple of the recorded speed", 0.01, 1000.0)
-    start: float = setting(0.0, "where to begin, after the beginning of the bag [s]", 0.0)
-    loop: bool = setting(False, "begin again at the end; the clock jumps back")
-    # empty lists would be declared as lists of bytes
-    topics: tuple[str, ...] = setting(("",), "topics to play; none: all")
-    exclude_topics: tuple[str, ...] = setting(("",), "topics not to play")
-    clock: bool = setting(True, "publish the bag's time on /clock, 100 times in a second of the bag")
-    wait_for: tuple[str, ...] = setting(("",), "topics that must have a subscriber before the first message")
-    paused: bool = setting(False, "begin paused, until ~/pause says otherwise")
-    exit_when_done: bool = setting(True, "end the process when all is played and acknowledged")
-
-    def __post_init__(self) -> None:
-        if not self.bag:
-            raise ValueError("bag must name the bag to play, got nothing")
 
 
 class PlayerNode(Node):

@@ -3,8 +3,7 @@
 import pathlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
@@ -15,62 +14,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.settings import setting
 from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object, save_object
+from pushfric_ros.messages.qos import QUALITIES
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.qos import profile
 
 QUEUE_DEPTH = 1000
 FLUSH_PERIOD = 0.5  # [s] of wall time: a crash costs the last second at most, even where a flush is late
-QOS = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
-
-
-class KnownTopic(NamedTuple):
-    """A topic that is subscribed at once, before anyone publishes it."""
-
-    name: str
-    type_name: str
-    qos: QoSProfile
-
-
-@dataclass(frozen=True)
-class RecorderConfig:
-    """What is recorded, and where to."""
-
-    bag: str = setting("", "folder of the bag, new or empty")
-    # an empty list would be declared as one of bytes
-    topics: tuple[str, ...] = setting(("",), "each 'name package/msg/Type qos', qos one of sensor_data, reliable, latched")
-    object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
-    discover: bool = setting(False, "record every other topic too, from when it is first seen")
-
-    def __post_init__(self) -> None:
-        if not self.bag:
-            raise ValueError("bag must name the folder to record into, got nothing")
-        names = [topic.name for topic in self.known_topics]
-        if len(set(names)) < len(names):
-            raise ValueError(f"topics must name each topic once, got {', '.join(names)}")
-        if not (self.discover or names):
-            raise ValueError("topics must name what to record unless discover is true, got nothing")
-
-    @property
-    def known_topics(self) -> list[KnownTopic]:
-        """The topics, parsed.
-
-        Raises:
-            ValueError: one is not 'name type qos'.
-        """
-        return [_known_topic(text) for text in self.topics if text]
-
-
-def _known_topic(text: str) -> KnownTopic:
-    words = text.split()
-    if len(words) != 3 or words[2] not in QOS:
-        raise ValueError(f"topics must be 'name package/msg/Type {'|'.join(QOS)}', got {text!r}")
-    return KnownTopic(words[0], words[1], QOS[words[2]])
 
 
 class _Losses:
@@ -104,14 +59,18 @@ class RecorderNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("recorder", **kwargs)
-        config = declare(self, RecorderConfig)
+        recording, config = declare(self, RecordingConfig), declare(self, RecorderConfig)
         known = [self._resolved(topic) for topic in config.known_topics]
+        if not (known or config.discover):
+            raise InvalidInput(
+                f"{self.get_fully_qualified_name()}: topics must name what to record unless discover is true, got none"
+            )
         for topic in known:  # before there is a file
             message_class(topic.type_name)
-        model = load_object(config.object) if config.object else None
-        self._bag = BagWriter(config.bag)
+        model = load_object(recording.object) if recording.object else None
+        self._bag = BagWriter(recording.bag)
         if model is not None:
-            file = pathlib.Path(config.bag) / OBJECT_FILE
+            file = pathlib.Path(recording.bag) / OBJECT_FILE
             try:
                 save_object(model, file)
             except OSError as error:
@@ -123,7 +82,8 @@ class RecorderNode(Node):
         self._waiting: list[tuple[str, bytes]] = []  # for the first /clock
         self._refused: set[str] = set()
         for topic in known:
-            self._record(topic.name, topic.type_name, [topic.qos], topic.qos)
+            wanted = profile(QUALITIES[topic.quality])
+            self._record(topic.name, topic.type_name, [wanted], wanted)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         if config.discover:
             self.create_timer(0.1, self._discover, clock=wall)

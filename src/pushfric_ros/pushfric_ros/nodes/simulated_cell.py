@@ -18,15 +18,16 @@ from sensor_msgs.msg import CameraInfo, Image
 from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput, SolverFailed
 from pushfric_core.planar import Pose
-from pushfric_core.settings import setting
+from pushfric_core.settings import REQUIRED, setting
 from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_ros.files.node_settings import ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_ros.messages.conversions import pose_from_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
-from pushfric_ros.pushers.pusher import PusherConfig
+from pushfric_ros.pushers.pusher import StageConfig
 from pushfric_ros.simulated.camera import SimulatedCamera
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.vision.camera import load_camera
@@ -40,35 +41,15 @@ START = 1_000_000_000_000_000_000
 
 @dataclass(frozen=True)
 class SimulatedCellConfig:
-    """The cell that is simulated."""
+    """Where the simulated camera and controller take the place of real ones."""
 
-    object: str = setting("rubber_rect4", "name of an object of Table 1")
-    calibration: str = setting("", "path of the camera's calibration YAML")
-    port_link: str = setting("", "path at which the controller's serial port appears")
-    line_origin: tuple[float, ...] = setting(
-        PusherConfig.line_origin, "centre of the tip at stroke position 0, in the table frame [m]"
-    )
-    line_direction: tuple[float, ...] = setting(
-        PusherConfig.line_direction, "unit vector of the forward stroke, in the table frame"
-    )
-    tip_radius: float = setting(PusherConfig.tip_radius, "[m]", 0.0, 0.1)
-    stroke: float = setting(PusherConfig.stroke, "travel of the linear stage [m]", 0.001, 10.0)
-    max_speed: float = setting(PusherConfig.max_speed, "of the linear stage [m/s]", 0.0001, 10.0)
-    frame_rate: float = setting(14.0, "of the camera [Hz]", 0.1, 200.0)
-    speed: float = setting(
-        5.0, "multiple of real time; a slower machine slows the simulated clock, and loses nothing", 0.01, 100.0
-    )
-    noise: float = setting(2.0, "of a pixel, standard deviation, of 255; a camera without any would seem frozen", 0.5, 100.0)
-    blur: float = setting(0.7, "of the lens, standard deviation [px]", 0.0, 10.0)
-    away: float = setting(0.3, "the operator holds the object out of view for this long when placing it [s]", 0.0, 10.0)
-    placement_error: float = setting(0.001, "of the operator, standard deviation [m]; the angle errs by it over 2 cm", 0.0, 0.1)
-    seed: int = setting(0, "of camera noise and operator", 0, 2**31)
+    calibration: str = setting(REQUIRED, "path of the camera's calibration YAML")
+    port_link: str = setting(REQUIRED, "path at which the controller's serial port appears")
 
     def __post_init__(self) -> None:
         if not self.calibration:
-            raise ValueError("calibration must name the camera's calibration YAML, got nothing")
-        pushing_line(self.line_origin, self.line_direction, self.tip_radius)
-        if not pathlib.Path(self.port_link or "/").parent.is_dir() or not self.port_link:
+            raise ValueError("calibration must name the camera's calibration YAML, got ''")
+        if not self.port_link or not pathlib.Path(self.port_link).parent.is_dir():
             raise ValueError(f"port_link must be a path in an existing folder, got {self.port_link!r}")
 
 
@@ -77,18 +58,20 @@ class SimulatedCellNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("simulated_cell", **kwargs)
-        self._config = config = declare(self, SimulatedCellConfig)
-        if config.object not in TABLE_1:
-            raise InvalidInput(f"the simulated cell has no object {config.object!r}; expected one of {', '.join(TABLE_1)}")
-        truth = TABLE_1[config.object]
-        self._rng = np.random.default_rng(config.seed)
-        self._line = pushing_line(config.line_origin, config.line_direction, config.tip_radius)
+        self._place = place = declare(self, SimulatedCellConfig)
+        name, stage, run = declare(self, ObjectConfig).object, declare(self, StageConfig), declare(self, SimulatedRunConfig)
+        self._config = config = declare(self, SimulationConfig)
+        if name not in TABLE_1:
+            raise InvalidInput(f"the simulated cell has no object {name!r}; expected one of {', '.join(TABLE_1)}")
+        truth = TABLE_1[name]
+        self._rng = np.random.default_rng(run.seed)
+        self._line = pushing_line(stage.line_origin, stage.line_direction, stage.tip_radius)
         self._object = PushedObject(truth.outline, truth.support, truth.mu_c, Pose(0.0, 0.0, 0.0))
         self._present = False
         self._placing: tuple[float, Pose] | None = None  # when [s], and where
         self._elapsed = 0.0
         self._steps = 0
-        camera = load_camera(config.calibration)
+        camera = load_camera(place.calibration)
         self._camera = SimulatedCamera(
             camera, truth.outline.vertices, 0.0, self._rng, noise_sigma=config.noise, blur_px=config.blur
         )
@@ -98,18 +81,18 @@ class SimulatedCellNode(Node):
         self._image_out = topics.advertise(Image, "image_raw", SENSOR_DATA)
         self._info_out = topics.advertise(CameraInfo, "camera_info", SENSOR_DATA)
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
-        self._grbl = SimulatedGrbl(lambda: self._elapsed, travel=config.stroke, max_speed=config.max_speed)
+        self._grbl = SimulatedGrbl(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
         self._grbl.start()
-        self._link(config.port_link)
+        self._link(place.port_link)
         period = 1 / (config.frame_rate * STEPS_PER_FRAME)
         self._period = period
         self._wall_start = time.monotonic()
-        self.create_timer(period / config.speed, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(period / run.speed, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
         """Take the serial port away with the node."""
         with contextlib.suppress(FileNotFoundError):
-            os.unlink(self._config.port_link)
+            os.unlink(self._place.port_link)
         self._grbl.close()
         super().destroy_node()
 

@@ -3,8 +3,6 @@
 import array
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -17,18 +15,17 @@ from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, transform
-from pushfric_core.settings import setting
+from pushfric_ros.files.node_settings import CameraConfig, ObjectConfig
 from pushfric_ros.files.object_file import load_object
+from pushfric_ros.files.plugins import chosen_tracker, tracker_kinds
 from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA
 from pushfric_ros.vision.camera import Image, load_camera
-from pushfric_ros.vision.contour_tracker import ContourTracker
-from pushfric_ros.vision.edge_fit import NotSeen, Sighting
-from pushfric_ros.vision.fiducial_tracker import FiducialTracker, load_fiducials
 from pushfric_ros.vision.frame_source import Device
+from pushfric_ros.vision.sighting import NotSeen, Sighting, Tracker
 
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Holds more than a second of frames, so that none is lost in a busy moment."""
@@ -73,35 +70,21 @@ OVERLAY_PERIOD = 0.2
 """Least time between overlays [s]."""
 
 
-@dataclass(frozen=True)
-class TrackerConfig:
-    """What is looked for, and where its images come from."""
-
-    object: str = setting("", "name of an object of Table 1, or path of an object YAML")
-    calibration: str = setting("", "path of the camera's calibration YAML: CameraInfo's fields and table_homography")
-    source: str = setting(
-        "topic",
-        "topic: image_raw; compressed: image_raw/compressed; else a device index, URL, video file, folder or glob of pictures",
-    )
-    fiducials: str = setting("", "path of the YAML file of the markers on the object; empty: it is seen by its outline")
-    object_height: float = setting(0.0, "of the outline or markers over the table [m]; 0: as the object's file says", 0.0, 1.0)
-    threshold: int = setting(0, "grey level between table and object; 0: found in each frame (Otsu)", 0, 255)
-    time_offset: float = setting(0.0, "added to the stamps of the images [s]", -10.0, 10.0)
-
-
 class TrackerNode(Node):
     """Publishes the object's pose for every frame that shows it, and nothing for the others."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("tracker", **kwargs)
-        config = declare(self, TrackerConfig)
-        if not config.calibration:
-            raise InvalidInput("the tracker needs calibration, the path of the camera's calibration YAML")
-        self._config = config
-        self._object = load_object(config.object)
+        name = declare(self, ObjectConfig).object
+        self._config = config = declare(self, CameraConfig)
+        try:
+            driver = chosen_tracker([declare(self, kind) for kind in tracker_kinds(config.tracker)])
+        except ValueError as error:
+            raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
+        self._object = load_object(name)
         self._camera = load_camera(config.calibration)
         self._height = config.object_height or self._object.height
-        self._track = self._make_tracker()
+        self._tracker: Tracker = driver.open_tracker(self._camera, self._object, self._height)
 
         self._stamp = 0  # of the newest frame [ns]
         self._frame: Image | None = None  # the newest
@@ -138,14 +121,6 @@ class TrackerNode(Node):
         if self._device is not None:
             self._device.close()
         super().destroy_node()
-
-    def _make_tracker(self) -> Callable[[Image, Pose | None], Sighting]:
-        """What finds the object in a frame, given about where it should be."""
-        outline = self._object.outline.vertices
-        if self._config.fiducials:
-            markers = FiducialTracker(self._camera, outline, self._height, load_fiducials(self._config.fiducials))
-            return lambda frame, _: markers.track(frame)  # markers need no expectation
-        return ContourTracker(self._camera, outline, self._height, self._config.threshold or None).track
 
     def _on_placement(self, msg: PoseStamped) -> None:
         try:
@@ -213,10 +188,10 @@ class TrackerNode(Node):
         While the object stays in sight, its last pose decides; when it returns, the pose in which it was to be placed does.
         """
         awaited = self._placement or self._last
-        sighting = self._track(frame, self._last if self._in_sight else awaited)
+        sighting = self._tracker.track(frame, self._last if self._in_sight else awaited)
         returns = not self._in_sight
         if self._in_sight and self._last and _apart(sighting.pose, self._last):
-            sighting, returns = self._track(frame, awaited), True
+            sighting, returns = self._tracker.track(frame, awaited), True
         if returns and self._placement and not _apart(sighting.pose, self._placement):
             self._placement = None
         return sighting

@@ -21,12 +21,12 @@ first or made again: homing waits for `recover()`.
 import contextlib
 import math
 import os
-import re
 import time
 from collections.abc import Generator
 
 import serial
 
+from pushfric_ros.pushers.grbl_config import check_axis
 from pushfric_ros.pushers.grbl_protocol import (
     ALARM,
     BUILD,
@@ -82,8 +82,7 @@ class Grbl:
         Raises:
             ValueError: axis is none of these.
         """
-        if re.fullmatch("-?[XYZABC]", axis) is None:
-            raise ValueError(f"axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got {axis!r}")
+        check_axis(axis)
         self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
         self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
         self._index = "XYZABC".index(self._letter)

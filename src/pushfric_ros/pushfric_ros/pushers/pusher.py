@@ -1,13 +1,16 @@
 """What the actuator node asks of a pusher, whatever protocol it speaks, and what can go wrong with one."""
 
+import dataclasses
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, Protocol
 
 from pushfric_core.contact import pushing_line
 from pushfric_core.errors import PushfricError
-from pushfric_core.settings import check_ranges, setting
+from pushfric_core.settings import REQUIRED, check_ranges, setting
+from pushfric_ros.pushers.check import Check
 
 
 class PusherError(PushfricError):
@@ -38,27 +41,33 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True)
-class PusherConfig:
-    """The pusher and its line on the table."""
+class StageConfig:
+    """The linear stage that bears the tip, and its line on the table."""
 
-    port: str = setting("", "serial port of the GRBL controller")
-    baud: int = setting(115200, "[bit/s]", 300, 4_000_000)
-    axis: str = setting("X", "axis of the controller, with a minus sign where the stroke runs to negative coordinates")
-    home: bool = setting(False, "seek the home switch at activation; otherwise the controller's work zero is stroke position 0")
-    line_origin: tuple[float, ...] = setting((0.0, 0.0), "centre of the tip at stroke position 0, in the table frame [m]")
-    line_direction: tuple[float, ...] = setting((0.0, 1.0), "of the forward stroke, in the table frame; any length")
-    tip_radius: float = setting(0.003, "[m]", 0.0, 0.1)
-    stroke: float = setting(0.06, "greatest stroke position [m]", 0.001, 10.0)
-    max_speed: float = setting(0.1, "[m/s]", 0.0001, 10.0)
-    poll_rate: float = setting(20.0, "reports of the pusher [Hz]", 1.0, 100.0)
-    connect_timeout: float = setting(2.0, "how long the controller may take to boot [s]", 0.1, 60.0)
-    autostart: bool = setting(True, "configure and activate by itself, as soon as the controller answers")
+    line_origin: tuple[float, float] = setting(REQUIRED, "centre of the round tip at stroke position 0, in the table frame [m]")
+    line_direction: tuple[float, float] = setting(REQUIRED, "of the forward stroke, in the table frame; any length")
+    tip_radius: float = setting(REQUIRED, "radius of the tip [m]", 0.0, 0.1)
+    stroke: float = setting(REQUIRED, "greatest stroke position [m]", 0.001, 10.0)
+    max_speed: float = setting(REQUIRED, "greatest speed [m/s]", 0.0001, 10.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.port:
-            raise ValueError("port must name the serial port of the GRBL controller, got ''")
         pushing_line(self.line_origin, self.line_direction, self.tip_radius)
+
+
+@dataclass(frozen=True)
+class PusherConfig(StageConfig):
+    """What any pusher needs to be told; its driver brings settings of its own."""
+
+    driver: str = setting("grbl", "what drives the pusher: an entry point of the group pushfric.pushers")
+    home: bool = setting(False, "seek the home switch at activation; otherwise the controller's work zero is stroke position 0")
+    poll_rate: float = setting(20.0, "reports of the pusher [Hz]", 1.0, 100.0)
+    autostart: bool = setting(True, "configure and activate by itself, as soon as the controller answers")
+
+    @property
+    def stage(self) -> StageConfig:
+        """The stage alone."""
+        return StageConfig(**{field.name: getattr(self, field.name) for field in dataclasses.fields(StageConfig)})
 
 
 class PusherReport(NamedTuple):
@@ -115,3 +124,20 @@ class Pusher(Protocol):
 
     def poll(self) -> PusherReport | None:
         """Read and act; the newest report that came. Raises every PusherError, once, with the pusher told to stop."""
+
+
+class PusherDriver(Protocol):
+    """The settings of one kind of pusher, a frozen dataclass of `pushfric_core.settings.setting` fields that opens it.
+
+    The class is an entry point of the group `pushfric.pushers`; its name there is the setting `driver` of PusherConfig. Its
+    settings stand next to those of PusherConfig, in a cell's file and as parameters of the actuator: no name may occur twice.
+    """
+
+    def open_pusher(self, config: PusherConfig) -> Pusher:
+        """The pusher; nothing is connected, let alone moved. Raises ValueError where the settings do not fit together."""
+
+    def absence(self) -> str | None:
+        """Why there can be no controller now, such as a port that does not exist; None where there may be one."""
+
+    def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
+        """What the doctor should look at, without moving anything: `distance` [m] and `speed` [m/s] are those of a push."""

@@ -12,7 +12,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, Pose, wrap
 from pushfric_ros.vision.camera import Camera, Image
-from pushfric_ros.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, NotSeen, Sighting, edge_samples
+from pushfric_ros.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, edge_samples
+from pushfric_ros.vision.sighting import NotSeen, Sighting
 
 AREA_RANGE = (0.6, 1.6)
 """Area of a blob that may be the object, as a fraction of the outline's."""

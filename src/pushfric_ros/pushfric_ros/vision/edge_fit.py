@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.errors import PushfricError
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, Pose, cross, rotation, transform, wrap
 from pushfric_ros.vision.camera import Camera, Image
+from pushfric_ros.vision.sighting import Sighting
 
 MIN_CONTRAST = 30.0
 """Least difference between the bright and the dark side [grey levels]."""
@@ -35,20 +35,6 @@ _NEAR_PX = 1.5  # an edge counts as visible if it is this close to its place
 _MAX_STEPS = 6
 _MIN_EDGE_CONTRAST = 0.35  # of the frame's contrast; an edge with less is hidden, not shaded
 _MAX_UNEVENNESS = 0.1  # of the contrast, at the ends of a profile; a profile with more shows the border of a shadow
-
-
-class NotSeen(PushfricError):
-    """A frame does not show where the object is; the text says why."""
-
-
-class Sighting(NamedTuple):
-    """The object as seen in one frame."""
-
-    pose: Pose  # in the table frame
-    residual_px: float  # rms distance between the edges found and their places in this pose
-    visible_fraction: float  # fraction of the edges found
-    orientations: int  # number of orientations that fit equally well
-    covariance: Array  # (3, 3) of (x, y, theta) in the table frame [m, m, rad]
 
 
 class EdgeFit:

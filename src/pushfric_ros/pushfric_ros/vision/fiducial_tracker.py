@@ -14,7 +14,8 @@ from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, Pose, transform
 from pushfric_ros.files.object_file import Point, Strict, read_yaml
 from pushfric_ros.vision.camera import Camera, Image
-from pushfric_ros.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, NotSeen, Sighting, edge_samples
+from pushfric_ros.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, edge_samples
+from pushfric_ros.vision.sighting import NotSeen, Sighting
 
 FAMILIES = {name.removeprefix("DICT_").lower(): value for name, value in vars(cv2.aruco).items() if name.startswith("DICT_")}
 """OpenCV's dictionaries by name: 4x4_50, apriltag_36h11, ..."""
@@ -101,8 +102,12 @@ class FiducialTracker:
         }
         self._edge_fits: dict[tuple[int, ...], EdgeFit] = {}
 
-    def track(self, image: Image) -> Sighting:
-        """The object's pose in one mono8 frame (height, width) of the camera's size.
+    def track(self, image: Image, expected: Pose | None = None) -> Sighting:
+        """The object's pose in one frame.
+
+        Args:
+            image: (height, width) mono8 frame, the size of the camera's.
+            expected: not used: markers tell orientations apart by themselves.
 
         Raises:
             NotSeen: the frame shows none of the markers, one of them twice, markers that do not lie as given, or only part

@@ -1,0 +1,61 @@
+"""Pushers and trackers, found by entry point: those that come along and those of other packages alike."""
+
+import importlib.metadata
+from collections.abc import Sequence
+from typing import Any
+
+from pushfric_core.settings import AUTO
+
+PUSHERS = "pushfric.pushers"
+"""Group of the pushers: see pushfric_ros.pushers.pusher.PusherDriver."""
+
+TRACKERS = "pushfric.trackers"
+"""Group of the trackers: see pushfric_ros.vision.sighting.TrackerDriver."""
+
+
+def plugin(group: str, name: str) -> Any:
+    """The settings class that some installed package registered in a group under a name.
+
+    Raises:
+        ValueError: there is none, two packages claim the name, or it cannot be imported.
+    """
+    found = importlib.metadata.entry_points(group=group)
+    named = {entry.value: entry for entry in found if entry.name == name}
+    if not named:
+        known = ", ".join(sorted({entry.name for entry in found})) or "none is installed"
+        raise ValueError(f"{_WHAT[group]} must be an entry point of {group} ({known}), got {name!r}")
+    if len(named) > 1:
+        raise ValueError(f"{_WHAT[group]} must be of one package, but {name!r} is {' and '.join(sorted(named))}")
+    (entry,) = named.values()
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"{_WHAT[group]} {name!r} cannot be loaded from {entry.value}: {error}") from error
+
+
+def tracker_kinds(name: str) -> list[Any]:
+    """The settings classes that the setting `tracker` asks for: one by name, or those that AUTO chooses from.
+
+    Raises:
+        ValueError: as `plugin`.
+    """
+    return [plugin(TRACKERS, one) for one in (AUTOMATIC if name == AUTO else (name,))]
+
+
+def chosen_tracker(configs: Sequence[Any]) -> Any:
+    """Of the settings of `tracker_kinds`, the first that lacks nothing.
+
+    Raises:
+        ValueError: there is none; says what the last one lacks.
+    """
+    for config in configs:
+        if (absence := config.absence()) is None:
+            return config
+    raise ValueError(absence)
+
+
+AUTOMATIC = ("fiducial", "contour")
+"""What AUTO chooses from: an object is seen by its markers where it bears any."""
+
+_WHAT = {PUSHERS: "driver", TRACKERS: "tracker"}
+"""The setting that names one of a group."""

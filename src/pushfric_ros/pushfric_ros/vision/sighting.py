@@ -1,0 +1,56 @@
+"""What a tracker tells of a frame, and what the tracker node asks of any tracker."""
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from pushfric_core.errors import PushfricError
+from pushfric_core.planar import Array, Pose
+
+if TYPE_CHECKING:
+    from pushfric_ros.files.object_file import ObjectModel
+    from pushfric_ros.vision.camera import Camera, Image
+
+
+class NotSeen(PushfricError):
+    """A frame does not show where the object is; the text says why."""
+
+
+class Sighting(NamedTuple):
+    """The object as seen in one frame."""
+
+    pose: Pose  # in the table frame
+    residual_px: float  # rms distance between what was found and its place in this pose
+    visible_fraction: float  # fraction found of what there is to find
+    orientations: int  # number of orientations that fit equally well
+    covariance: Array  # (3, 3) of (x, y, theta) in the table frame [m, m, rad]
+
+
+class Tracker(Protocol):
+    """Finds one object in the images of one camera."""
+
+    def track(self, image: "Image", expected: Pose | None = None) -> Sighting:
+        """The object's pose in one frame.
+
+        Args:
+            image: (height, width) mono8 frame, the size of the camera's.
+            expected: about where it should be, in the table frame; of orientations that look alike the nearest is taken.
+        Raises:
+            NotSeen: the frame does not show where the object is.
+        """
+
+
+class TrackerDriver(Protocol):
+    """The settings of one kind of tracker, a frozen dataclass of `pushfric_core.settings.setting` fields that opens it.
+
+    The class is an entry point of the group `pushfric.trackers`; its name there is the setting `tracker` of CameraConfig. Its
+    settings stand next to those of CameraConfig, in a cell's file and as parameters of the tracker: no name may occur twice.
+    """
+
+    def open_tracker(self, camera: "Camera", model: "ObjectModel", height: float) -> Tracker:
+        """A tracker of an object whose outline or markers lie `height` [m] over the table.
+
+        Raises:
+            InvalidInput: it cannot be found in this camera's images, or a file that the settings name is wrong.
+        """
+
+    def absence(self) -> str | None:
+        """What it lacks to find anything, such as the name of a file; None where it lacks nothing."""
