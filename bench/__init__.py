@@ -1,6 +1,6 @@
-"""What pushfric costs, beside its peers, in one run: `python bench`.
+"""What pushfric costs compared with its peers, measured in one run: `python bench`.
 
-Importing it pins the libraries that numpy and the solvers call to one thread, which must come before numpy.
+Importing this package pins the libraries that numpy and the solvers call to one thread, so it must come before numpy.
 """
 
 import os

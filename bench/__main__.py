@@ -34,29 +34,33 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not 
 def bench(
     points: Annotated[
         list[int] | None,
-        typer.Option(help="Data points before (M); may be given again.", min=1, max=1_000_000, show_default="50 to 100000"),
+        typer.Option(help="Number of earlier data points (M); repeatable.", min=1, max=1_000_000, show_default="50 to 100000"),
     ] = None,
     supports: Annotated[
         list[int] | None,
-        typer.Option(help=f"Support points (N), of {', '.join(map(str, GRIDS))}; may be given again.", show_default="all"),
+        typer.Option(
+            help=f"Number of support points (N), one of {', '.join(map(str, GRIDS))}; repeatable.", show_default="all"
+        ),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="A small part, in less than a minute.")] = False,
-    plot: Annotated[pathlib.Path, typer.Option(help="Write the plot of cost by M there.")] = DEFAULT_PLOT,
+    quick: Annotated[bool, typer.Option("--quick", help="Measure only a small part, in less than a minute.")] = False,
+    plot: Annotated[pathlib.Path, typer.Option(help="Write the plot of cost against M to this file.")] = DEFAULT_PLOT,
     pushes: Annotated[
         pathlib.Path | None,
-        typer.Option("--real-pushes", help="push_points.csv of zhou2015: accuracy on real pushes.", show_default=False),
+        typer.Option(
+            "--real-pushes", help="Also measure the accuracy on real pushes: push_points.csv of zhou2015.", show_default=False
+        ),
     ] = None,
     live: Annotated[
-        bool, typer.Option("--live", help="Also the live graph and the recorder, in real time: 3 minutes.")
+        bool, typer.Option("--live", help="Also measure the live graph and the recorder, in real time: 3 minutes.")
     ] = False,
     json: Annotated[
-        pathlib.Path | None, typer.Option("--json", help="Write all figures there as JSON.", show_default=False)
+        pathlib.Path | None, typer.Option("--json", help="Write all figures to this file as JSON.", show_default=False)
     ] = None,
 ) -> int:
-    """What one new data point costs, beside other solvers of the same program, and what a frame costs; CPU time, one thread.
+    """Measure the CPU time of one new data point in pushfric and in other solvers of the same program, and that of a frame.
 
-    A solver is left out ("-") where one solve takes, or from its last M must be expected to take, more than 20 s of CPU time.
-    All solvers take each data point in turn, so that what disturbs one disturbs all, each other's caches included.
+    Everything runs on one thread. A solver is left out ("-") if one solve takes more than 20 s of CPU time, or must be expected
+    to after its last M. All solvers take each data point in turn, so that a disturbance, also of the caches, affects all alike.
     highs_warm is HiGHS kept warm: at each M and N the better of its primal and dual form.
     """
     points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
@@ -71,7 +75,7 @@ def bench(
     plot.parent.mkdir(exist_ok=True)
     start = time.monotonic()
     columns = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
-    # no thread of its own refreshes the bar: its CPU time would count as a contender's
+    # without a thread that refreshes the bar, as its CPU time would be counted for a contender
     with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as bar:
         steps = len(supports) * (len(points) + 1) + tracker.ROUNDS + real_pushes.STEPS * (pushes is not None) + 4 * live
         task = bar.add_task("", total=steps, completed=-1)
@@ -120,7 +124,7 @@ def bench(
 
 
 def main() -> None:
-    """Unusable input ends with one line and exit code 2, contenders that disagree with one line each and 1."""
+    """Unusable input ends with one line and exit code 2. Contenders that disagree end with a line each and exit code 1."""
     try:
         sys.exit(app(prog_name="pushfric bench", standalone_mode=False))
     except InvalidInput as error:

@@ -1,10 +1,10 @@
-"""The contenders: each keeps the program for w up to date, or solves it from scratch, as a competent user would have it.
+"""The contenders: each keeps the program for w up to date or solves it from scratch, as a competent user would write it.
 
 All get the same groups of two rows: a moment row a, whose |a . w| is minimised, and a hard row b . w >= 0.
 
 Primal form: variables w, and u, v >= 0 with a . w - u + v = 0; minimise sum(u + v). A new data point is two rows.
-Dual form:   variables t, -1 <= y <= 1 and z >= 0; maximise t under A'y - B'z >= t. A new data point is two columns, and w are
-the multipliers of the n rows.
+Dual form:   variables t, -1 <= y <= 1 and z >= 0; maximise t under A'y - B'z >= t. A new data point is two columns, and w is
+the vector of multipliers of the n rows.
 """
 
 import math
@@ -24,16 +24,16 @@ from pushfric_core.solvers.program import Status
 from pushfric_core.solvers.simplex import Simplex
 
 PATIENCE = 120.0
-"""Solvers give up after that long [s]. They go by the wall clock, which a busy machine makes run fast: hence no less."""
+"""Solvers give up after this wall-clock time [s]. It is this long because a busy machine gives them only part of it."""
 
 EXACT = 1e-9
-"""Feasibility tolerance given to HiGHS: its own, 1e-7, is coarse beside objectives of some 0.01 m."""
+"""Feasibility tolerance given to HiGHS: its default, 1e-7, is coarse compared with objectives of some 0.01 m."""
 
 Groups = Sequence[ConstraintRows]
 
 
 class NoOptimum(Exception):
-    """A solve ended with something else than an optimum."""
+    """A solve ended without an optimum."""
 
 
 class OutOfTime(Exception):
@@ -41,19 +41,19 @@ class OutOfTime(Exception):
 
 
 class Contender(Protocol):
-    """One way to have the optimum after every data point."""
+    """A way to find the optimum after every data point."""
 
     def __init__(self, n: int, capacity: int) -> None:
-        """For n support points and at most `capacity` data points."""
+        """Prepare for n support points and at most `capacity` data points."""
 
     def load(self, groups: Groups) -> None:
-        """Have the optimum for many data points at once."""
+        """Add many data points at once and find the optimum."""
 
     def update(self, rows: ConstraintRows) -> None:
-        """Have the optimum with one data point more: this is what is timed. Reading w out of a peer's solver is not."""
+        """Add one data point and find the optimum. This is what is timed; reading w from a peer's solver is not."""
 
     def objective(self) -> float:
-        """F at the last optimum."""
+        """F at the last optimum [m]."""
 
 
 class Pushfric:
@@ -64,7 +64,7 @@ class Pushfric:
         self._optimum = self._simplex.solve()
 
     def load(self, groups: Groups) -> None:
-        """As in live use: with a solve after each."""
+        """As in live use: solve after each data point."""
         for rows in groups:
             self.update(rows)
 
@@ -88,7 +88,7 @@ class _Highs(ABC):
             "output_flag": False,
             "solver": "simplex",
             "simplex_strategy": 1,  # dual: in both forms a new data point leaves the basis dual feasible
-            "presolve": "off",  # would start from scratch
+            "presolve": "off",  # presolve would start from scratch
             "parallel": "off",
             "threads": 1,
             "primal_feasibility_tolerance": EXACT,
@@ -118,11 +118,11 @@ class _Highs(ABC):
 
     @abstractmethod
     def _add(self, groups: Groups) -> None:
-        """Give HiGHS the data points, in the form of the program."""
+        """Give the data points to HiGHS, in this form of the program."""
 
 
 class HighsPrimal(_Highs):
-    """Rows are added."""
+    """Adds rows."""
 
     def __init__(self, n: int, capacity: int) -> None:
         super().__init__(n, capacity)
@@ -150,7 +150,7 @@ class HighsPrimal(_Highs):
 
 
 class HighsDual(_Highs):
-    """Columns are added; the basis stays as small as n."""
+    """Adds columns; the basis stays as small as n."""
 
     def __init__(self, n: int, capacity: int) -> None:
         super().__init__(n, capacity)
@@ -191,7 +191,7 @@ class _FromScratch(ABC):
 
     @abstractmethod
     def _solve(self, a: Array, b: Array) -> float:
-        """The objective, in the form of the program."""
+        """The objective, from this form of the program."""
 
 
 class LinprogPrimal(_FromScratch):
@@ -231,7 +231,7 @@ def _linprog(costs: Array, **program) -> float:
 
 
 class Cvxpy(_FromScratch):
-    """CVXPY with the program as its manual would write it, and the solver it chooses."""
+    """CVXPY with the program as its manual would write it, and with the solver that it chooses."""
 
     def _solve(self, a: Array, b: Array) -> float:
         w = cvxpy.Variable(a.shape[1])
@@ -243,9 +243,9 @@ class Cvxpy(_FromScratch):
 
 
 class Osqp:
-    """OSQP on the dual form: on the primal it often ends at its iteration limit.
+    """OSQP on the dual form; on the primal form it often ends at its iteration limit.
 
-    It cannot grow: columns of zeros are held in reserve, bounded to zero, and a new data point fills two of them in.
+    The program cannot grow, so columns of zeros, bounded to zero, are held in reserve, and a new data point fills two of them.
     """
 
     def __init__(self, n: int, capacity: int) -> None:
@@ -283,7 +283,7 @@ class Osqp:
         self._solve()
 
     def objective(self) -> float:
-        """F at the point of the simplex next to w."""
+        """F at the point of the simplex nearest to w [m]."""
         w = np.maximum(self._w, 0.0)
         return float(np.abs(self._columns[: self._count, 0, :-1] @ w).sum() / w.sum())
 
@@ -312,4 +312,4 @@ CONTENDERS: dict[str, type[Contender]] = {
 }
 
 APPROXIMATE = ("osqp",)
-"""Contenders whose objective is not required to be the optimum."""
+"""Contenders whose objective need not be the exact optimum."""

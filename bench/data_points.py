@@ -1,4 +1,4 @@
-"""Data points of a simulated object pushed at random: many, fast, and the same on every run."""
+"""Data points of a simulated object that is pushed at random: many, quickly, and the same on every run."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ from pushfric_core.simulation import TABLE_1
 from pushfric_core.support import support_forces
 
 OBJECT = TABLE_1["delrin_rect_center"]
-"""A flat bottom with the pressure highest in its middle: no grid of support points fits it exactly."""
+"""A flat bottom with the highest pressure in its middle, which no grid of support points fits exactly."""
 
 MU_C = 0.4
 """Contact friction coefficient: the force lies inside this cone, so the tip sticks."""
@@ -21,22 +21,22 @@ ADVANCE = 0.01
 """The contact moves this far between the two poses whose difference is the twist [m]."""
 
 POSE_NOISE = np.array((1e-4, 1e-4, 1e-3))
-"""Standard deviation of that difference [m, m, rad]; along the edge, the contact point's is the first."""
+"""Standard deviation of that difference [m, m, rad]; the first is also that of the contact along the edge."""
 
 BATCH = 512
-"""Motions drawn at once; more than a third are possible with a push."""
+"""Number of motions drawn at once; a push can cause more than a third of them."""
 
 GRIDS = {15: (5, 3), 24: (6, 4), 36: (6, 6), 100: (10, 10), 400: (20, 20)}
-"""Columns and rows of the hypothesised support points, by their number."""
+"""Columns and rows of the grid of support points, by the number of points."""
 
 
 def support_points(n: int) -> Array:
-    """A grid of n points over the object (n, 2) [m]."""
+    """A grid of n points over the object: (n, 2) [m]."""
     return OBJECT.outline.grid(*GRIDS[n], OBJECT.inset)
 
 
 def data_points(n: int, seed: int) -> Iterator[ConstraintRows]:
-    """Without end, the rows of data points as the estimator's defaults make them: the moment, and f . n >= 0, hard.
+    """The rows of data points, without end, as the estimator's defaults make them: the moment, and f . n >= 0 as a hard row.
 
     Args:
         n: number of hypothesised support points.
@@ -49,9 +49,9 @@ def data_points(n: int, seed: int) -> Iterator[ConstraintRows]:
 
 
 def _observations(rng: np.random.Generator) -> Iterator[Observation]:
-    """Motions and contacts in balance, then blurred by the noise of the poses.
+    """Motions and contacts in balance, to which the noise of the poses is added.
 
-    The motion is drawn and the contact follows: it is where the line of the pushing force enters the outline.
+    The motion is drawn at random. The contact follows from it: it is where the line of the pushing force enters the outline.
     """
     outline, (points, weights) = OBJECT.outline, (OBJECT.support.points, OBJECT.support.weights)
     gyration = weights @ np.sum(points**2, axis=1)

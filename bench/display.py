@@ -1,4 +1,4 @@
-"""The figures for people: tables, and the plot of cost against M."""
+"""The results as tables, and the plot of cost against M."""
 
 import pathlib
 from collections.abc import Iterable, Sequence
@@ -16,7 +16,7 @@ Figures = dict[str, Any]
 
 
 def updates_table(updates: Sequence[Figures]) -> Table:
-    """One row per M and N; "-" where a contender was too slow to be waited for."""
+    """One row for each M and N; "-" for a contender that was too slow."""
     row_of = {(row["N"], row["M"], row["contender"]): row for row in updates}
     legend = "In each cell: median, 99th percentile, and the median as a multiple of pushfric's."
     table = Table(title="CPU ms of one new data point", caption=legend, box=box.SIMPLE_HEAD, pad_edge=False)
@@ -66,7 +66,7 @@ def tracker_table(figures: Figures) -> Table:
 
 
 def accuracy_table(figures: Figures) -> Table:
-    """Error of p_CF by support and rule, over the logs of real pushes."""
+    """Error of p_CF for each support and rule, over the logs of real pushes."""
     rows: dict[tuple[str, str], dict[str, float]] = {}
     for row in figures["logs"]:
         rows.setdefault((row["support"], row["rule"]), {})[row["log"]] = row["error_m"]
@@ -88,20 +88,20 @@ def learning_table(figures: Figures) -> Table:
         rows.setdefault((row["support"], row["rule"]), []).append(cell)
     counts = list(dict.fromkeys(row["pushes"] for row in figures["curve"]))
     headings = [f"{count} pushes" for count in counts]
-    table = Table("support", "rule", *headings, title="Error of p_CF [mm] of random pushes: median / 90th percentile")
+    table = Table("support", "rule", *headings, title="Error of p_CF [mm] from random pushes: median / 90th percentile")
     for (support, rule), cells in rows.items():
         table.add_row(support, rule, *cells)
     return table
 
 
 def live_table(figures: Figures) -> Table:
-    """The live graph and the recorder, in real time."""
+    """Results of the live graph and the recorder, in real time."""
     pipeline, recording = figures["pipeline"], figures["recording"]
     latency, images, offline = pipeline["latency"], recording["images"], recording["offline"]
     table = Table("figure", "measured", title="The live graph")
     table.add_row("image to estimate, median / 99th percentile", f"{latency['p50_ms']:.1f} / {latency['p99_ms']:.1f} ms")
-    table.add_row("of it, until the pose", f"{latency['pose_p50_ms']:.1f} ms")
-    table.add_row("of it, waiting for the pusher's report", f"{latency['pusher_p50_ms']:.1f} ms")
+    table.add_row("of this, until the pose", f"{latency['pose_p50_ms']:.1f} ms")
+    table.add_row("of this, waiting for the pusher's report", f"{latency['pusher_p50_ms']:.1f} ms")
     table.add_row("start to first pose", f"{pipeline['start_to_first_pose_s']:.1f} s")
     for row in pipeline["frames"]:
         table.add_row(f"frames dropped at {row['published_hz']:.0f} frames/s", f"{row['dropped']} of {row['published']}")
@@ -115,7 +115,7 @@ def _millimetres(metres: float) -> str:
 
 
 def plot(updates: Sequence[Figures], path: pathlib.Path) -> None:
-    """Median cost against M, a panel for each N; pushfric's 99th percentile as a band."""
+    """Plot the median cost against M, with a panel for each N and a band up to pushfric's 99th percentile."""
     supports = sorted({row["N"] for row in updates})
     figure = Figure(figsize=(2 + 3 * len(supports), 4), layout="tight")
     axes = figure.subplots(1, len(supports), sharey=True, squeeze=False)
@@ -138,5 +138,5 @@ def plot(updates: Sequence[Figures], path: pathlib.Path) -> None:
 
 
 def _short(value: float) -> str:
-    """Three digits at least, and no exponent."""
+    """At least three digits, without an exponent."""
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

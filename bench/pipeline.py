@@ -1,12 +1,13 @@
-"""The live graph: how long after an image the estimate that it completes is published, and whether every frame is used.
+"""The live graph: how long an estimate takes after the image that completes it, and whether every frame is used.
 
-The whole simulated cell runs in real time under the supervisor, as in the demo. All times are those at which a message was
-published, as the middleware notes them, so that the listener's own delays do not count.
+The whole simulated cell runs in real time under the supervisor, as in the demo. All times are those at which the middleware
+published a message, so that the delays of the listener do not count.
 
-An estimate carries the stamp of the frame in the middle of its window. The newest image it needed is the one half a window
-and one frame later; the latency runs from when that image was there, rendered and published, until the estimate was published.
-From the moment of its stamp it is longer by the simulation's rendering, which a real camera does not do; that is told too. An
-estimate needs a pusher state at least as new as the frame before that image, and now and then one as new as the image itself.
+An estimate carries the stamp of the frame in the middle of its window. The newest image that it needs comes half a window and
+one frame later. The latency runs from the publication of that image to the publication of the estimate. Counted
+from the stamp of the image, it is longer by the time of the simulation's rendering, which a real camera does not need; the
+results have both.
+An estimate needs a pusher state at least as new as the frame before that image, and sometimes one as new as the image itself.
 """
 
 import resource
@@ -40,13 +41,13 @@ from pushfric_ros.nodes.tracker import IMAGE_QUEUE
 
 OBJECT = "rubber_rect4"
 CAMERA_RATE, HIGH_RATE = 14.0, 64.0
-"""The cell's own frame rate, and one that leaves 60 a second where the simulation falls behind its clock a little [Hz]."""
+"""The cell's own frame rate, and one that still gives 60 a second if the simulation falls a little behind its clock [Hz]."""
 
 HIGH_RATE_SECONDS = 30.0
-"""How long frames come at the high rate [s]."""
+"""Duration of the run at the high rate [s]."""
 
 AFTERWARDS = 2.5
-"""How long, after the end of the plan, the tracker's count of frames is waited for [s]; it comes at 1 Hz."""
+"""How long to wait for the tracker's last count of frames after the plan [s]; it comes at 1 Hz."""
 
 DEEP = QoSProfile(depth=5000)
 LATCHED = QoSProfile(depth=5000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -60,7 +61,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
 
     Returns:
         "latency": {estimates, p50_ms, p99_ms, max_ms; from_stamp_p50_ms and from_stamp_p99_ms, from the moment of the stamp;
-        pose_p50_ms, until the pose; pusher_p50_ms, from then until the pusher state that every estimate needs, 0 where it came
+        pose_p50_ms, until the pose; pusher_p50_ms, from then until the pusher state that every estimate needs, 0 if it came
         earlier; rest_p50_ms and rest_p99_ms, after both}.
         "start_to_first_pose_s". "frames": for each rate {published_hz, published, dropped, cores}; cores are CPU time of all
         nodes over wall time.
@@ -77,7 +78,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
 
 
 class _Listener:
-    """Notes when messages of the cell were published [ns], by their stamps [ns]."""
+    """Records when messages of the cell were published [ns], by their stamps [ns]."""
 
     def __init__(self) -> None:
         self.started = time.time_ns()
@@ -87,8 +88,8 @@ class _Listener:
         self._poses: dict[int, int] = {}
         self._pusher_states: dict[int, int] = {}
         self._estimates: dict[int, int] = {}
-        self._frames: list[tuple[int, int]] = []  # when, and how many were published until then
-        self._tracked: list[tuple[int, int]] = []  # when, and how many frames the tracker had taken
+        self._frames: list[tuple[int, int]] = []  # (time [ns], number published until then)
+        self._tracked: list[tuple[int, int]] = []  # (time [ns], number of frames that the tracker had taken)
 
     def subscribe(self, node: Node) -> None:
         def note(times: dict[int, int]) -> Callable[[Any, dict[str, Any]], None]:
@@ -113,7 +114,7 @@ class _Listener:
         waits = []
         for stamp, published in self._estimates.items():
             last_but_one, newest = stamps[bisect_left(stamps, stamp) + ahead - 1 :][:2]
-            if newest not in self._images:  # lost on its way here
+            if newest not in self._images:  # this listener missed it
                 continue
             image = self._images[newest]
             pose = self._poses[newest]
@@ -147,7 +148,7 @@ class _Listener:
         missing = [
             self._frames[bisect_right(moments, moment) - 1][1] - taken for moment, taken in self._tracked if moment > begin
         ]
-        # at each moment some frames may be on their way; those lost add up
+        # at any moment some frames may be on their way; lost frames add up
         third = max(1, len(missing) // 3)
         return {
             "published_hz": (count - before) / ((end - begin) / 1e9),
@@ -160,7 +161,7 @@ class _Listener:
         self._ticks[stamp_from_msg(msg.clock)] = info["source_timestamp"]
 
     def _on_camera_info(self, msg: CameraInfo, info: dict[str, Any]) -> None:
-        # one with each image; the publisher numbers them
+        # one comes with each image, and the publisher numbers them
         self._frames.append((info["source_timestamp"], info["publication_sequence_number"]))
 
     def _on_diagnostics(self, msg: DiagnosticArray, info: dict[str, Any]) -> None:
@@ -171,7 +172,7 @@ class _Listener:
 
 
 def _run(frame_rate: float, seconds: float | None) -> _Listener:
-    """Run the cell in real time until its plan is finished, or until so many seconds of frames came."""
+    """Run the cell in real time until its plan is finished, or until frames came for this many seconds."""
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, _executor() as (executor, node):
         cell = demo_cell(OBJECT, Path(folder))
         specs = [

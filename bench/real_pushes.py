@@ -1,4 +1,4 @@
-"""Accuracy on real pushes: the error of p_CF by log, by support and by rule, and how it falls with the number of pushes."""
+"""Accuracy on real pushes: the error of p_CF for each log, support and rule, and how it falls with the number of pushes."""
 
 import pathlib
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from pushfric_ros.bags import zhou2015
 
 OUTLINE = Outline(np.array(zhou2015.CORNERS))
 TRUTH = np.array((0.05, 0.05))
-"""p_CF of all objects of the data set, by statics [m]."""
+"""p_CF of all objects of the data set, from statics [m]."""
 
 GRIDS = {"grid_55": OUTLINE.grid(10, 10, 0.0075), "grid_10x10": OUTLINE.grid(10, 10), "grid_8x8": OUTLINE.grid(8, 8)}
 TRUE = "true"
@@ -25,11 +25,11 @@ RULES = {
     "force_angle": EstimatorConfig(terms=("moment", "force_angle"), confidence=False),
     "force": EstimatorConfig(terms=("moment", "force"), confidence=False),
 }
-"""The paper's rows, the defaults, and the defaults with either term of a sensed force."""
+"""The paper's rows, the defaults, and the defaults with each of the two terms of a measured force."""
 
 PUSHES = (5, 10, 20, 40)
 SUBSETS = 20
-"""Random choices of so many pushes, of each log."""
+"""Number of random choices of pushes from each log."""
 
 STEPS = len(RULES) * (1 + len(GRIDS))
 
@@ -39,7 +39,7 @@ def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, 
 
     Args:
         source: its push_points.csv.
-        progress: called with what comes next, STEPS times.
+        progress: called with a description of the next step, STEPS times.
     Returns:
         {"logs": [{"log", "support", "rule", "error_m"}], "curve": [{"support", "rule", "pushes", "median_m", "p90_m"}]}.
     Raises:
@@ -74,7 +74,7 @@ def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, 
 
 
 def support_points(log: str, support: str) -> Array | None:
-    """The support points of an object (n, 2) [m]: a grid, or the true ones; None where these are not known: the flat one's."""
+    """The support points of an object (n, 2) [m]: a grid, or the true ones; None if these are unknown (the flat object)."""
     if support != TRUE:
         return GRIDS[support]
     digits = [int(part) for part in log.split("__")[0].split("_") if part.isdigit()]

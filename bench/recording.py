@@ -1,4 +1,4 @@
-"""Bags: whether images at 60 Hz are recorded without a loss, and how fast a recorded run is estimated anew."""
+"""Bags: whether images at 60 Hz are recorded without loss, and how fast a recorded run is estimated again."""
 
 import array
 import json
@@ -27,14 +27,14 @@ from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.qos import SENSOR_DATA
 
 RATE, SECONDS = 60.0, 10.0
-"""Of the images [Hz], and how long they come [s]."""
+"""Rate of the images [Hz], and how long they are published [s]."""
 
 WIDTH, HEIGHT = 640, 480
 TOPIC = "/bench/image_raw"
 DEMO_BAG = pathlib.Path(__file__).resolve().parents[1] / "bags/rubber_rect4"
 
 PATIENCE = 20.0
-"""For the recorder to appear, and to end [s]."""
+"""Longest time that the recorder may take to appear, and to end [s]."""
 
 ROUNDS = 5
 
@@ -56,7 +56,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
 
 
 def _record_images() -> Figures:
-    """Publish from a process of its own, as a camera driver does, while the recorder node records."""
+    """Record images that a process of its own publishes, as a camera driver does."""
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as name:
         folder = pathlib.Path(name)
         spec = NodeSpec("recorder", {"bag": str(folder / "bag"), "topics": [f"{TOPIC} sensor_msgs/msg/Image sensor_data"]})
@@ -88,13 +88,13 @@ def _process(arguments: list[str]) -> Iterator["subprocess.Popen[bytes]"]:
 
 
 def _publish_images(seconds: float) -> Figures:
-    """A camera driver: publish images of noise at RATE, for so long [s], once there is a subscriber."""
+    """A camera driver: once there is a subscriber, publish images of noise at RATE for this long [s]."""
     make_room_for_images()
     rclpy.init()
     node = Node("camera")
     output = node.create_publisher(Image, TOPIC, SENSOR_DATA)
     rng = np.random.default_rng(0)
-    # more than one chunk of the bag holds, or its compression would find each of them twice
+    # more than fit into one chunk of the bag; otherwise its compression would find each of them twice
     pictures = [array.array("B", rng.bytes(HEIGHT * WIDTH * 3)) for _ in range(8)]
     image = Image(height=HEIGHT, width=WIDTH, encoding="bgr8", step=3 * WIDTH)
     deadline = time.monotonic() + PATIENCE
@@ -102,7 +102,7 @@ def _publish_images(seconds: float) -> Figures:
         if time.monotonic() > deadline:
             raise RuntimeError("the recorder did not appear")
         time.sleep(0.01)
-    time.sleep(1.0)  # the other side finds this one a little later, and does not tell
+    time.sleep(1.0)  # the other side discovers this one a little later, and there is no event for it
     count = round(RATE * seconds)
     begin = time.monotonic()
     for number in range(count):
@@ -111,7 +111,7 @@ def _publish_images(seconds: float) -> Figures:
         image.data = pictures[number % len(pictures)]
         output.publish(image)
     took = time.monotonic() - begin
-    time.sleep(1.0)  # best effort: nobody tells when the last image has arrived
+    time.sleep(1.0)  # best effort: there is no event when the last image has arrived
     node.destroy_node()
     rclpy.shutdown()
     return {"published": count, "published_hz": count / took}

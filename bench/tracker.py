@@ -1,4 +1,4 @@
-"""The contour tracker's speed, beside bare OpenCV on the same frames in the same run."""
+"""The speed of the contour tracker, compared with bare OpenCV on the same frames in the same run."""
 
 import time
 from collections.abc import Callable
@@ -16,14 +16,15 @@ FRAMES = 120
 ROUNDS = 9
 HEIGHT = 0.01
 OUTLINE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * (0.0635, 0.032)
-"""The paper's rectangle [m]: a quarter of a 640 x 480 image's width."""
+"""The paper's rectangle [m]; its length covers a quarter of the width of a 640 x 480 image."""
 
 
 def measure(progress: Callable[[str], None]) -> dict[str, Any]:
-    """Frames per second of thread CPU, and a frame's time over that of bare OpenCV (blur, Otsu, findContours, minAreaRect).
+    """Frames per second of thread CPU time, and the time of a frame divided by that of bare OpenCV.
 
-    `tracked`: the object is about where it was the frame before. `found`: nothing is known of where it is.
-    The ratio is the median over rounds in which the three take turns, so that a busy machine slows all alike.
+    `tracked`: the object is close to where it was in the last frame. `found`: nothing is known about where it is. Bare OpenCV
+    runs blur, Otsu's threshold, findContours and minAreaRect. The ratio is the median over rounds in which the three take
+    turns, so that a busy machine slows all alike.
     """
     camera = Camera.looking_down(640, 480, (0.1, 0.05), 0.000625, distortion=(-0.2, 0.05, 0.001, -0.001, 0.0))
     simulation = SimulatedCamera(camera, OUTLINE, HEIGHT, np.random.default_rng(0), noise_sigma=8.0, shadow=(1.0, 0.3, 380.0))
@@ -64,7 +65,7 @@ def measure(progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _bare_opencv(frame: Image) -> Any:
-    """What a plain tracker would do at the least: the rotated box around the largest blob."""
+    """The least that a plain tracker would do: the rotated box around the largest blob."""
     _, bright = cv2.threshold(cv2.GaussianBlur(frame, (5, 5), 0), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     contours, _ = cv2.findContours(bright, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     return cv2.minAreaRect(max(contours, key=cv2.contourArea))

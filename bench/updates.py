@@ -1,4 +1,4 @@
-"""The CPU time of one new data point, by contender, and the memory it takes."""
+"""The CPU time that each contender needs for one new data point, and the memory that it takes."""
 
 import gc
 import itertools
@@ -16,19 +16,19 @@ from bench.data_points import data_points
 from pushfric_core.solvers.simplex import Simplex
 
 LIMIT = 20.0
-"""A contender is left out where an update takes longer, in CPU time [s], or where it or its load must be expected to."""
+"""A contender is left out if an update takes longer than this CPU time [s], or if an update or its load is expected to."""
 
 LONGEST_LOAD = 300.0
-"""Nobody is measured where pushfric's own load, a solve after each data point, must be expected to take longer [s]."""
+"""Nothing is measured if pushfric's own load, a solve after each data point, is expected to take longer than this [s]."""
 
 GROWTH = 0.2
 """Updates are measured while the data points grow by at most this fraction; then another sequence of pushes begins."""
 
 SHORTEST = 10
-"""Updates of a sequence, even so."""
+"""Least number of updates in a sequence."""
 
 FEWEST = 3
-"""Updates of a slow contender in a cell, even where they use up its budget."""
+"""Least number of updates of a slow contender in a cell, even if they use up its budget."""
 
 AGREEMENT = 1e-6
 """Exact contenders may differ by this fraction of the objective."""
@@ -39,24 +39,25 @@ Figures = dict[str, Any]
 def measure(
     points: Sequence[int], supports: Sequence[int], updates: int, budget: float, progress: Callable[[str], None]
 ) -> Figures:
-    """Every contender's cost at each number of data points M and of support points N.
+    """The cost of every contender for each number of data points M and of support points N.
 
     Args:
-        points: M, numbers of data points seen before.
-        supports: N.
-        updates: to measure in a cell.
-        budget: CPU time of a contender in a cell [s], after which it rests.
-        progress: called before each cell with what comes.
+        points: values of M, the number of earlier data points.
+        supports: values of N.
+        updates: number of updates to measure in each cell, that is for each M and N.
+        budget: CPU time of a contender in a cell [s]; afterwards it is no longer measured there.
+        progress: called with a description of each cell before it begins.
     Returns:
         "updates": rows {M, N, contender, median_cpu_ms, p99_cpu_ms, count, objective_error}; the last is the largest relative
-        difference from pushfric's objective. "disagreements": what an exact contender did not solve, or solved otherwise.
+        difference from pushfric's objective. "disagreements": a line for each program that an exact contender did not solve,
+        or solved with another result.
     """
     rows: list[Figures] = []
     disagreements: list[str] = []
     for n in supports:
-        slowest = dict.fromkeys(CONTENDERS, (0, 0.0))  # number of data points, and longest solve there [s]
+        slowest = dict.fromkeys(CONTENDERS, (0, 0.0))  # (number of data points, longest solve there [s])
         for m in sorted(points):
-            # a cost grows at least in proportion to M; pushfric's load is many solves
+            # a cost is expected to grow in proportion to M; the load of pushfric is many solves
             running = [name for name, (seen, cost) in slowest.items() if name == "pushfric" or cost * m <= LIMIT * max(seen, 1)]
             progress(f"{m} data points, {n} supports")
             seen, cost = slowest["pushfric"]
@@ -106,7 +107,7 @@ class _Cell:
         """Load M data points of a sequence of pushes, then measure `length` updates."""
         groups = list(itertools.islice(data_points(self._n, seed), self._m + length))
         contenders: dict[str, Contender] = {}
-        for name in tuple(self._running):  # some may leave
+        for name in tuple(self._running):  # a copy, as some may leave
             contenders[name] = CONTENDERS[name](self._n, len(groups))
             self._timed(name, partial(contenders[name].load, groups[: self._m]))
         gc.collect()
@@ -114,7 +115,9 @@ class _Cell:
         try:
             for step, rows in enumerate(groups[self._m :]):
                 turns = [name for name in contenders if name in self._running]
-                for name in np.roll(turns, step):  # so that nobody always finds the caches as the same one left them
+                for name in np.roll(
+                    turns, step
+                ):  # so that no contender always follows the same one, and finds the caches as that one left them
                     seconds = self._timed(name, partial(contenders[name].update, rows))
                     if name in self._running:
                         self._seconds[name].append(seconds)
@@ -126,7 +129,7 @@ class _Cell:
             gc.enable()
 
     def _timed(self, name: str, work: Callable[[], None]) -> float:
-        """CPU time of all threads [s]; a contender that cannot finish leaves the cell, with what it did there."""
+        """CPU time of all threads [s]; a contender that cannot finish leaves the cell, and its results there are dropped."""
         start = time.process_time()
         try:
             work()
@@ -148,7 +151,7 @@ class _Cell:
         self.disagreements.append(f"{name} at M = {self._m}, N = {self._n}: {reason}")
 
     def _compare(self, contenders: dict[str, Contender]) -> None:
-        """The objectives, once all have been timed."""
+        """Compare the objectives, after all contenders have been timed."""
         try:
             expected = contenders["pushfric"].objective()
         except NoOptimum as reason:
@@ -166,7 +169,7 @@ class _Cell:
                 self._disagree(name, f"its objective is {error:.1e} off pushfric's")
 
     def _rest(self) -> None:
-        """Let those rest that used up their budget; pushfric goes on."""
+        """Stop measuring contenders that used up their budget; pushfric goes on."""
         for name in self._running[1:]:
             seconds = self._seconds[name]
             if len(seconds) >= FEWEST and sum(seconds) > self._budget:
@@ -174,7 +177,7 @@ class _Cell:
 
 
 def memory(supports: Sequence[int], count: int, progress: Callable[[str], None]) -> list[Figures]:
-    """What pushfric's solver holds per data point, measured over `count` of them: rows {N, bytes}, spare room included."""
+    """Memory of pushfric's solver per data point, measured over `count` of them: rows {N, bytes}, including spare room."""
     rows = []
     for n in supports:
         progress(f"memory, {n} supports")

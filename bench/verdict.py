@@ -1,25 +1,25 @@
-"""The targets: what one new data point may cost beside its peers, measured beside asked."""
+"""The targets: what one new data point may cost compared with the peers, and what was measured."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 LARGEST = 36
-"""The targets hold up to that many support points."""
+"""The targets hold up to this number of support points."""
 
 TIMES = {50: (25, 2), 100: (25, 2), 1000: (650, 7), 10000: (10000, 40)}
-"""By M: how many times faster than linprog pushfric is at least, and than HiGHS kept warm."""
+"""For each M: how many times faster pushfric must be than linprog, and than HiGHS kept warm."""
 
 FLATNESS = 2
-"""The median at M = 100000 is at most that many times the one at M = 100."""
+"""The median at M = 100000 must be at most this many times that at M = 100."""
 
 TAIL = 20
-"""The 99th percentile is at most that many times the median."""
+"""The 99th percentile must be at most this many times the median."""
 
 Figures = dict[str, Any]
 
 
 class Verdict(NamedTuple):
-    """One target; what was not measured is not met."""
+    """One target; if it was not measured, it is not met."""
 
     target: str
     asked: str
@@ -28,7 +28,7 @@ class Verdict(NamedTuple):
 
 
 def with_best_of_highs(updates: Sequence[Figures]) -> list[Figures]:
-    """The rows, and for each M and N the form of HiGHS with the lower median once more, as `highs_warm`."""
+    """The rows, and for each M and N the row of the HiGHS form with the lower median again, as `highs_warm`."""
     best: dict[tuple[int, int], Figures] = {}
     for row in sorted(updates, key=lambda row: -row["median_cpu_ms"]):
         if row["contender"] in ("highs_primal", "highs_dual"):
@@ -37,7 +37,7 @@ def with_best_of_highs(updates: Sequence[Figures]) -> list[Figures]:
 
 
 def verdicts(updates: Sequence[Figures]) -> Iterator[Verdict]:
-    """The targets that the measured M and N have to do with."""
+    """The targets for the M and N that were measured."""
     row_of = {(row["M"], row["N"], row["contender"]): row for row in updates}
     cells = [(m, n) for m, n, name in row_of if name == "pushfric" and n <= LARGEST]
     for m, n in cells:

@@ -1,4 +1,4 @@
-"""Fixtures shared by all tests: the real middleware on a domain of its own, seeded randomness, real pushes where present."""
+"""Fixtures shared by all tests: the real middleware on a domain of its own, seeded randomness, and real pushes if present."""
 
 import contextlib
 import gc
@@ -15,8 +15,8 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 REAL_PUSHES = ROOT.parent / "shared/data/zhou2015_triangle"
 
-# Before rclpy is imported: no other ROS 2 system, nor another test run on this machine, is heard or disturbed. Domains above
-# 101 collide with the ephemeral ports.
+# Set before rclpy is imported, so that the tests neither hear nor disturb another ROS 2 system or test run on this machine.
+# Domains above 101 collide with the ephemeral ports.
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -59,7 +59,7 @@ class Ros:
             self._failure = error
 
     def compose(self, *nodes):
-        """Spin nodes until the test ends; returns them."""
+        """Make nodes and spin them until the test ends."""
         for node in nodes:
             self._nodes.append(node)
             self._executor.add_node(node)
@@ -72,7 +72,7 @@ class Ros:
         return self.compose(Node(name, **kwargs))
 
     def wait_for(self, predicate: Callable[[], object], timeout: float = 10.0, what: str = "the awaited event") -> None:
-        """Wait until `predicate` holds; fail naming `what` after `timeout` [s], or at once where a callback raised."""
+        """Wait until `predicate` holds. Fail, naming `what`, after `timeout` [s], or at once if a callback raised."""
         deadline = time.monotonic() + timeout
         while not predicate():
             if self._failure is not None:
@@ -95,7 +95,7 @@ class Ros:
 def ros() -> Iterator[Ros]:
     import rclpy
 
-    gc.collect()  # nodes of earlier tests live on in reference cycles, and would be taken for this one's
+    gc.collect()  # nodes of earlier tests live on in reference cycles, and would be taken for nodes of this one
     rclpy.init()
     with contextlib.ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)

@@ -1,4 +1,4 @@
-"""Pictures of flat printed patterns, as a known camera sees them: lens, perspective, coverage of the pixels, blur and noise."""
+"""Pictures of flat printed patterns as a known camera sees them: lens, perspective, pixel coverage, blur and noise."""
 
 import cv2
 import numpy as np
@@ -34,7 +34,7 @@ def picture(
     inner = (np.arange(_FINE) + 0.5) / _FINE - 0.5
     u = (np.arange(camera.width)[:, None] + inner).ravel()
     v = (np.arange(camera.height)[:, None] + inner).ravel()
-    # the lens bends slowly: a coarse grid of rays and a spline will do
+    # the distortion varies slowly, so a coarse grid of rays and a spline are enough
     step = 8
     coarse_u, coarse_v = (np.arange(-step, size + 2 * step, step, dtype=float) for size in (camera.width, camera.height))
     grid = np.stack(np.meshgrid(coarse_u, coarse_v), axis=-1)
@@ -57,7 +57,7 @@ def picture(
 
 
 HALF_SIZE = np.array((0.0635, 0.032))
-"""Of the object that bears markers [m]."""
+"""Size of the object with markers [m]."""
 MARKED_PER_METRE = 8000
 
 
@@ -76,7 +76,7 @@ def marked_object(fiducials: Fiducials) -> np.ndarray:
 def marked_picture(
     fiducials: Fiducials, camera: Camera, pose: Pose, height: float, rng: np.random.Generator, noise_sigma: float = 2.0
 ) -> np.ndarray:
-    """The frame with a marked object at `pose`, its top `height` [m] over the table."""
+    """The frame with a marked object at `pose` and its top at `height` [m] over the table."""
     c, s = np.cos(pose.theta), np.sin(pose.theta)
     over_object = camera.over(camera.H @ np.array(((c, -s, pose.x), (s, c, pose.y), (0, 0, 1))))
     corner = (-HALF_SIZE[0], -HALF_SIZE[1])

@@ -14,7 +14,7 @@ from pushfric_core.support import NOT_FREE, FreeRadii, Support, support_forces
 
 
 class Problem(NamedTuple):
-    """An object whose support is known, and noiseless data points of it."""
+    """An object with a known support, and noiseless data points of it."""
 
     name: str
     outline: Outline
@@ -36,7 +36,7 @@ def observations_of(outline: Outline, support: Support, mu_c: float, count: int,
         velocity = 0.02 * rotation(rng.uniform(-1.0, 1.0)) @ -normal
         motion = pushed_motion(support, Touch(0.0, point, normal, edge), velocity, mu_c)
         speeds = np.linalg.norm(velocity_at(motion.twist, support.points), axis=1)
-        if speeds.min() > 1e-3 * speeds.max():  # the model rounds Coulomb's corner where a support stands still
+        if speeds.min() > 1e-3 * speeds.max():  # the model rounds the corner of Coulomb's law, at which a support stands still
             found.append(Observation(tuple(point), tuple(normal), motion.twist, push_id=len(found)))
     return found
 
@@ -81,5 +81,5 @@ def moment(weights: Array, points: Array, observation: Observation) -> float:
 def rows_of(
     constraint: Constraint, observation: Observation, support_points: Array, free: FreeRadii = NOT_FREE
 ) -> ConstraintRows:
-    """What a constraint makes of a data point."""
+    """The rows that a constraint makes from a data point."""
     return constraint.rows(observation, support_forces(support_points, observation.twist, free))

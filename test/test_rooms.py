@@ -1,4 +1,4 @@
-"""The rooms of the house: who may import whom, and that docs/architecture.md tells of each what its package says."""
+"""The rooms: which one may import which, and docs/architecture.md says of each what its package says."""
 
 import importlib
 import pathlib
@@ -25,7 +25,7 @@ def test_every_import_is_allowed(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_architecture_tells_of_every_room_what_it_says_of_itself(room):
+def test_architecture_describes_every_room_as_its_package_does(room):
     rows = dict(re.findall(r"^\| `(\w+)/` \| (.+?) \|", ARCHITECTURE, re.MULTILINE))
     said = importlib.import_module(room).__doc__
     assert said is not None

@@ -54,7 +54,7 @@ def test_every_node_of_the_graph_is_an_executable(specs):
         assert f'"{name.removesuffix("_node")}"' in setup
 
 
-def test_a_node_that_is_refused_leaves_none_behind(ros, specs, tmp_path):
+def test_a_refused_node_leaves_no_other_node_behind(ros, specs, tmp_path):
     broken = [spec if spec.name != "experiment" else graph.NodeSpec("experiment", {"object": "brick"}) for spec in specs]
     with pytest.raises(InvalidInput, match="no object 'brick'"):
         compose(broken, graph.NAMESPACE)

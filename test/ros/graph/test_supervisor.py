@@ -1,4 +1,4 @@
-"""The supervisor with small programs in place of nodes."""
+"""The supervisor with small programs instead of nodes."""
 
 import signal
 import sys
@@ -17,7 +17,7 @@ NAME = "/test_supervisor"
 
 @pytest.fixture
 def run(monkeypatch):
-    """Supervise programs until the run ends; how it ended, and what was said."""
+    """Supervises programs until the run ends; gives how it ended, and the lines it printed."""
     monkeypatch.setattr(supervisor, "command", lambda spec, *_: [sys.executable, "-c", spec.parameters["program"]])
     monkeypatch.setattr(supervisor, "RESPAWN_DELAY", 0.0)
 
@@ -50,7 +50,7 @@ def test_a_node_that_keeps_dying_ends_the_run(run):
 
 
 def test_deaths_far_apart_are_forgiven(run, monkeypatch, tmp_path):
-    """The same node dies three times and then does its work; no time is short enough for three deaths."""
+    """The same node dies three times and then does its work; the time limit is too short for three deaths."""
     monkeypatch.setattr(supervisor, "DEATHS_WITHIN", 0.0)
     lives = tmp_path / "lives"
     dies = f"open({str(lives)!r}, 'a').write('x'); raise SystemExit(len(open({str(lives)!r}).read()) < 4)"
@@ -59,7 +59,7 @@ def test_deaths_far_apart_are_forgiven(run, monkeypatch, tmp_path):
     assert len(said) == 3
 
 
-def test_unusable_input_is_not_tried_again(run):
+def test_a_node_with_unusable_input_is_not_started_again(run):
     ended, said = run(tracker=node("tracker", "raise SystemExit(2)", respawn=True))
     assert ended == (2, "tracker ended with exit code 2")
     assert said == []
@@ -77,13 +77,13 @@ def test_two_runs_of_one_name_are_refused():
         Supervisor([], NAME, print),
     ):
         pass
-    with Supervisor([], NAME, print):  # that left the name free
+    with Supervisor([], NAME, print):  # the refused run left the name free
         pass
 
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
-    """The folder of temporary files, empty."""
+    """The folder of temporary files, empty at first."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     return tmp_path
 
@@ -98,7 +98,7 @@ def test_a_signal_interrupts_nothing_but_poll(temporary, caught):
     before = handlers()
     with Supervisor([node("other", WAITS)], NAME, print) as nodes:
         signal.raise_signal(caught)
-        assert len(list(temporary.iterdir())) == 2  # what the nodes are given, and the lock
+        assert len(list(temporary.iterdir())) == 2  # the parameters of the nodes, and the lock
         with pytest.raises(KeyboardInterrupt):
             nodes.poll()
     assert handlers() == before

@@ -31,7 +31,7 @@ def test_a_quaternion_need_not_be_of_unit_length():
     assert conversions.pose_from_msg(PoseMsg(orientation=Quaternion(z=2.0, w=2.0))).theta == pytest.approx(math.pi / 2)
 
 
-def test_poses_that_are_none_are_refused():
+def test_impossible_poses_are_refused():
     with pytest.raises(ValueError, match="must be finite"):
         conversions.pose_from_msg(conversions.pose_to_msg(Pose(math.nan, 0, 0)))
     with pytest.raises(ValueError, match="quaternion of length 1"):
@@ -66,18 +66,18 @@ def state(position=0.02, **changes):
     return msg
 
 
-def test_the_pushing_line_is_the_same_wherever_the_tip_stands():
+def test_the_pushing_line_does_not_depend_on_the_position_of_the_tip():
     lines = {conversions.pusher_sample_from_msg(state(position)).line for position in np.linspace(0, 0.06, 50)}
     assert len(lines) == 1
     assert lines.pop() == ((0.1, -0.2), (0.6, 0.8), 0.003)
 
 
-def test_no_push_is_none():
+def test_no_push_becomes_none():
     assert conversions.pusher_sample_from_msg(state(push_id=PusherState.NO_PUSH)).push_id is None
     assert conversions.pusher_sample_from_msg(state()).push_id == 4
 
 
-def test_pusher_states_that_are_none_are_refused():
+def test_impossible_pusher_states_are_refused():
     with pytest.raises(ValueError, match="pusher state must be finite"):
         conversions.pusher_sample_from_msg(state(speed=math.nan))
     bent = state()
@@ -101,7 +101,7 @@ def test_an_estimate_becomes_a_message_without_loss():
     assert msg.gap == estimate.solution.gap
 
 
-def test_the_histogram_is_bounded_however_many_data_points_there_are():
+def test_the_size_of_the_histogram_does_not_depend_on_the_number_of_data_points():
     counts = conversions.histogram([0.0, 0.01, 0.051, 0.12, 1.99, 2.0, 3.7, 1e300, math.inf])
     expected = [0] * 41
     expected[0], expected[1], expected[2], expected[39], expected[40] = 2, 1, 1, 1, 4
@@ -109,7 +109,7 @@ def test_the_histogram_is_bounded_however_many_data_points_there_are():
     assert conversions.histogram([]).tolist() == [0] * 41
 
 
-def test_the_histogram_and_the_slipping_pushes_are_told():
+def test_the_message_has_the_histogram_and_the_slipping_pushes():
     problem = four_feet()
     estimator = Estimator(problem.truth.points)
     for observation in problem.observations:
@@ -150,7 +150,7 @@ def test_a_region_becomes_a_message():
     assert [push.expected_area for push in msg.next_pushes] == pytest.approx([0.04 * 0.03] * 4)
 
 
-def test_a_collapsed_region_tells_the_point_that_is_contradicted_least():
+def test_a_collapsed_region_gives_the_point_that_violates_the_half_planes_least():
     half_planes = HalfPlanes(Outline.rectangle(0.12, 0.06))
     half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
     msg = region_msg(half_planes)

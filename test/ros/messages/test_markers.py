@@ -44,10 +44,10 @@ def points(marker):
     return np.array([(point.x, point.y) for point in marker.points])
 
 
-def test_all_markers_stand_in_the_object_frame_at_the_newest_data_point(estimate):
+def test_all_markers_are_in_the_object_frame_at_the_newest_data_point(estimate):
     array = deserialize_message(serialize_message(estimate_to_markers(estimate, OUTLINE, DATA[-1])), MarkerArray)
     first, *rest = array.markers
-    assert first.action == Marker.DELETEALL  # what a late subscriber gets is the whole picture, and the only one
+    assert first.action == Marker.DELETEALL  # so that a late subscriber shows all markers, and no others
     assert len({(marker.ns, marker.id) for marker in rest}) == len(rest)
     for marker in array.markers:
         assert marker.header.frame_id == OBJECT
@@ -139,7 +139,7 @@ def test_a_pose_is_the_transform_from_the_table_to_the_object():
 
 
 class Recording:
-    """Takes the place of a node where only what it is asked for matters."""
+    """Takes the place of a node and records what it is asked for."""
 
     def __init__(self) -> None:
         self.lines, self.topics, self.sent = [], [], []

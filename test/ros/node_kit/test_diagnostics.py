@@ -1,4 +1,4 @@
-"""What a node's diagnostics say of the messages that pass its topics."""
+"""What a node's diagnostics say about the messages on its topics."""
 
 from types import SimpleNamespace
 
@@ -19,7 +19,7 @@ def node(ros):
 
 @pytest.fixture
 def watched(node, monkeypatch):
-    """Diagnostics that take this moment for 10.0 s."""
+    """Diagnostics for which the time is now 10.0 s."""
     monkeypatch.setattr(diagnostics.time, "monotonic", lambda: 10.0)
     made = Diagnostics(node, lambda: Health(Level.WARN, "so so", {"object": "brick"}))
     monkeypatch.undo()
@@ -27,7 +27,7 @@ def watched(node, monkeypatch):
 
 
 def reported(ros, watched, monkeypatch, now):
-    """The values of a report at this moment [s]."""
+    """The values of a report made at this time [s]."""
     statuses: list[DiagnosticStatus] = []
     monkeypatch.setattr(watched._publisher, "publish", lambda msg: statuses.extend(msg.status))
     monkeypatch.setattr(diagnostics.time, "monotonic", lambda: now)
@@ -36,7 +36,7 @@ def reported(ros, watched, monkeypatch, now):
     return {value.key: value.value for value in statuses[0].values}
 
 
-def test_rates_and_latency_of_what_passed_since_the_last_report(ros, node, watched, monkeypatch):
+def test_rates_and_latency_count_from_the_last_report(ros, node, watched, monkeypatch):
     got = []
     watched.subscribe(PointStamped, "points", got.append, RELIABLE)
     watched.subscribe(Point, "bare", got.append, RELIABLE)

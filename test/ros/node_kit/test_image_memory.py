@@ -1,4 +1,4 @@
-"""The shared memory that processes which publish images get, in processes of their own: Fast DDS reads its settings once."""
+"""The shared memory of a process that publishes images; each test has its own process, as Fast DDS reads its settings once."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def unset(monkeypatch):
 
 
 def segments() -> list[int]:
-    """Sizes [bytes] of the segments that the middleware of a process which publishes images maps."""
+    """Sizes [bytes] of the segments that the middleware maps in a process that publishes images."""
     return json.loads(subprocess.run([sys.executable, "-c", SEGMENTS], capture_output=True, check=True, timeout=60).stdout)
 
 
@@ -65,7 +65,7 @@ def test_the_segment_is_large(unset):
 
 
 def test_ten_colour_images_in_a_burst_arrive(ros, unset):
-    """The default segment has room for none of them."""
+    """The default segment is too small for a single one."""
     heard: list[int] = []
     viewer = ros.node("viewer")
     images = viewer.create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
@@ -83,7 +83,7 @@ def test_ten_colour_images_in_a_burst_arrive(ros, unset):
 @pytest.mark.parametrize(
     "name", ["FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"]
 )
-def test_what_a_user_configured_stands(unset, monkeypatch, name):
+def test_the_configuration_of_the_user_is_kept(unset, monkeypatch, name):
     monkeypatch.setenv(name, "UDPv4")
     before = dict(os.environ)
     make_room_for_images()
@@ -91,7 +91,7 @@ def test_what_a_user_configured_stands(unset, monkeypatch, name):
 
 
 @pytest.mark.parametrize("name", image_memory.FILES)
-def test_a_file_of_the_user_stands(unset, monkeypatch, tmp_path, name):
+def test_a_profile_file_of_the_user_is_kept(unset, monkeypatch, tmp_path, name):
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).touch()
     make_room_for_images()
@@ -99,7 +99,7 @@ def test_a_file_of_the_user_stands(unset, monkeypatch, tmp_path, name):
 
 
 @pytest.mark.parametrize(("attribute", "value"), [("FREE", 2**60), ("SHARED_MEMORY", PROFILES)])
-def test_without_much_shared_memory_all_stays_as_it_is(unset, monkeypatch, attribute, value):
+def test_with_little_shared_memory_nothing_is_changed(unset, monkeypatch, attribute, value):
     monkeypatch.setattr(image_memory, attribute, value)
     make_room_for_images()
     assert not set(FILE_VARIABLES) & set(os.environ)

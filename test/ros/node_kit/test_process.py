@@ -1,4 +1,4 @@
-"""A node's process ends in good order, whenever it is told to."""
+"""A node's process ends in good order, whenever it is asked to."""
 
 import signal
 import subprocess
@@ -71,5 +71,5 @@ process.run_node(Hanging)
 """
 
 
-def test_a_process_that_hangs_on_its_way_out_is_ended():
+def test_a_process_that_hangs_at_its_end_is_ended():
     assert run(HANGS).returncode == -signal.SIGALRM

@@ -1,4 +1,4 @@
-"""What the cell asks of the middleware reaches it."""
+"""The qualities of service reach the middleware as they are defined."""
 
 import pytest
 from rclpy.qos import QoSCompatibility, qos_check_compatible
@@ -24,6 +24,6 @@ def test_a_profile_says_what_its_record_says(reliability, durability):
         (RELIABLE, LATCHED, False),
     ],
 )
-def test_the_cells_qualities_meet(offered, requested, compatible):
+def test_compatibility_of_profiles(offered, requested, compatible):
     refused = qos_check_compatible(offered, requested)[0] == QoSCompatibility.ERROR
     assert refused != compatible

@@ -20,7 +20,7 @@ DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 12, np.random.d
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The figures that were saved."""
+    """The figures that the test saves."""
     figures, save = [], Figure.savefig
 
     def remember(figure, *arguments, **options):
@@ -74,7 +74,7 @@ def test_data_points_are_counted_in_whole_numbers(drawn, estimates, tmp_path, co
         assert (ticks == np.round(ticks)).all()
 
 
-def test_slipping_pushes_are_shown_apart(drawn, estimates, tmp_path):
+def test_slipping_pushes_are_marked(drawn, estimates, tmp_path):
     summary_figure(tmp_path / "figure.svg", KNOWN.outline, estimates, DATA, None, slipping=(1, 2, 5))
     axes = panel(drawn[0], "Lower bounds")
     every, slipping = axes.containers

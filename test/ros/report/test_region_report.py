@@ -18,7 +18,7 @@ DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 8, np.random.de
 ABOUT_ITS_CONTACT = Observation((0.02, -0.032), (0.0, -1.0), Twist(-0.032, -0.02, 1.0), push_id=3)
 
 
-def test_every_data_point_but_a_turn_about_the_contact_narrows():
+def test_every_data_point_except_a_turn_about_the_contact_narrows():
     warnings: list[str] = []
     half_planes = narrowed(KNOWN.outline, [*DATA[:4], ABOUT_ITS_CONTACT, *DATA[4:]], 0.002, warnings.append)
     expected = HalfPlanes(KNOWN.outline, 0.002)

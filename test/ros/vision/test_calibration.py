@@ -30,7 +30,7 @@ BOARD = Board()
 LENS = Lens(640, 480, np.array(((900.0, 0, 330), (0, 905, 236), (0, 0, 1))), np.array((-0.2, 0.08, 0.001, -0.0005, 0)))
 PER_METRE = 5000
 MARGIN = 0.014
-# tilt about u and v, roll [rad]; distance, and offset right and down of the board's middle [m]
+# tilt about u and v, roll [rad]; distance, and offset of the board's middle to the right and down [m]
 FLAT = (0.0, 0.0, 0.0, 0.45, 0.0, 0.0)
 VIEWS = (
     (0.4, 0.0, 0.1, 0.42, 0.03, 0.02),
@@ -45,7 +45,7 @@ VIEWS = (
 
 
 def over_board(tilt_u, tilt_v, roll, distance, right, down) -> Camera:
-    """The camera, with the board's frame for a table."""
+    """The camera, with the board's frame as the table frame."""
     turns = [cv2.Rodrigues(np.array(turn, dtype=float))[0] for turn in ((tilt_u, 0, 0), (0, tilt_v, 0), (0, 0, roll))]
     R = turns[0] @ turns[1] @ turns[2] @ np.diag((1.0, -1, -1))
     middle = np.array((*BOARD.size, 0)) / 2
@@ -54,7 +54,7 @@ def over_board(tilt_u, tilt_v, roll, distance, right, down) -> Camera:
 
 @pytest.fixture(scope="module")
 def printed_board(tmp_path_factory) -> np.ndarray:
-    """The board's PDF as a printer would have it: black and white, with a margin of MARGIN around the squares."""
+    """The board's PDF as a printer prints it: black and white, with MARGIN around the squares."""
     path = tmp_path_factory.mktemp("board") / "board.pdf"
     save_board(BOARD, path)
     rings = black_rings(path)
@@ -111,13 +111,13 @@ def assert_recovered(lens: Lens) -> None:
     assert (lens.width, lens.height) == (640, 480)
     np.testing.assert_allclose(np.diag(lens.K), np.diag(LENS.K), rtol=1e-3)
     np.testing.assert_allclose(lens.K[:2, 2], LENS.K[:2, 2], atol=1.5)
-    # distortion coefficients trade off against each other: what counts is where rays end up
+    # distortion coefficients can compensate each other, so the pixels of rays are compared
     rays = cv2.undistortPoints(grid().reshape(-1, 1, 2), LENS.K, LENS.D)
     solid = np.column_stack((rays.reshape(-1, 2), np.ones(len(rays))))
     pixels, _ = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), lens.K, lens.D)
     off = pixels.reshape(-1, 2) - grid()
     assert np.abs(off).max() < 1.5
-    assert np.abs(off - off.mean(axis=0)).max() < 0.5  # a shift of the principal point is a tilt of the camera
+    assert np.abs(off - off.mean(axis=0)).max() < 0.5  # a shift of the principal point acts like a tilt of the camera
 
 
 def test_corners_are_found_where_they_are(flat, pictures):
@@ -162,7 +162,7 @@ def test_from_pictures_to_a_file(tmp_path, flat, pictures):
     np.testing.assert_allclose(table.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=3e-4)
 
 
-def test_of_a_video_only_views_at_rest_are_taken(tmp_path, pictures):
+def test_only_views_at_rest_are_taken_from_a_video(tmp_path, pictures):
     video = cv2.VideoWriter(str(tmp_path / "views.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 200, (640, 480), False)
     video.set(cv2.VIDEOWRITER_PROP_QUALITY, 100)
     for number, frame in enumerate(pictures):
@@ -173,7 +173,7 @@ def test_of_a_video_only_views_at_rest_are_taken(tmp_path, pictures):
         lens_from_source(str(tmp_path / "views.avi"), BOARD, lambda line: None)
 
 
-def test_a_live_camera_is_shown_the_board_until_that_is_enough(pictures):
+def test_a_live_camera_is_read_until_the_views_are_enough(pictures):
     jpegs = [cv2.imencode(".jpg", frame, (cv2.IMWRITE_JPEG_QUALITY, 98))[1].tobytes() for frame in pictures]
     over = threading.Event()
     told: list[str] = []
@@ -184,7 +184,7 @@ def test_a_live_camera_is_shown_the_board_until_that_is_enough(pictures):
             self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
             self.end_headers()
             while not over.wait(0.02):
-                jpeg = jpegs[min(len(told), len(jpegs) - 1)]  # the next once this one was taken
+                jpeg = jpegs[min(len(told), len(jpegs) - 1)]  # the next view once this one has been taken
                 head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
                 try:
                     self.wfile.write(head + jpeg + b"\r\n")
@@ -232,7 +232,7 @@ def test_views_that_contradict_each_other_are_refused(views):
         calibrate_lens([*views[:2], bent, *views[3:]], 640, 480)
 
 
-def test_views_that_hardly_tell_the_focal_length_are_refused(views, rng):
+def test_views_that_hardly_determine_the_focal_length_are_refused(views, rng):
     blurred = [view._replace(pixels=view.pixels + rng.normal(0, 0.65, view.pixels.shape)) for view in views]
     with pytest.raises(InvalidInput, match=r"the focal length is known only to .*%"):
         calibrate_lens(blurred, 640, 480)
@@ -290,7 +290,7 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
         ),
     ],
 )
-def test_points_that_do_not_tell_the_table_are_refused(tmp_path, pixels, text):
+def test_points_that_do_not_determine_the_table_are_refused(tmp_path, pixels, text):
     with pytest.raises(InvalidInput, match=text):
         calibrate_table(LENS, *read_table_points(measured(pixels, tmp_path)))
 

@@ -1,4 +1,4 @@
-"""The camera against OpenCV's own projection, its files and its refusals."""
+"""The camera against OpenCV's own projection, its files, and bad input."""
 
 import dataclasses
 
@@ -179,7 +179,7 @@ def test_wrong_shapes_are_refused(fields, text):
         ({"H": np.array(((1600.0, 0, 320), (0, 1600, 240), (0, 0, 1)))}, "table homography is mirrored"),
     ],
 )
-def test_no_real_camera_is_refused(fields, text):
+def test_an_impossible_camera_is_refused(fields, text):
     with pytest.raises(InvalidInput, match=text):
         dataclasses.replace(oblique(), **fields)
 

@@ -1,4 +1,4 @@
-"""The contour tracker on rendered frames: accuracy in pixels, orientation, and silence when in doubt."""
+"""The contour tracker on rendered frames: accuracy in pixels, orientation, and no pose when in doubt."""
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ def tracker(shape: str, camera: Camera | None = None, threshold: float | None = 
 
 
 def random_pose(rng, shape: str) -> Pose:
-    """Anywhere wholly in view, in any orientation."""
+    """A pose with the whole object in view, in any orientation."""
     while True:
         pose = Pose(MIDDLE.x + rng.uniform(-0.05, 0.05), MIDDLE.y + rng.uniform(-0.03, 0.03), rng.uniform(-np.pi, np.pi))
         corners = looking_down(DISTORTED).project(transform(pose, SHAPES[shape]), HEIGHT)
@@ -50,7 +50,7 @@ def random_pose(rng, shape: str) -> Pose:
 
 
 def error(sighting: Sighting, truth: Pose, shape: str) -> np.ndarray:
-    """Of the middle of the object (x, y) [px], and of the angle [degree]."""
+    """Errors of the middle of the object (x, y) [px] and of the angle [degree]."""
     middle = SHAPES[shape].mean(axis=0)
     shift = (transform(sighting.pose, middle) - transform(truth, middle)) / PIXEL
     return np.append(shift, np.degrees(wrap(sighting.pose.theta - truth.theta)))
@@ -92,7 +92,7 @@ def test_accuracy_seen_from_the_side(rng):
         assert np.abs(error(seen.track(simulation.render(truth)), truth, "L")).max() < 0.05
 
 
-def test_covariance_is_that_of_the_errors(rng):
+def test_the_covariance_matches_the_errors(rng):
     simulation, seen = simulated("triangle", rng, noise_sigma=8.0), tracker("triangle")
     distances = []
     for _ in range(60):
@@ -141,7 +141,7 @@ def test_the_middle_of_a_symmetric_outline_may_lie_off_the_origin(rng):
     truth = Pose(0.06, 0.05, 0.2)
     quarter = ContourTracker(looking_down(), outline, HEIGHT).track(simulation.render(truth), truth._replace(theta=1.7)).pose
     assert quarter.theta == pytest.approx(0.2 + np.pi / 2, abs=0.001)
-    # the same place, though another pose
+    # the same place in another pose
     np.testing.assert_allclose(transform(quarter, (0.05, 0.02)), transform(truth, (0.05, 0.02)), atol=0.05 * PIXEL)
 
 
@@ -156,7 +156,7 @@ def test_continuity_through_a_full_turn(rng, shape):
 
 
 @pytest.mark.parametrize("grey", [0, 100, 240])
-def test_what_hides_a_little_of_the_edge_does_no_harm(rng, grey):
+def test_a_partly_hidden_edge_does_no_harm(rng, grey):
     simulation, seen = simulated("rectangle", rng), tracker("rectangle")
     truth = MIDDLE._replace(theta=0.3)
     frame = simulation.render(truth)
@@ -210,7 +210,7 @@ def test_two_objects_are_refused(rng):
         tracker("rectangle").track(both, truth)
 
 
-def test_two_objects_in_touch_are_refused(rng):
+def test_two_touching_objects_are_refused(rng):
     simulation = simulated("rectangle", rng, noise_sigma=0.0)
     truth = Pose(0.1, 0.1, 0.2)
     both = np.maximum(simulation.render(truth), simulation.render(Pose(0.1, 0.04, 0.2)))

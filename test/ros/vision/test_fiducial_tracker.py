@@ -1,4 +1,4 @@
-"""The fiducial tracker on rendered frames: accuracy in pixels, and silence when in doubt."""
+"""The fiducial tracker on rendered frames: accuracy in pixels, and no pose when in doubt."""
 
 import numpy as np
 import pytest
@@ -81,7 +81,7 @@ def test_a_partial_view_is_refused(rng):
         tracker(ONE).track(shown(ONE, Pose(0.26, 0.05, 0.0), rng))
 
 
-def test_markers_that_lie_otherwise_than_given_are_refused(rng):
+def test_markers_that_do_not_lie_as_given_are_refused(rng):
     moved = TWO.model_copy(update={"markers": [TWO.markers[0], TWO.markers[1].model_copy(update={"center": (0.044, -0.005)})]})
     with pytest.raises(NotSeen, match="markers do not lie as given"):
         tracker(moved).track(shown(TWO, TRUTH, rng))
