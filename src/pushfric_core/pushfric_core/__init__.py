@@ -24,11 +24,26 @@ if TYPE_CHECKING:
     from pushfric_core.observation import Observation as Observation
     from pushfric_core.outline import Outline as Outline, Touch as Touch
     from pushfric_core.planar import Pose as Pose, Twist as Twist, Wrench as Wrench
+    from pushfric_core.prediction import (
+        FrictionModel as FrictionModel,
+        Predictions as Predictions,
+        Stability as Stability,
+        motion_cone as motion_cone,
+        predict as predict,
+        stability as stability,
+    )
     from pushfric_core.recognition import Hypothesis as Hypothesis, Ranking as Ranking, Recognizer as Recognizer
     from pushfric_core.region import HalfPlanes as HalfPlanes, Region as Region
     from pushfric_core.simulation import PushedObject as PushedObject, pushed_motion as pushed_motion
     from pushfric_core.solvers.program import Loss as Loss, Optimum as Optimum, Solver as Solver, Status as Status
+    from pushfric_core.strokes import Strokes as Strokes, predict_strokes as predict_strokes
     from pushfric_core.support import Support as Support, SupportForces as SupportForces
+    from pushfric_core.surface_models import (
+        NamedEllipsoid as NamedEllipsoid,
+        Quartic as Quartic,
+        convex_quartic as convex_quartic,
+        named_ellipsoid as named_ellipsoid,
+    )
     from pushfric_core.trajectory import Trajectory as Trajectory, TrajectoryConfig as TrajectoryConfig
 
 # isort: on
@@ -46,11 +61,14 @@ _MODULES = {  # the same as above: a test compares them
     "observation": ["Observation"],
     "outline": ["Outline", "Touch"],
     "planar": ["Pose", "Twist", "Wrench"],
+    "prediction": ["FrictionModel", "Predictions", "Stability", "motion_cone", "predict", "stability"],
     "recognition": ["Hypothesis", "Ranking", "Recognizer"],
     "region": ["HalfPlanes", "Region"],
     "simulation": ["PushedObject", "pushed_motion"],
     "solvers.program": ["Loss", "Optimum", "Solver", "Status"],
+    "strokes": ["Strokes", "predict_strokes"],
     "support": ["Support", "SupportForces"],
+    "surface_models": ["NamedEllipsoid", "Quartic", "convex_quartic", "named_ellipsoid"],
     "trajectory": ["Trajectory", "TrajectoryConfig"],
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}

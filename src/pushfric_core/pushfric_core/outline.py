@@ -29,6 +29,16 @@ class Touch(NamedTuple):
 
 
 @comparable
+class Touches(NamedTuple):
+    """The first touches of r tips; where one passes by, the distance is infinite, and point and normal mean nothing."""
+
+    distances: Array  # (r,) [m]
+    points: Array  # (r, 2) [m]
+    normals: Array  # (r, 2) unit, outward
+    edges: npt.NDArray[np.int64]  # (r,) -1: a corner
+
+
+@comparable
 @dataclass(frozen=True)
 class Outline:
     """Simple polygon in the object frame.
@@ -136,34 +146,34 @@ class Outline:
             direction: (2,) unit vector of the motion.
             radius: of the tip [m]; at 0 a corner met exactly counts as the edge it ends.
         """
-        start, direction = np.asarray(start, dtype=float), np.asarray(direction, dtype=float)
-        touches = (self._edge_touch(start, direction, radius), self._corner_touch(start, direction, radius))
-        return min((touch for touch in touches if touch), key=lambda touch: touch.distance, default=None)
+        starts, directions = np.asarray(start, dtype=float)[None], np.asarray(direction, dtype=float)[None]
+        (distance,), (point,), (normal,), (edge,) = self.first_touches(starts, directions, np.array((radius,)))
+        return Touch(float(distance), point, normal, None if edge < 0 else int(edge)) if distance < np.inf else None
 
-    def _edge_touch(self, start: Array, direction: Array, radius: float) -> Touch | None:
-        """The first edge, moved outward by the radius, that the tip's centre crosses inward."""
-        approach = self.normals @ direction
+    def first_touches(self, starts: Array, directions: Array, radii: Array) -> Touches:
+        """The first touches of r round tips: starts (r, 2), directions (r, 2) and radii (r,), as for `first_touch`."""
+        each = np.arange(len(starts))
+        distances, points, normals, edges = self._edge_touches(each, starts, directions, radii)
+        offsets = self.vertices - starts[:, None]
+        miss = cross(directions[:, None], offsets)
+        reach = radii[:, None]
+        before = np.sum(offsets * directions[:, None], axis=2) - np.sqrt(np.maximum(reach**2 - miss**2, 0))
+        corners = np.where(np.abs(miss) < reach, before, np.inf)  # the tip's centre comes within the radius
+        corner = np.argmin(corners, axis=1)
+        first = corners[each, corner] < distances
+        at, which = each[first], corner[first]
+        distances[at], points[at], edges[at] = corners[at, which], self.vertices[which], -1
+        normals[at] = (starts[at] + distances[at, None] * directions[at] - points[at]) / radii[at, None]
+        return Touches(distances, points, normals, edges)
+
+    def _edge_touches(self, each: npt.NDArray[np.int64], starts: Array, directions: Array, radii: Array) -> Touches:
+        """The first edges, moved outward by the radii, that the tips' centres cross inward."""
+        approach = np.sum(directions[:, None] * self.normals, axis=2)  # (r, n)
         facing = approach < 0
-        distance = (np.sum(self.normals * (self.vertices - start), axis=1) + radius) / np.where(facing, approach, -1.0)
-        points = start + distance[:, None] * direction - radius * self.normals
-        along = np.sum((points - self.vertices) * self.edges, axis=1) / self.lengths**2
-        met = facing & (along >= 0) & (along <= 1)
-        if not met.any():
-            return None
-        edge = int(np.argmin(np.where(met, distance, np.inf)))
-        return Touch(float(distance[edge]), points[edge], self.normals[edge], edge)
-
-    def _corner_touch(self, start: Array, direction: Array, radius: float) -> Touch | None:
-        """The first corner that comes within the radius of the tip's centre."""
-        if radius == 0:
-            return None
-        offset = self.vertices - start
-        miss = cross(direction, offset)
-        near = np.abs(miss) < radius
-        if not near.any():
-            return None
-        distance = np.where(near, offset @ direction - np.sqrt(np.maximum(radius**2 - miss**2, 0)), np.inf)
-        corner = int(np.argmin(distance))
-        point = self.vertices[corner]
-        normal = (start + distance[corner] * direction - point) / radius
-        return Touch(float(distance[corner]), point, normal, None)
+        gap = np.sum(self.normals * (self.vertices - starts[:, None]), axis=2) + radii[:, None]
+        distance = gap / np.where(facing, approach, -1.0)
+        points = starts[:, None] + distance[..., None] * directions[:, None] - radii[:, None, None] * self.normals
+        along = np.sum((points - self.vertices) * self.edges, axis=2) / self.lengths**2
+        distance = np.where(facing & (along >= 0) & (along <= 1), distance, np.inf)
+        edge = np.argmin(distance, axis=1)
+        return Touches(distance[each, edge], points[each, edge], self.normals[edge], edge)

@@ -1,0 +1,234 @@
+"""What an estimate predicts: where a push takes the object, and which pushes hold it, each with how far it can be trusted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core import quasi_static
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Array, left_of
+from pushfric_core.quasi_static import MODES, SUM, Motions
+from pushfric_core.records import comparable
+from pushfric_core.simulation import ContactMode
+from pushfric_core.support import Support, center_of_friction, check_points
+
+SHARE = 0.9
+"""The truth lies within a spread this often."""
+
+
+STICKING = 1e6
+"""A contact friction coefficient with which no tip slides."""
+
+
+@comparable
+@dataclass(frozen=True)
+class FrictionModel:
+    """How an object slides: samples of what w and mu_c may be. A single sample is an estimate taken for the truth.
+
+    Args:
+        support_points: (n, 2) object frame [m].
+        w: (s, n) support friction distributions, >= 0, each with sum 1.
+        mu_c: (s,) contact friction coefficients, >= 0 and finite.
+        share: (s,) weights of the samples, sum 1.
+        misfit: angle between a measured motion and the one that w predicts, which 90 % of the data points stay below [rad]:
+            what the model itself cannot explain, see `misfit`.
+    Raises:
+        ValueError: shapes that do not fit, or values that make no sense.
+    """
+
+    support_points: Array
+    w: Array
+    mu_c: Array
+    share: Array
+    misfit: float = 0.0
+
+    def __post_init__(self) -> None:
+        points = check_points(self.support_points)
+        w, mu_c = np.array(self.w, dtype=float), np.array(self.mu_c, dtype=float)
+        if w.ndim != 2 or w.shape[1] != len(points) or not len(w) or mu_c.shape != (len(w),):
+            raise ValueError(f"w must have shape (s, {len(points)}) and mu_c (s,), s >= 1, got {w.shape} and {mu_c.shape}")
+        if not (w >= 0).all() or not (np.abs(w.sum(axis=1) - 1) < SUM).all():
+            raise ValueError("w must be nonnegative, and the sum of each sample 1")
+        if not ((mu_c >= 0) & np.isfinite(mu_c)).all():
+            raise ValueError(f"mu_c must be at least 0 and finite, got {mu_c.min():g} to {mu_c.max():g}")
+        share = np.array(self.share, dtype=float)
+        if share.shape != (len(w),) or not (share >= 0).all() or not abs(share.sum() - 1) < SUM:
+            raise ValueError(f"share must have shape ({len(w)},), nonnegative with sum 1, got {share.tolist()}")
+        if not 0 <= self.misfit <= np.pi:
+            raise ValueError(f"misfit must lie in [0, pi] rad, got {self.misfit}")
+        for name, array in (("support_points", points), ("w", w), ("mu_c", mu_c), ("share", share)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def of(cls, support: Support, mu_c: float, misfit: float = 0.0) -> "FrictionModel":
+        """The model of a single sample."""
+        return cls(support.points, support.weights[None], np.array((mu_c,)), np.ones(1), misfit)
+
+    @cached_property
+    def support(self) -> Support:
+        """The mean of the support friction distributions."""
+        mean = self.share @ self.w
+        return Support(self.support_points, mean / mean.sum())
+
+    @cached_property
+    def mean_mu_c(self) -> float:
+        """The mean contact friction coefficient."""
+        return float(self.share @ self.mu_c)
+
+    @cached_property
+    def center_of_friction(self) -> Array:
+        """p_CF (2,) of the mean [m]."""
+        return center_of_friction(self.support.points, self.support.weights)
+
+    @cached_property
+    def length(self) -> float:
+        """Arm at which a rotation counts as much as a translation, and a moment as much as a force [m].
+
+        The rms distance of the support points from their middle; 1 where there is but one.
+        """
+        spread = self.support_points - self.support_points.mean(axis=0)
+        return float(np.sqrt(np.mean(np.sum(spread**2, axis=1)))) or 1.0
+
+    def angles(self, twists: npt.ArrayLike, others: npt.ArrayLike) -> Array:
+        """Angles (...) between twists (..., 3) as (v at p_CF, length * omega) [rad]; pi/2 where one of the two is zero."""
+        a, b = self._centered(twists), self._centered(others)
+        sizes = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
+        cosines = np.sum(a * b, axis=-1) / np.where(sizes > 0, sizes, 1.0)
+        return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
+
+    def _centered(self, twists: npt.ArrayLike) -> Array:
+        twists = np.asarray(twists, dtype=float)
+        omega = twists[..., 2:]
+        return np.concatenate((twists[..., :2] + omega * left_of(self.center_of_friction), self.length * omega), axis=-1)
+
+
+@comparable
+class Predictions(NamedTuple):
+    """What k pushes do."""
+
+    twists: Array  # (k, 3) mean over the samples, of the object-frame origin, object frame, per the unit of time of the tip's
+    modes: tuple[ContactMode, ...]  # of each push, that of most of the samples
+    forces: (
+        Array  # (k, 2) mean, of the pusher ON the object, object frame; unit: the support friction of the translating object
+    )
+    spread: Array  # (k,) the measured twist is within this angle of the predicted one with 90 % [rad], see FrictionModel.angles
+    samples: Motions  # of each push and sample
+
+
+def predict(
+    model: FrictionModel, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, tip_velocities: npt.ArrayLike
+) -> Predictions:
+    """How the object moves under each of k pushes, at that instant.
+
+    A tip that moves away from the object, or along it, leaves it at rest: the mode is FREE, and the twist zero.
+
+    Args:
+        model: of the object.
+        contact_points: (k, 2) object frame [m].
+        contact_normals: (k, 2) unit, outward.
+        tip_velocities: (k, 2) object frame [m per any unit of time].
+    Raises:
+        ValueError: shapes that do not fit, or values that are not finite.
+        SolverFailed: a motion did not converge.
+    """
+    motions = quasi_static.motions(model.support_points, model.w, model.mu_c, contact_points, contact_normals, tip_velocities)
+    twists = np.einsum("s,ksd->kd", model.share, motions.twists)
+    votes = np.stack([(motions.modes == mode) @ model.share for mode in range(len(MODES))], axis=1)
+    modes = np.argmax(votes, axis=1)
+    scatter = _quantile(model.angles(motions.twists, twists[:, None]), model.share, SHARE)
+    spread = np.where(modes == quasi_static.FREE, 0.0, np.minimum(np.hypot(scatter, model.misfit), np.pi))
+    forces = np.einsum("s,ksd->kd", model.share, motions.forces)
+    return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, motions)
+
+
+@comparable
+class Cone(NamedTuple):
+    """The edges of the motion cones of k contacts: motions with the tip on the verge of sliding, the contact at unit speed."""
+
+    right: Array  # (k, 3) it slides towards -t beyond
+    left: Array  # (k, 3) it slides towards +t beyond
+
+
+def motion_cone(model: FrictionModel, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike) -> Cone:
+    """The motion cones of k contacts: means over the samples. Raises as `predict`."""
+    cones = quasi_static.motion_cones(model.support_points, model.w, model.mu_c, contact_points, contact_normals)
+    mean = np.einsum("s,kseD->keD", model.share, cones)
+    return Cone(mean[:, 0], mean[:, 1])
+
+
+@comparable
+class Stability(NamedTuple):
+    """Whether pushes with an edge or two fingers hold the object."""
+
+    stable: npt.NDArray[np.bool_]  # (k,)
+    margins: Array  # (k,) median over the samples; see quasi_static.holding_margins
+    probabilities: Array  # (k,) share of the samples in which the object does not slip
+
+
+def stability(
+    model: FrictionModel,
+    contact_points: npt.ArrayLike,
+    contact_normals: npt.ArrayLike,
+    half_widths: npt.ArrayLike,
+    centers: npt.ArrayLike,
+    turns: npt.ArrayLike,
+) -> Stability:
+    """Which of k pushes with an edge or two fingers hold the object while they turn it about a centre of rotation.
+
+    All centres of one contact with a margin above zero are the set of those that hold.
+
+    Args:
+        model: of the object.
+        contact_points: (k, 2) middles of the contact intervals, object frame [m].
+        contact_normals: (k, 2) unit, outward.
+        half_widths: (k,) of the intervals [m].
+        centers: (k, 2) of rotation, object frame [m].
+        turns: (k,) +1 counter-clockwise, -1 clockwise.
+    Raises:
+        ValueError: shapes that do not fit, values that are not finite, or a turn that is neither.
+    """
+    centers, turns = np.asarray(centers, dtype=float), np.asarray(turns, dtype=float)
+    if centers.ndim != 2 or centers.shape[1] != 2 or turns.shape != centers.shape[:1]:
+        raise ValueError(f"centers and turns must have shapes (k, 2) and (k,), got {centers.shape} and {turns.shape}")
+    if not (np.abs(turns) == 1).all():
+        raise ValueError("turns must be +1 or -1")
+    twists = np.column_stack((-turns[:, None] * left_of(centers), turns))
+    samples = quasi_static.holding_margins(
+        model.support_points, model.w, model.mu_c, contact_points, contact_normals, half_widths, twists, model.length
+    )
+    margins = _quantile(samples, model.share, 0.5)
+    return Stability(margins >= 0, margins, np.asarray((samples >= 0) @ model.share))
+
+
+def misfit(model: FrictionModel, observations: Sequence[Observation]) -> float:
+    """What a model cannot explain of the data points it was made from, for `FrictionModel.misfit` [rad].
+
+    Each data point's motion is compared with the one that the mean w predicts where the contact moves as it was seen to move:
+    so neither mu_c nor the tip matters. Where it was seen to move away from the pusher, nothing is predicted: pi/2. Of these
+    angles it is the one that 90 % of new ones stay below (the order statistic of rank ceil(0.9 (m + 1))), made larger by what
+    the fit of w to the same data points took away. No data points: 0.
+    """
+    if not observations:
+        return 0.0
+    points = np.array([observation.contact_point for observation in observations])
+    normals = np.array([observation.contact_normal for observation in observations])
+    measured = np.array([observation.twist for observation in observations])
+    velocities = measured[:, :2] + measured[:, 2:] * left_of(points)
+    support = model.support
+    seen = quasi_static.motions(support.points, support.weights[None], (STICKING,), points, normals, velocities)
+    angles = np.sort(model.angles(seen.twists[:, 0], measured))
+    m, fitted = len(angles), int(np.count_nonzero(support.weights)) - 1
+    rank = min(int(np.ceil(SHARE * (m + 1) - 1e-9)), m)
+    return float(min(angles[rank - 1] * np.sqrt(m / max(m - fitted, 1)), np.pi))
+
+
+def _quantile(values: Array, share: Array, level: float) -> Array:
+    """The least of the values (k, s) at or below which a share of `level` lies, for samples of the given shares (s,); (k,)."""
+    order = np.argsort(values, axis=1)
+    reached = np.cumsum(share[order], axis=1) >= level - SUM
+    return np.asarray(np.take_along_axis(values, np.take_along_axis(order, reached.argmax(axis=1)[:, None], 1), 1)[:, 0])

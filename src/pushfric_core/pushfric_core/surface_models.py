@@ -1,0 +1,176 @@
+"""Limit surfaces as planners write them down: an ellipsoid by name, and a convex quartic; each with its error."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import nnls
+
+from pushfric_core.limit_surface import Ellipsoid, LimitSurface
+from pushfric_core.planar import Array, Twist, Wrench, left_of
+from pushfric_core.records import comparable
+from pushfric_core.support import Support
+
+DIRECTIONS = 400
+"""Fourth powers along this many directions make up the quartic; a quartic form of three variables needs at most 15 of them."""
+
+SAMPLES = 500
+"""Motions whose wrenches the quartic is fitted to, and errors are taken over."""
+
+EXPONENTS = tuple(powers for powers in itertools.product(range(4, -1, -1), repeat=3) if sum(powers) == 4)
+"""Of (fx, fy, m) in the 15 coefficients of a quartic: (4, 0, 0), (3, 1, 0), (3, 0, 1), (2, 2, 0), ... (0, 0, 4)."""
+
+
+@comparable
+class SurfaceError(NamedTuple):
+    """How far a model is from the exact surface, over motions of all directions."""
+
+    load: float  # rms of the relative difference in the load that makes the object slide
+    twist: float  # median angle between the motions, as (v at p_CF, length * omega) [rad]
+
+
+@comparable
+@dataclass(frozen=True)
+class NamedEllipsoid:
+    """(f / f_max)^2 + (m / m_max)^2 = 1, for a force f and its moment m about `center`: what most planners assume.
+
+    Attributes:
+        f_max: force that translates the object; 1, the unit of force, or [N].
+        m_max: moment that turns it about the centre [m times the unit of force].
+        center: p_CF (2,) [m], object frame.
+    """
+
+    f_max: float
+    m_max: float
+    center: Array
+
+    def form(self) -> Ellipsoid:
+        """The same as W' A W = 1, with moments about the object-frame origin."""
+        x, y = self.center
+        scaling = np.array(
+            (
+                (1 / self.f_max, 0.0, 0.0),
+                (0.0, 1 / self.f_max, 0.0),
+                (y / self.m_max, -x / self.m_max, 1 / self.m_max),
+            )
+        )
+        return Ellipsoid(scaling.T @ scaling)
+
+
+def named_ellipsoid(support: Support) -> NamedEllipsoid:
+    """Through the force of a translation and the moment of a turn about p_CF, in units of the support friction."""
+    center = support.center_of_friction
+    return NamedEllipsoid(1.0, float(support.weights @ np.linalg.norm(support.points - center, axis=1)), center)
+
+
+@comparable
+@dataclass(frozen=True)
+class Quartic:
+    """A convex form H(W) = 1 of degree 4: the motion under a wrench W on it is along the gradient (Zhou et al. 2016).
+
+    H is a sum of fourth powers of linear forms with weights >= 0, so it is convex whatever it was fitted to.
+
+    Attributes:
+        coefficients: (15,) of the monomials EXPONENTS of (fx, fy, m about the object-frame origin); [m^-k] with m^k.
+    """
+
+    coefficients: Array
+
+    def load(self, wrench: Wrench) -> float:
+        """The wrench as a multiple of the one on the surface along it: H(W)^(1/4)."""
+        return float(np.maximum(_monomials(np.asarray(wrench)[None]) @ self.coefficients, 0.0)[0] ** 0.25)
+
+    def twist(self, wrench: Wrench) -> Twist:
+        """The motion under a wrench, brought to the surface, of unit dissipation there: grad H / 4.
+
+        Raises:
+            ValueError: the wrench is zero.
+        """
+        load = self.load(wrench)
+        if not load > 0:
+            raise ValueError(f"a wrench must not be zero, got {tuple(wrench)}")
+        return Twist(*(_gradients(np.asarray(wrench)[None] / load) @ self.coefficients / 4)[0].tolist())
+
+
+def convex_quartic(support: Support) -> Quartic:
+    """The convex quartic nearest to the limit surface: its values and its gradients, over motions of all directions.
+
+    Raises:
+        ValueError: a single point bears all the weight.
+    """
+    wrenches, twists, scaling = _samples(support)
+    # about p_CF and in round units, S W and S^-T V
+    rounded = np.linalg.solve(scaling.T, twists.T).T
+    directions = _sphere(DIRECTIONS)
+    along = wrenches @ scaling.T @ directions.T
+    values, slopes = along**4, 4 * along[:, None, :] ** 3 * directions.T
+    a = np.concatenate((4 * values, slopes.reshape(-1, len(directions))))
+    b = np.concatenate((np.full(len(wrenches), 4.0), 4 * rounded.ravel()))
+    shares, _ = nnls(a, b)
+    # back to wrenches about the origin: d . S W
+    return Quartic(_powers(directions @ scaling) @ shares)
+
+
+def ellipsoid_error(ellipsoid: Ellipsoid, support: Support) -> SurfaceError:
+    """Of an ellipsoid against the exact surface."""
+    wrenches, twists, scaling = _samples(support)
+    loads = np.sqrt(np.einsum("si,ij,sj->s", wrenches, ellipsoid.form, wrenches))
+    return _error(loads, wrenches @ ellipsoid.form, twists, scaling)
+
+
+def quartic_error(quartic: Quartic, support: Support) -> SurfaceError:
+    """Of a quartic against the exact surface."""
+    wrenches, twists, scaling = _samples(support)
+    loads = np.maximum(_monomials(wrenches) @ quartic.coefficients, 0.0) ** 0.25
+    return _error(loads, _gradients(wrenches) @ quartic.coefficients, twists, scaling)
+
+
+def _error(loads: Array, gradients: Array, twists: Array, scaling: Array) -> SurfaceError:
+    a, b = (np.linalg.solve(scaling.T, each.T).T for each in (gradients, twists))
+    cosines = np.sum(a * b, axis=1) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
+    angle = float(np.median(np.arccos(np.clip(cosines, -1.0, 1.0))))
+    return SurfaceError(float(np.sqrt(np.mean((loads - 1) ** 2))), angle)
+
+
+def _samples(support: Support) -> tuple[Array, Array, Array]:
+    """Wrenches (s, 3) on the surface, the motions (s, 3) there, of unit dissipation, and the scaling (3, 3) to round units."""
+    surface = LimitSurface(support)
+    ellipsoid = named_ellipsoid(support)
+    x, y = ellipsoid.center
+    scaling = np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (y / ellipsoid.m_max, -x / ellipsoid.m_max, 1 / ellipsoid.m_max)))
+    twists = _sphere(SAMPLES) @ scaling
+    velocities = left_of(support.points) * twists[:, None, 2:] + twists[:, None, :2]
+    dissipation = np.linalg.norm(velocities, axis=2) @ support.weights
+    twists /= dissipation[:, None]
+    wrenches = np.array([surface.wrench(Twist(*twist.tolist())) for twist in twists])
+    return wrenches, twists, scaling
+
+
+def _sphere(count: int) -> Array:
+    """Directions (count, 3) spread evenly, along a spiral."""
+    height = 1 - (2 * np.arange(count) + 1) / count
+    turn = np.pi * (3 - math.sqrt(5)) * np.arange(count)
+    width = np.sqrt(1 - height**2)
+    return np.column_stack((width * np.cos(turn), width * np.sin(turn), height))
+
+
+def _monomials(wrenches: Array) -> Array:
+    """(s, 15)"""
+    return np.stack([np.prod(wrenches**powers, axis=1) for powers in np.array(EXPONENTS)], axis=1)
+
+
+def _gradients(wrenches: Array) -> Array:
+    """(s, 3, 15)"""
+    columns = []
+    for powers in np.array(EXPONENTS):
+        lowered = np.maximum(powers - np.eye(3, dtype=int), 0)
+        columns.append(np.stack([k * np.prod(wrenches**low, axis=1) for k, low in zip(powers, lowered, strict=True)], axis=1))
+    return np.stack(columns, axis=2)
+
+
+def _powers(forms: Array) -> Array:
+    """Coefficients (15, d) of the fourth powers of linear forms (d, 3)."""
+    multinomial = [math.factorial(4) // math.prod(map(math.factorial, powers)) for powers in EXPONENTS]
+    return (_monomials(forms) * multinomial).T

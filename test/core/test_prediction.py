@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+from problems import four_feet, three_feet
+
+from pushfric_core.estimator import Estimator
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Twist
+from pushfric_core.prediction import FrictionModel, misfit, motion_cone, predict, stability
+from pushfric_core.simulation import ContactMode
+from pushfric_core.support import Support
+
+ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
+BELOW = (((0.0, 0.0),), ((0.0, -1.0),))
+"""The contact: the middle of the rod's lower side."""
+
+
+def test_a_push_through_the_center_translates_without_a_doubt():
+    prediction = predict(FrictionModel.of(ROD, 0.3), *BELOW, ((0.0, 0.02),))
+    assert prediction.twists[0] == pytest.approx((0, 0.02, 0), abs=1e-9)
+    assert prediction.modes == (ContactMode.STICKING,)
+    assert prediction.forces[0] == pytest.approx((0, 1))
+    assert prediction.spread == pytest.approx(0)
+
+
+def test_samples_that_differ_spread():
+    model = FrictionModel(ROD.points, ((0.4, 0.6), (0.6, 0.4)), (0.3, 0.3), (0.5, 0.5))
+    prediction = predict(model, *BELOW, ((0.0, 0.02),))
+    assert prediction.twists[0] == pytest.approx((0, 0.02, 0), abs=1e-9)  # they turn it either way
+    one, other = prediction.samples.twists[0]
+    assert one[2] == pytest.approx(-other[2])
+    assert prediction.spread[0] == pytest.approx(np.arctan(model.length * abs(one[2]) / 0.02), rel=1e-3)
+
+
+def test_shares_weigh_the_samples():
+    w, mu_c = ((0.4, 0.6), (0.6, 0.4), (0.6, 0.4)), (0.3,) * 3
+    twice = predict(FrictionModel(ROD.points, w, mu_c, np.full(3, 1 / 3)), *BELOW, ((0.0, 0.02),))
+    once = predict(FrictionModel(ROD.points, w[:2], mu_c[:2], (1 / 3, 2 / 3)), *BELOW, ((0.0, 0.02),))
+    assert once.twists == pytest.approx(twice.twists)
+    assert once.spread == pytest.approx(twice.spread)
+
+
+def test_the_mode_is_that_of_most_samples():
+    model = FrictionModel(ROD.points, ((0.5, 0.5),) * 3, (0.0, 0.0, 0.9), (0.3, 0.3, 0.4))
+    oblique = ((0.01, 0.02),)
+    assert predict(model, *BELOW, oblique).modes == (ContactMode.SLIDING,)
+    assert predict(model, *BELOW, ((0.01, -0.02),)).modes == (ContactMode.FREE,)
+
+
+def test_what_the_model_cannot_explain_widens_the_spread():
+    known = FrictionModel.of(ROD, 0.3, misfit=0.1)
+    prediction = predict(known, ((0, 0), (0, 0)), ((0, -1), (0, -1)), ((0, 0.02), (0, -0.02)))
+    assert prediction.spread == pytest.approx((0.1, 0.0))  # nothing is unsure of a tip that leaves
+
+
+def test_the_motion_cone_of_a_rod_is_that_of_its_friction_cone():
+    cone = motion_cone(FrictionModel.of(ROD, 0.5), *BELOW)
+    # a force through the centre translates the rod along it
+    direction = np.array((0.5, 1.0, 0.0)) / np.hypot(0.5, 1)
+    assert cone.left[0] == pytest.approx(direction * (-1, 1, 1) if cone.left[0][0] < 0 else direction, abs=1e-6)
+    assert cone.right[0] == pytest.approx(cone.left[0] * (-1, 1, 1), abs=1e-6)
+    # t = n turned by +90 degrees is +x here
+    assert cone.left[0][0] > 0
+
+
+def test_a_wider_contact_holds_more_centers():
+    model = FrictionModel.of(four_feet().truth, 0.3)
+    rng = np.random.default_rng(4)
+    centers = rng.uniform(-0.5, 0.5, (300, 2))
+    contact, normal = np.tile((0.0, -0.05), (300, 1)), np.tile((0.0, -1.0), (300, 1))
+    shares = [
+        stability(model, contact, normal, np.full(300, half), centers, np.where(centers[:, 0] < 0, 1, -1)).stable.mean()
+        for half in (0.0, 0.01, 0.03)
+    ]
+    assert shares[0] == 0
+    assert 0 < shares[1] < shares[2] < 1
+
+
+def test_doubt_about_stability_is_a_probability():
+    model = FrictionModel(ROD.points, ((0.5, 0.5),) * 2, (0.1, 0.9), (0.25, 0.75))
+    # far to the left and above: the rod translates obliquely, 45 degrees off the normal
+    found = stability(model, *BELOW, (0.2,), ((-1e4, 0.5e4),), (1,))
+    assert found.probabilities == pytest.approx(0.75)
+    assert found.stable[0]
+    assert found.margins[0] > 0
+
+
+def test_the_misfit_of_exact_data_is_nothing():
+    problem = three_feet()
+    model = FrictionModel.of(problem.truth, 0.4)
+    assert misfit(model, problem.observations) == pytest.approx(0, abs=0.01)
+    assert misfit(model, ()) == 0
+
+
+def test_the_misfit_bounds_new_motions_as_often_as_it_says(rng):
+    problem = four_feet()
+
+    def blurred(observation):
+        noise = 0.1 * np.linalg.norm(observation.twist[:2]) * rng.normal(size=3) * (1, 1, 20)
+        return Observation(observation.contact_point, observation.contact_normal, Twist(*(observation.twist + noise)))
+
+    fitted, unseen = ([blurred(o) for o in half] for half in (problem.observations[::2], problem.observations[1::2]))
+    estimator = Estimator(problem.truth.points)
+    for observation in fitted:
+        estimate = estimator.add(observation)
+    model = FrictionModel.of(Support(estimate.support_points, estimate.w), 0.5)
+    bound = misfit(model, fitted)
+    each = [misfit(model, [observation]) for observation in unseen]
+    assert 0.02 < bound < 1
+    assert np.mean([angle <= bound for angle in each]) >= 0.8
+
+
+def test_a_contact_seen_to_leave_the_pusher_counts_as_unexplained():
+    leaving = Observation((0.0, 0.0), (0.0, -1.0), Twist(0.0, -0.02, 0.0))
+    assert misfit(FrictionModel.of(ROD, 0.3), [leaving]) == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"w": (0.5, 0.5)}, r"w must have shape \(s, 2\)"),
+        ({"w": ((0.5, 0.4),)}, "the sum of each sample 1"),
+        ({"mu_c": (-1.0,)}, "mu_c must be at least 0"),
+        ({"share": (0.5,)}, "share must have shape"),
+        ({"misfit": -0.1}, "misfit must lie in"),
+    ],
+)
+def test_models_that_make_no_sense_are_refused(wrong, text):
+    with pytest.raises(ValueError, match=text):
+        FrictionModel(**{"support_points": ROD.points, "w": ((0.5, 0.5),), "mu_c": (0.3,), "share": (1.0,)} | wrong)
+
+
+def test_turns_are_one_way_or_the_other():
+    with pytest.raises(ValueError, match=r"turns must be \+1 or -1"):
+        stability(FrictionModel.of(ROD, 0.3), *BELOW, (0.1,), ((1, 1),), (0,))
+    with pytest.raises(ValueError, match="centers and turns must have shapes"):
+        stability(FrictionModel.of(ROD, 0.3), *BELOW, (0.1,), ((1, 1),), 1)

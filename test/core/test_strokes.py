@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from pushfric_core import quasi_static
+from pushfric_core.contact import PushingLine
+from pushfric_core.planar import Pose
+from pushfric_core.prediction import FrictionModel
+from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.strokes import predict_strokes
+
+POSES = [Pose(-0.03, 0.06, 0.1), Pose(0.01, 0.07, 2.0), Pose(0.02, 0.06, -1.2), Pose(0.5, 0.06, 0.0)]
+LINES = [PushingLine((0.0, 0.0), (0.0, 1.0), radius) for radius in (0.0, 0.002, 0.005, 0.002)]
+
+
+@pytest.mark.parametrize("name", ["wood_rect4", "delrin_square3", "delrin_rect_right"])
+def test_strokes_end_where_the_simulation_does(name):
+    known = TABLE_1[name]
+    found = predict_strokes(FrictionModel.of(known.support, known.mu_c), known.outline, POSES, LINES, np.full(4, 0.06))
+    for pose, line, end, mode in zip(POSES, LINES, found.poses[:, 0], found.modes[:, 0], strict=True):
+        pushed = PushedObject(known.outline, known.support, known.mu_c, pose)
+        assert quasi_static.MODES[mode] is pushed.push(line, 0.06)
+        assert end[:2] == pytest.approx(pushed.pose[:2], abs=1e-4)
+        assert end[2] == pytest.approx(pushed.pose.theta, abs=2e-3)
+    assert found.poses[3, 0] == pytest.approx(POSES[3])  # the tip passes by
+
+
+def test_each_sample_goes_its_own_way(rng):
+    known = TABLE_1["wood_rect3"]
+    weights, mu_c = rng.dirichlet(np.ones(3), 3), np.array((0.1, 0.3, 0.9))
+    samples = FrictionModel(known.support.points, weights, mu_c, np.full(3, 1 / 3))
+    together = predict_strokes(samples, known.outline, POSES[:2], LINES[:2], (0.05, 0.06))
+    for index in range(3):
+        alone = FrictionModel(known.support.points, weights[index : index + 1], mu_c[index : index + 1], np.ones(1))
+        single = predict_strokes(alone, known.outline, POSES[:2], LINES[:2], (0.05, 0.06))
+        assert np.allclose(together.poses[:, index], single.poses[:, 0], atol=1e-12)
+
+
+def test_wrong_arguments_are_named():
+    known = TABLE_1["wood_rect3"]
+    model = FrictionModel.of(known.support, 0.3)
+    with pytest.raises(ValueError, match="must be as many, got 4, 4 and 1"):
+        predict_strokes(model, known.outline, POSES, LINES, (0.05,))
+    with pytest.raises(ValueError, match="step must be positive"):
+        predict_strokes(model, known.outline, POSES, LINES, np.full(4, 0.05), step=0.0)

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+from scipy.optimize import check_grad
+
+from pushfric_core.limit_surface import LimitSurface
+from pushfric_core.planar import Twist, Wrench
+from pushfric_core.simulation import TABLE_1
+from pushfric_core.support import Support
+from pushfric_core.surface_models import (
+    EXPONENTS,
+    NamedEllipsoid,
+    Quartic,
+    convex_quartic,
+    ellipsoid_error,
+    named_ellipsoid,
+    quartic_error,
+)
+
+SHIFTED = Support(np.array(((1.0, 2.0), (1.05, 2.0), (1.0, 2.1))), np.array((0.5, 0.3, 0.2)))
+
+
+def test_the_ellipsoid_by_name_is_the_one_of_the_limit_surface():
+    ellipsoid = named_ellipsoid(SHIFTED)
+    assert ellipsoid.f_max == 1
+    assert ellipsoid.center == pytest.approx(SHIFTED.center_of_friction)
+    assert ellipsoid.form().form == pytest.approx(LimitSurface(SHIFTED).ellipsoid().form, rel=1e-9)
+
+
+def test_an_ellipsoid_in_newtons_scales():
+    form = NamedEllipsoid(5.0, 0.1, np.zeros(2)).form()
+    assert form.wrench(Twist(1, 0, 0)) == pytest.approx((5, 0, 0))
+    assert form.wrench(Twist(0, 0, 1)) == pytest.approx((0, 0, 0.1))
+
+
+@pytest.mark.parametrize("support", [SHIFTED, *(known.support for known in TABLE_1.values())], ids=["shifted", *TABLE_1])
+def test_the_quartic_is_nearer_to_the_surface_than_either_ellipsoid(support):
+    quartic = quartic_error(convex_quartic(support), support)
+    for ellipsoid in (named_ellipsoid(support).form(), LimitSurface(support).fitted_ellipsoid()):
+        other = ellipsoid_error(ellipsoid, support)
+        assert quartic.load < other.load
+        assert quartic.twist < other.twist
+    assert quartic.load < 0.07
+
+
+def test_the_quartic_is_convex(rng):
+    quartic = convex_quartic(SHIFTED)
+    center = named_ellipsoid(SHIFTED).center
+    for _ in range(200):
+        ends = rng.normal(size=(2, 3))
+        ends[:, 2] += ends[:, 1] * center[0] - ends[:, 0] * center[1]
+        one, other = (Wrench(*end / quartic.load(Wrench(*end))) for end in ends)
+        assert quartic.load(Wrench(*(np.add(one, other) / 2))) <= 1 + 1e-12
+
+
+def test_motions_follow_the_gradient():
+    quartic = convex_quartic(TABLE_1["wood_rect3"].support)
+    wrench = np.array((0.3, -0.5, 0.01))
+
+    def value(at):
+        return quartic.load(Wrench(*at)) ** 4
+
+    def gradient(at):
+        return 4 * np.array(quartic.twist(Wrench(*at))) * quartic.load(Wrench(*at)) ** 3
+
+    assert check_grad(value, gradient, wrench) == pytest.approx(0, abs=1e-6)
+    twist = quartic.twist(Wrench(*wrench))
+    assert np.dot(twist, wrench) == pytest.approx(quartic.load(Wrench(*wrench)))  # unit dissipation
+
+
+def test_coefficients_belong_to_monomials():
+    assert len(EXPONENTS) == 15
+    assert (EXPONENTS[0], EXPONENTS[-1]) == ((4, 0, 0), (0, 0, 4))
+    quartic = Quartic(np.eye(15)[EXPONENTS.index((2, 2, 0))])
+    assert quartic.load(Wrench(3, 2, 7)) == pytest.approx(36**0.25)
+    with pytest.raises(ValueError, match="must not be zero"):
+        quartic.twist(Wrench(0, 0, 0))
