@@ -264,8 +264,8 @@ def _pushed(
 def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Array]:
     """The rotations (r,) about the contacts that dissipate least, and the forces (r, 2), of contacts with unit velocities.
 
-    Newton's method on the moment about the contact, which grows with the rotation; where it leaves the bracket, or narrows it
-    too little, the bracket is halved.
+    Newton's method on the moment about the contact, which grows with the rotation; where a step leaves the bracket, or is more
+    than half as long as the last one, the bracket is halved instead.
 
     Args:
         weights: (r, n).
@@ -282,6 +282,7 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
     low, high = np.nan_to_num(low), np.nan_to_num(high)  # all the weight at the contact: it does not rotate
     omegas = (low + high) / 2
     narrow = NARROW * (high - low)
+    last = high - low
     going = np.flatnonzero(high > low)
     for _ in range(BISECTIONS):
         if not len(going):
@@ -297,10 +298,11 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
         high[going] = np.where(above, omegas[going], high[going])
         low[going] = np.where(above, low[going], omegas[going])
         newton = omegas[going] - moment / np.maximum(stiffness, TINY)
-        inside = (newton > low[going]) & (newton < high[going])
-        halved = (low[going] + high[going]) / 2
-        following = np.where(inside, newton, halved)
-        moved = np.abs(following - omegas[going])
+        usable = (newton > low[going]) & (newton < high[going])
+        # where a support all but stands still, Newton's steps are short and hardly get shorter
+        usable &= np.abs(newton - omegas[going]) <= last[going] / 2
+        following = np.where(usable, newton, (low[going] + high[going]) / 2)
+        last[going] = moved = np.abs(following - omegas[going])
         omegas[going] = following
         going = going[(moved > narrow[going]) & (high[going] - low[going] > narrow[going])]
     omega = omegas[:, None]

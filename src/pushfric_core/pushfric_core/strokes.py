@@ -36,8 +36,8 @@ def predict_strokes(
 ) -> Strokes:
     """Bring the tip on each of k lines to a stroke position, and move the object that lies there out of its way.
 
-    As `simulation.PushedObject.push`, all at once: each step measures from scratch what is left to push, from where the tip would
-    touch the object, and the motion halfway stands for the whole step.
+    As `simulation.PushedObject.push`, all at once: each step measures from scratch what is left to push, from where the tip
+    would touch the object, and the motion halfway stands for the whole step.
 
     Args:
         model: of the object.
