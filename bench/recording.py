@@ -18,7 +18,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from pushfric_core.estimator import Estimator
-from pushfric_ros.bags import bag, data_points
+from pushfric_ros.bags import data_points
+from pushfric_ros.bags.bag import Bag
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object
 from pushfric_ros.graph.graph import NodeSpec
@@ -68,7 +69,7 @@ def _record_images() -> Figures:
             recorder.wait(PATIENCE)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu_seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        summary = bag.describe(folder / "bag")
+        summary = Bag(folder / "bag").summary
         return {
             **published,
             "recorded": summary.message_count,
@@ -119,7 +120,7 @@ def _publish_images(seconds: float) -> Figures:
 
 def _estimate_demo() -> Figures:
     model = load_object(str(DEMO_BAG / OBJECT_FILE))
-    summary = bag.describe(DEMO_BAG)
+    summary = Bag(DEMO_BAG).summary
     seconds_recorded = (summary.end_ns - summary.start_ns) / 1e9
     cpu_seconds = []
     for _ in range(ROUNDS):

@@ -24,6 +24,8 @@ setup(
         "opencv-python-headless>=4.7",
         "pyserial",
         "mcap>=1.6",
+        "rosbags>=0.11.9",
+        "lz4",
         "zstandard",
         "PyYAML",
         "pydantic",

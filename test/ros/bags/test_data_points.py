@@ -10,11 +10,11 @@ from pushfric_core.planar import Pose
 from pushfric_core.simulation import TABLE_1, PushedObject
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.bags import data_points
-from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, offered
 
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)
@@ -33,7 +33,7 @@ def bag_of(folder, wrenches):
     line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
     with BagWriter(folder) as writer:
         for topic, type_name in TYPES.items():
-            writer.add_topic(f"/cell/{topic}", type_name, [RELIABLE if topic == "pusher_state" else SENSOR_DATA])
+            writer.add_topic(f"/cell/{topic}", type_name, [offered(RELIABLE if topic == "pusher_state" else SENSOR_DATA)])
         for frame in range(38):
             stamp, position = 10**18 + frame * FRAME, frame * 0.02 / 14
             pushed.push(line, position)

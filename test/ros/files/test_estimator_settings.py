@@ -16,12 +16,12 @@ from pushfric_core.region import RegionConfig
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros.bags import data_points
-from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.commands.cli import app
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import observation_to_msg
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 
 NAME = "rubber_rect4"
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 8, np.random.default_rng(5))
@@ -37,9 +37,9 @@ UNUSUAL = EstimatorSettings(
 def bag_of(folder, text):
     """A bag of data points, with the settings as the estimator publishes them, where there are any."""
     with BagWriter(folder) as writer:
-        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [RELIABLE])
+        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
         if text is not None:
-            writer.add_topic("/cell/estimator_settings", "std_msgs/msg/String", [LATCHED])
+            writer.add_topic("/cell/estimator_settings", "std_msgs/msg/String", [offered(LATCHED)])
             for said in (EstimatorSettings().to_text(), text):  # an exclusion comes later
                 writer.write("/cell/estimator_settings", 1, serialize_message(String(data=said)))
         for stamp, observation in enumerate(DATA):

@@ -7,7 +7,8 @@ import pytest
 
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.bags import bag, data_points
+from pushfric_ros.bags import data_points
+from pushfric_ros.bags.bag import Bag
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.node_settings import PlanConfig
@@ -59,4 +60,4 @@ def test_a_refused_node_leaves_no_other_node_behind(ros, specs, tmp_path):
     with pytest.raises(InvalidInput, match="no object 'brick'"):
         compose(broken, graph.NAMESPACE)
     assert not (tmp_path / "pusher").is_symlink()
-    assert bag.describe(tmp_path / "bag").message_count == 0
+    assert Bag(tmp_path / "bag").summary.message_count == 0

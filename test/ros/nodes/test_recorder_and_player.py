@@ -27,11 +27,13 @@ from std_srvs.srv import SetBool
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import Observation
-from pushfric_ros.bags import bag
-from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.bags.bag import Bag, BagMessage
+from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.bags.recovery import recover
 from pushfric_ros.messages import types as message_types
+from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Level
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE, offered
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import QUEUE_DEPTH, RecorderNode, _Losses
 
@@ -59,21 +61,26 @@ def player(**values) -> PlayerNode:
     return PlayerNode(namespace="/cell", parameter_overrides=parameters(**{"exit_when_done": False, **values}))
 
 
-def make_bag(folder: pathlib.Path, count: int = 30, period_ns: int = 10_000_000) -> list[bag.BagMessage]:
+def content(message: BagMessage) -> object:
+    """What a message says to a reader with the installed types."""
+    return deserialize_message(message.raw, message_class(message.type_name))
+
+
+def make_bag(folder: pathlib.Path, count: int = 30, period_ns: int = 10_000_000) -> list[BagMessage]:
     """A bag whose three topics take turns; two messages share each log time."""
     with BagWriter(folder) as writer:
         for name, type_name, qos in zip(NAMES, (OBSERVATION, POINT, STRING), (RELIABLE, LATCHED, SENSOR_DATA), strict=True):
-            writer.add_topic(name, type_name, [qos])
+            writer.add_topic(name, type_name, [offered(qos)])
         for number in range(count):
             point = PointStamped()
             point.point.x = float(number)
             msg = (Observation(push_id=number), point, String(data=f"message {number}"))[number % 3]
             writer.write(NAMES[number % 3], START + number // 2 * period_ns, serialize_message(msg))
-    return list(bag.read(folder))
+    return list(Bag(folder).messages())
 
 
 def contents(folder: pathlib.Path) -> list[tuple[str, bytes]]:
-    return [(message.topic, message.raw) for message in bag.read(folder)]
+    return [(message.topic, message.raw) for message in Bag(folder).messages()]
 
 
 def by_topic(pairs: list[tuple[str, bytes]]) -> dict[str, list[bytes]]:
@@ -130,15 +137,15 @@ def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
     ros.wait_for(lambda: node._bag.message_count == 51, what="51 recorded messages")
     after = node.get_clock().now().nanoseconds
     node.destroy_node()
-    texts = list(bag.read(tmp_path / "bag", ["/cell/text"]))
+    texts = list(Bag(tmp_path / "bag").messages(["/cell/text"]))
     assert [message.raw for message in texts] == sent
     assert all(before <= message.log_time_ns <= after for message in texts)
-    (point,) = bag.read(tmp_path / "bag", ["/cell/center_of_friction"])
+    (point,) = Bag(tmp_path / "bag").messages(["/cell/center_of_friction"])
     assert deserialize_message(point.raw, PointStamped) == PointStamped()
-    topics = {topic.name: topic for topic in bag.describe(tmp_path / "bag").topics}
+    topics = {topic.name: topic for topic in Bag(tmp_path / "bag").summary.topics}
     assert list(topics) == NAMES
-    assert topics["/cell/center_of_friction"].qos_profiles[0].durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert topics["/cell/text"].qos_profiles[0].reliability == ReliabilityPolicy.BEST_EFFORT
+    assert topics["/cell/center_of_friction"].qos_profiles[0].durability == "transient_local"
+    assert topics["/cell/text"].qos_profiles[0].reliability == "best_effort"
     assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
 
 
@@ -151,15 +158,15 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
     ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/text"]] == 1, what="the recorded text")
     ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/observation"]] == 1, what="the recorded observation")
     node.destroy_node()
-    topics = {topic.name: topic for topic in bag.describe(tmp_path / "bag").topics}
+    topics = {topic.name: topic for topic in Bag(tmp_path / "bag").summary.topics}
     # rosidl's file and the middleware agree
     assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
     (qos,) = topics["/cell/center_of_friction"].qos_profiles
-    assert qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert qos.durability == "transient_local"
     (qos,) = topics["/cell/text"].qos_profiles
-    assert qos.reliability == ReliabilityPolicy.BEST_EFFORT
-    (message,) = bag.read(tmp_path / "bag", ["/cell/text"])
-    assert bag.deserialize(message) == String(data="seen")
+    assert qos.reliability == "best_effort"
+    (message,) = Bag(tmp_path / "bag").messages(["/cell/text"])
+    assert content(message) == String(data="seen")
 
 
 def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs, tmp_path):
@@ -176,8 +183,8 @@ def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs
     outputs[2].publish(String(data="late"))
     ros.wait_for(lambda: node._bag.message_count == 2, what="the late message")
     node.destroy_node()
-    messages = list(bag.read(tmp_path / "bag"))
-    assert [(m.log_time_ns, bag.deserialize(m).data) for m in messages] == [(5 * SECOND, "early"), (6 * SECOND, "late")]
+    messages = list(Bag(tmp_path / "bag").messages())
+    assert [(m.log_time_ns, content(m).data) for m in messages] == [(5 * SECOND, "early"), (6 * SECOND, "late")]
 
 
 def test_without_any_tick_nothing_is_lost(ros, outputs, tmp_path):
@@ -188,7 +195,7 @@ def test_without_any_tick_nothing_is_lost(ros, outputs, tmp_path):
     ros.wait_for(lambda: node._waiting, what="the message")
     assert node._health()[:2] == (Level.WARN, "1 messages wait for a first /clock")
     node.destroy_node()
-    assert [m.log_time_ns for m in bag.read(tmp_path / "bag")] == [0]
+    assert [m.log_time_ns for m in Bag(tmp_path / "bag").messages()] == [0]
 
 
 def test_the_recorder_reports_what_it_does(ros, outputs, tmp_path):
@@ -284,8 +291,8 @@ def test_a_signal_ends_the_recorder_with_a_whole_bag(ros, outputs, tmp_path):
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=20)
     assert (process.returncode, errors) == (0, b"")
-    (message,) = bag.read(tmp_path / "bag")
-    assert bag.deserialize(message).push_id == 3
+    (message,) = Bag(tmp_path / "bag").messages()
+    assert content(message).push_id == 3
 
 
 def test_a_killed_recorder_loses_only_what_it_had_not_flushed(ros, outputs, tmp_path):
@@ -302,9 +309,9 @@ def test_a_killed_recorder_loses_only_what_it_had_not_flushed(ros, outputs, tmp_
     finally:
         process.kill()
         process.wait()
-    saved = bag.recover(tmp_path / "bag", tmp_path / "saved")
+    saved = recover(tmp_path / "bag", tmp_path / "saved").summary.message_count
     assert saved in (5, 6)
-    assert [bag.deserialize(m).push_id for m in bag.read(tmp_path / "saved")] == list(range(saved))
+    assert [content(m).push_id for m in Bag(tmp_path / "saved").messages()] == list(range(saved))
 
 
 def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_goes_on(ros, outputs, tmp_path):
@@ -321,7 +328,7 @@ def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_goes_on(r
     expected = f"error: {tmp_path}/bag: already holds files, expected a new or empty folder\n"
     assert (second.returncode, second.stderr.decode()) == (2, expected)
     assert first.returncode == 0
-    assert [bag.deserialize(m).push_id for m in bag.read(tmp_path / "bag")] == [3]
+    assert [content(m).push_id for m in Bag(tmp_path / "bag").messages()] == [3]
 
 
 def test_an_object_that_cannot_be_written_beside_the_bag_is_one_error(ros, tmp_path):
@@ -396,7 +403,7 @@ def test_recorded_played_and_recorded_again_is_the_same(ros, tmp_path):
     again = contents(tmp_path / "second")
     # DDS keeps the order within a topic, not between topics
     assert by_topic(again) == by_topic([(message.topic, message.raw) for message in original])
-    assert bag.describe(tmp_path / "second").topics == bag.describe(tmp_path / "first").topics
+    assert Bag(tmp_path / "second").summary.topics == Bag(tmp_path / "first").summary.topics
 
 
 def test_a_bag_of_another_writer_is_played(ros, tmp_path):
@@ -521,8 +528,8 @@ def test_a_paused_player_waits_until_it_is_told_to_begin(ros, tmp_path):
 def test_offers_of_several_publishers_are_joined(ros, tmp_path):
     unknown_depth = QoSProfile(history=HistoryPolicy.UNKNOWN, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT)
     with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/cell/text", STRING, [SENSOR_DATA, LATCHED])
-        writer.add_topic("/cell/other", STRING, [unknown_depth])
+        writer.add_topic("/cell/text", STRING, [offered(SENSOR_DATA), offered(LATCHED)])
+        writer.add_topic("/cell/other", STRING, [offered(unknown_depth)])
         writer.write("/cell/text", 1, serialize_message(String()))
     node = ros.compose(player(bag=str(tmp_path / "bag")))
     ros.wait_for(lambda: node.done, what="the end of the bag")
@@ -616,11 +623,11 @@ def test_the_player_refuses_wrong_parameters(ros, tmp_path, values, expected):
 
 def test_the_player_refuses_an_empty_bag_and_a_changed_definition(ros, tmp_path):
     with BagWriter(tmp_path / "empty") as writer:
-        writer.add_topic("/cell/text", STRING, [RELIABLE])
+        writer.add_topic("/cell/text", STRING, [offered(RELIABLE)])
     with pytest.raises(InvalidInput, match="empty: holds no messages, expected some to play"):
         player(bag=str(tmp_path / "empty"))
     with BagWriter(tmp_path / "old") as writer:
-        writer.add_topic("/cell/text", STRING, [RELIABLE], "RIHS01_of_another_definition")
+        writer.add_topic("/cell/text", STRING, [offered(RELIABLE)], "RIHS01_of_another_definition")
         writer.write("/cell/text", 1, serialize_message(String()))
     with pytest.raises(InvalidInput, match="/cell/text: was recorded with another definition of std_msgs/msg/String"):
         player(bag=str(tmp_path / "old"))

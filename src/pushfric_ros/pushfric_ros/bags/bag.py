@@ -1,38 +1,35 @@
-"""Bags: MCAP files laid out as `ros2 bag record -s mcap` lays them out, written, read and rescued."""
+"""Reading bags: every byte is checked once before the first message is handed out, and what is missing is known."""
 
-import contextlib
 import heapq
 import os
 import pathlib
-import shutil
-import struct
-from collections.abc import Collection, Iterator, Sequence
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
-import yaml
 import zstandard
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-from mcap.records import Channel, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
-from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 
-from pushfric_core.errors import InvalidInput
-from pushfric_ros.files.object_file import OBJECT_FILE
-from pushfric_ros.messages.types import definition, message_class, type_hash
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_ros.bags.cdr import Decoder, Definition
+from pushfric_ros.bags.mcap_file import Channel, Gap, McapFile, Schema
+from pushfric_ros.bags.offered_qos import OfferedQos, profiles_from
+from pushfric_ros.bags.rosbag2_metadata import METADATA, BagMetadata, read_metadata
+from pushfric_ros.files.bounded_yaml import load_yaml
+from pushfric_ros.messages.types import message_class, type_hash
 
 PathLike = str | os.PathLike[str]
 
-METADATA_VERSION = 9
-INFINITE = Duration(nanoseconds=2**63 - 1)
+FILE_LIMIT = 16 * 2**30
+"""Bytes of a compressed file once decompressed."""
 
-# all that mcap and zstandard are known to raise on bytes that are not what they should be
-_DAMAGE = (McapError, ValueError, KeyError, struct.error, zstandard.ZstdError)
+MESSAGE_LIMIT = 256 * 2**20
+"""Bytes of a compressed message once decompressed."""
+
+
+class DamagedBag(PushfricError):
+    """Messages of a bag are missing."""
 
 
 class BagMessage(NamedTuple):
@@ -50,14 +47,15 @@ class Topic:
 
     name: str
     type_name: str
-    qos_profiles: tuple[QoSProfile, ...]
+    qos_profiles: tuple[OfferedQos, ...]
     type_hash: str  # RIHS01_...; empty in bags older than ROS 2 Jazzy
-    message_count: int
+    message_count: int  # of those that can be read
+    definition: Definition
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a bag holds. Both times [ns] are 0 where it holds no message."""
+    """What can be read of a bag. Both times [ns] are 0 where it holds no message."""
 
     topics: tuple[Topic, ...]
     start_ns: int
@@ -68,207 +66,201 @@ class Summary:
         return sum(topic.message_count for topic in self.topics)
 
 
-# --- qualities of service, as rosbag2 spells them ---
+class FileGap(NamedTuple):
+    """A gap in one of a bag's files."""
+
+    file: pathlib.Path
+    gap: Gap
 
 
-def _qos_entry(qos: QoSProfile) -> dict[str, Any]:
-    return {
-        "history": qos.history.name.lower(),
-        "depth": qos.depth,
-        "reliability": qos.reliability.name.lower(),
-        "durability": qos.durability.name.lower(),
-        "deadline": _duration_entry(qos.deadline),
-        "lifespan": _duration_entry(qos.lifespan),
-        "liveliness": qos.liveliness.name.lower(),
-        "liveliness_lease_duration": _duration_entry(qos.liveliness_lease_duration),
-        "avoid_ros_namespace_conventions": False,
-    }
+@dataclass(frozen=True)
+class Damage:
+    """What is wrong with a bag."""
+
+    gaps: tuple[FileGap, ...]  # of bytes that cannot be believed
+    missing: dict[str, int] | None  # messages that cannot be read, by topic; None: the bag does not say how many it held
+    contradictions: tuple[str, ...]  # between what the bag says and what it holds
+
+    @property
+    def loses_messages(self) -> bool:
+        """Whether a message is missing, or may be."""
+        return bool(self.missing or self.contradictions) or self.missing is None
 
 
-def _duration_entry(duration: Duration) -> dict[str, int]:
-    # a profile made in a program says 0 for "no limit", one discovered on the network says infinite
-    sec, nsec = divmod(duration.nanoseconds or INFINITE.nanoseconds, 10**9)
-    return {"sec": sec, "nsec": nsec}
+class StoredFile(Protocol):
+    """One file of a bag, whatever its format."""
+
+    path: pathlib.Path
+    gaps: list[Gap]
+    doubtful: bool  # whether a message that is read may not be what was written
+    start_ns: int
+    end_ns: int
+
+    @property
+    def topics(self) -> list[Topic]:
+        """Its topics, one or more times each."""
+        ...
+
+    @property
+    def expected(self) -> dict[str, int] | None:
+        """How many messages of each topic the file says it holds; None where it does not say."""
+        ...
+
+    def read(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
+        """Messages by log time."""
+        ...
 
 
-def _qos_profile(entry: dict[str, Any]) -> QoSProfile:
-    def policy(kind: Any, value: int | str) -> Any:
-        return kind(value) if isinstance(value, int) else kind[value.upper()]  # numbers: before version 9
-
-    def duration(value: dict[str, int]) -> Duration:
-        return Duration(nanoseconds=min(value["sec"] * 10**9 + value["nsec"], INFINITE.nanoseconds))
-
-    return QoSProfile(
-        history=policy(HistoryPolicy, entry["history"]),
-        depth=int(entry["depth"]),
-        reliability=policy(ReliabilityPolicy, entry["reliability"]),
-        durability=policy(DurabilityPolicy, entry["durability"]),
-        deadline=duration(entry["deadline"]),
-        lifespan=duration(entry["lifespan"]),
-        liveliness=policy(LivelinessPolicy, entry["liveliness"]),
-        liveliness_lease_duration=duration(entry["liveliness_lease_duration"]),
-    )
-
-
-# --- writing ---
-
-
-class BagWriter:
-    """A new bag in a folder of its own; a context manager that finishes the bag on the way out.
+class Bag:
+    """A bag, read through once to see what it holds and what it lost.
 
     Args:
-        path: the folder, new or empty.
+        path: a folder as rosbag2 writes it, or one of its files.
+        ignore_metadata: take the files in the folder, whatever its metadata.yaml says.
+    Attributes:
+        path: the same.
+        summary: what can be read.
+        damage: what is wrong; None for a bag that is whole.
     Raises:
-        InvalidInput: the folder holds something, cannot be made, or another writer has it; later, from every method: the
-            disk is full or gone. What was flushed before can then be recovered.
+        InvalidInput: it is not a bag, cannot be read, or holds other than ROS 2 messages.
     """
 
-    def __init__(self, path: PathLike) -> None:
-        self._folder = pathlib.Path(path).resolve()
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            if any(self._folder.iterdir()):
-                raise InvalidInput(f"{self._folder}: already holds files, expected a new or empty folder")
-            # exclusively: of two writers that both saw an empty folder one must lose
-            self._file = (self._folder / f"{self._folder.name}_0.mcap").open("xb")
-        except OSError as error:
-            raise InvalidInput(f"{self._folder}: cannot record there ({error.strerror}), expected a new folder") from error
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        self._metadata: dict[int, dict[str, Any]] = {}  # of topics, by channel
-        self._counts: dict[int, int] = {}
-        self._span: tuple[int, int] | None = None
-        with self._writing():
-            self._writer.start(profile="ros2", library="pushfric")
+    def __init__(self, path: PathLike, ignore_metadata: bool = False) -> None:
+        self.path = pathlib.Path(path)
+        self._decompressed: tempfile.TemporaryDirectory[str] | None = None
+        metadata = None if ignore_metadata else read_metadata(self.path)
+        self._compressed_messages = metadata is not None and metadata.compression_mode == "message"
+        self._files = [self._open(file, metadata) for file in bag_files(self.path, metadata)]
+        self.summary = _summary(self._files)
+        self.damage = _damage(self._files, self.summary, metadata)
+        self._decoders: dict[str, Decoder] = {}
+        self._definitions = {topic.type_name: topic.definition for topic in self.summary.topics}
 
-    def __enter__(self) -> "BagWriter":
-        return self
+    def require_whole(self) -> None:
+        """Raises DamagedBag where messages are missing, in one line that says which."""
+        if self.damage is not None and self.damage.loses_messages:
+            raise DamagedBag(f"{self.what_is_missing()}; --partial goes on without them, `pushfric bag verify` says more")
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
+    def what_is_missing(self, with_places: bool = True) -> str:
+        """One line: how many messages of which topics and, with places, when."""
+        assert self.damage is not None
+        gaps, missing, contradictions = self.damage.gaps, self.damage.missing, self.damage.contradictions
+        if missing:
+            count = sum(missing.values())
+            each = ", ".join(f"{number} of {topic}" for topic, number in missing.items())
+            said = f"{count} of {count + self.summary.message_count} messages are missing: {each}"
+        elif missing is None:
+            said = f"an unknown number of messages is missing, {self.summary.message_count} can be read"
+        elif contradictions and with_places:
+            said = contradictions[0]
+        elif contradictions:
+            said = "what it says contradicts what it holds"
+        else:
+            said = "no message is missing"
+        spans = "; ".join(f"{one.file.name}: {one.gap.reason}, {self.when(one.gap)}" for one in gaps[:3])
+        more = f" and {len(gaps) - 3} more places" if len(gaps) > 3 else ""
+        return f"{self.path}: the bag is damaged, {said}" + (f" ({spans}{more})" if gaps and with_places else "")
 
-    @property
-    def topics(self) -> Collection[str]:
-        """Names of the topics added so far."""
-        return self._channels.keys()
+    def when(self, gap: Gap) -> str:
+        """The time that a gap covers, counted from the beginning of the bag."""
+        start = self.summary.start_ns
+        after = "from the beginning" if gap.after_ns is None else f"from {(gap.after_ns - start) * 1e-9:.3f} s"
+        before = "to the end" if gap.before_ns is None else f"to {(gap.before_ns - start) * 1e-9:.3f} s"
+        return f"{after} {before}"
 
-    @property
-    def message_count(self) -> int:
-        """Messages written so far."""
-        return sum(self._counts.values())
-
-    def add_topic(self, name: str, type_name: str, qos_profiles: Sequence[QoSProfile], hash_text: str | None = None) -> None:
-        """Add a topic before its first message.
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[BagMessage]:
+        """All messages that can be read, by log time; equal ones in the order they were written.
 
         Args:
-            name: full name, as /cell/object_pose.
-            type_name: package/msg/Type, an installed one.
-            qos_profiles: what its publishers offer.
-            hash_text: RIHS01 hash that the publishers announce; by default that of the installed type.
+            topics: full names of those wanted; None for all.
+            start_ns: the first log time wanted.
+            end_ns: the first one no longer wanted.
         Raises:
-            ValueError: the topic was added before.
-            InvalidInput: the type is not installed.
+            InvalidInput: a file cannot be read any longer.
         """
-        if name in self._channels:
-            raise ValueError(f"topic {name} was added before")
-        topic = Topic(name, type_name, tuple(qos_profiles), hash_text or type_hash(type_name), 0)
-        self._channels[name] = self._register(topic, "ros2msg", definition(type_name).encode())
+        for message in heapq.merge(
+            *(self._read(file, topics) for file in self._files), key=lambda message: message.log_time_ns
+        ):
+            if end_ns is not None and message.log_time_ns >= end_ns:
+                return
+            if start_ns is None or message.log_time_ns >= start_ns:
+                yield message
 
-    def write(self, topic: str, stamp_ns: int, raw: bytes) -> None:
-        """Append a message: its topic, when it was received [ns], its CDR bytes.
+    def deserialize(self, message: BagMessage) -> Any:
+        """What a message says: an object with an attribute for each field of its type.
 
         Raises:
-            ValueError: the topic was not added, or the bag is closed.
+            InvalidInput: the definition of its type cannot be used.
+            ValueError: its bytes are not such a message.
         """
-        if topic not in self._channels:
-            raise ValueError(f"topic {topic} was not added to the bag")
-        self._append(self._channels[topic], stamp_ns, raw)
+        name = message.type_name
+        if name not in self._decoders:
+            self._decoders[name] = Decoder(name, self._definitions.get(name, Definition("", "")))
+        return self._decoders[name](message.raw)
 
-    def flush(self) -> None:
-        """Hand all that was written to the operating system: it survives the end of this process, however it ends."""
-        with self._writing():
-            self._writer.flush()
-
-    def close(self) -> None:
-        """Finish the MCAP file and write metadata.yaml; idempotent."""
-        if self._file.closed:
-            return
-        information = self._information()
-        with self._writing():
-            # what is in the file makes a bare .mcap a whole bag
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
-            self._writer.finish()
-            self._file.close()
-            text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-            (self._folder / "metadata.yaml").write_text(text, encoding="utf-8")
-
-    @contextlib.contextmanager
-    def _writing(self) -> Iterator[None]:
-        if self._file.closed:
-            raise ValueError(f"{self._folder}: the bag is closed")
+    def _read(self, file: StoredFile, topics: Collection[str] | None) -> Iterator[BagMessage]:
         try:
-            yield
+            for message in file.read(topics):
+                if self._compressed_messages:
+                    message = message._replace(raw=_decompressed(message.raw, file.path))
+                yield message
         except OSError as error:
-            with contextlib.suppress(OSError):  # closing flushes, into the same full disk
-                self._file.close()
-            raise InvalidInput(f"{self._folder}: cannot write the bag: {error.strerror}") from error
+            raise InvalidInput(f"{file.path}: cannot be read: {error.strerror}") from error
 
-    def _register(self, topic: Topic, encoding: str, schema: bytes) -> int:
-        """Channel of a new topic."""
-        qos = [_qos_entry(profile) for profile in topic.qos_profiles]
-        with self._writing():
-            if topic.type_name not in self._schemas:
-                self._schemas[topic.type_name] = self._writer.register_schema(topic.type_name, encoding, schema)
-            metadata = {"offered_qos_profiles": yaml.safe_dump(qos, sort_keys=False), "topic_type_hash": topic.type_hash}
-            channel = self._writer.register_channel(topic.name, "cdr", self._schemas[topic.type_name], metadata)
-        self._metadata[channel] = {
-            "name": topic.name,
-            "type": topic.type_name,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": qos,
-            "type_description_hash": topic.type_hash,
-        }
-        self._counts[channel] = 0
-        return channel
+    def _open(self, file: pathlib.Path, metadata: BagMetadata | None) -> StoredFile:
+        try:
+            if file.suffix == ".zstd":
+                file = self._decompress(file)
+            if McapFile.recognized(file):
+                return _McapBagFile(file)
+            with file.open("rb") as stream:
+                is_sqlite = stream.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
+        except OSError as error:
+            raise InvalidInput(f"{file}: cannot be read: {error.strerror}, expected a bag") from error
+        if not is_sqlite:
+            raise InvalidInput(f"{file}: is neither an MCAP file nor a database, expected a bag's folder or one of its files")
+        from pushfric_ros.bags.sqlite_file import SqliteFile  # loads SQLite, which few bags need
 
-    def _append(self, channel: int, stamp_ns: int, raw: bytes) -> None:
-        with self._writing():
-            self._writer.add_message(channel, log_time=stamp_ns, data=raw, publish_time=stamp_ns)
-        self._counts[channel] += 1
-        start, end = self._span or (stamp_ns, stamp_ns)
-        self._span = min(start, stamp_ns), max(end, stamp_ns)
+        return SqliteFile(file)
 
-    def _information(self) -> dict[str, Any]:
-        """The bag's rosbag2_bagfile_information."""
-        file = pathlib.Path(self._file.name).name
-
-        def span() -> dict[str, Any]:  # made twice: YAML would write the second mention of one object as an alias
-            start, end = self._span or (0, 0)
-            return {
-                "starting_time": {"nanoseconds_since_epoch": start},
-                "duration": {"nanoseconds": end - start},
-                "message_count": self.message_count,
-            }
-
-        counts = [
-            {"topic_metadata": metadata, "message_count": self._counts[channel]} for channel, metadata in self._metadata.items()
-        ]
-        return {
-            "version": METADATA_VERSION,
-            "storage_identifier": "mcap",
-            **span(),
-            "topics_with_message_count": counts,
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [file],
-            "files": [{"path": file, **span()}],
-            "custom_data": None,
-            "ros_distro": os.environ.get("ROS_DISTRO", ""),
-        }
+    def _decompress(self, file: pathlib.Path) -> pathlib.Path:
+        """A copy of a compressed file, within limits, in a temporary folder that goes with this object."""
+        if self._decompressed is None:
+            self._decompressed = tempfile.TemporaryDirectory(prefix="pushfric-bag-")
+        copy = pathlib.Path(self._decompressed.name) / file.stem
+        size = 0
+        try:
+            with file.open("rb") as stream, copy.open("wb") as out:
+                for block in zstandard.ZstdDecompressor().read_to_iter(stream):
+                    size += len(block)
+                    if size > FILE_LIMIT:
+                        raise InvalidInput(f"{file}: holds more than the limit of {FILE_LIMIT} bytes")
+                    out.write(block)
+        except zstandard.ZstdError as error:
+            if not size:
+                raise InvalidInput(f"{file}: cannot be decompressed: {error}") from error
+        return copy  # where it is cut short, so is the file in it
 
 
-# --- reading ---
+SQLITE_MAGIC = b"SQLite format 3\0"
+
+
+def bag_files(path: pathlib.Path, metadata: BagMetadata | None) -> list[pathlib.Path]:
+    """The files of a bag: those that its metadata lists, those in its folder, or the one file given.
+
+    Raises:
+        InvalidInput: a folder without any.
+    """
+    if metadata is not None:
+        return list(metadata.files)
+    if not path.is_dir():
+        return [path]
+    for pattern in ("*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd"):
+        if files := sorted(path.glob(pattern)):
+            return files
+    raise InvalidInput(f"{path}: is not a bag, expected {METADATA}, or an .mcap or .db3 file in it")
 
 
 def recorded_class(topic: Topic) -> type:
@@ -283,173 +275,120 @@ def recorded_class(topic: Topic) -> type:
     return installed
 
 
-def read(
-    path: PathLike, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
-) -> Iterator[BagMessage]:
-    """The messages of a bag in the order of their log times; equal ones in the order they were written.
+class _McapBagFile:
+    """An MCAP file as rosbag2 writes it."""
 
-    Args:
-        path: folder with metadata.yaml and .mcap files, or a bare .mcap.
-        topics: full names of those wanted; None for all.
-        start_ns: the first log time wanted.
-        end_ns: the first one no longer wanted.
-    Raises:
-        InvalidInput: not a bag, cut short or, while reading, damaged.
-    """
-    files = [_messages(file, topics, start_ns, end_ns) for file in _finished_files(path)]
-    return heapq.merge(*files, key=lambda message: message.log_time_ns)
+    def __init__(self, path: pathlib.Path) -> None:
+        self._file = file = McapFile(path)
+        self.path, self.gaps, self.start_ns, self.end_ns = path, file.gaps, file.start_ns, file.end_ns
+        self.doubtful = file.doubtful
+        self._topics: dict[int, Topic] = {}
+        for number, channel in file.channels.items():
+            schema = file.schemas.get(channel.schema_id)
+            if schema is not None or not file.gaps:  # the schema may have been lost
+                self._topics[number] = _topic(path, channel, schema, file.counts[number])
+
+    @property
+    def topics(self) -> list[Topic]:
+        return list(self._topics.values())
+
+    @property
+    def expected(self) -> dict[str, int] | None:
+        statistics = self._file.statistics
+        if statistics is None:
+            return None
+        by_topic: dict[str, int] = {}
+        for number, count in statistics.by_channel.items():
+            name = self._topics[number].name if number in self._topics else _UNKNOWN
+            by_topic[name] = by_topic.get(name, 0) + count
+        if not by_topic:  # a writer may count all messages, but not channel by channel
+            for topic in self._topics.values():
+                by_topic[topic.name] = by_topic.get(topic.name, 0) + topic.message_count
+        if statistics.messages > sum(by_topic.values()):
+            by_topic[_UNKNOWN] = by_topic.get(_UNKNOWN, 0) + statistics.messages - sum(by_topic.values())
+        return by_topic
+
+    def read(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
+        wanted = {n: t for n, t in self._topics.items() if topics is None or t.name in topics}
+        for message in self._file.messages(wanted.__contains__):
+            topic = wanted[message.channel_id]
+            yield BagMessage(topic.name, topic.type_name, message.log_time_ns, message.data)
 
 
-def deserialize(message: BagMessage) -> Any:
-    """The ROS message of a recorded one.
-
-    Raises:
-        InvalidInput: its type is not installed.
-    """
-    return deserialize_message(message.raw, message_class(message.type_name))
+_UNKNOWN = "a topic that is not known any longer"
 
 
-def describe(path: PathLike) -> Summary:
-    """What a bag holds, without reading its messages.
+def _topic(file: pathlib.Path, channel: Channel, schema: Schema | None, count: int) -> Topic:
+    where = f"{file}: {channel.topic[:80]}"
+    if channel.message_encoding != "cdr":
+        raise InvalidInput(f"{where} is encoded as {channel.message_encoding[:80]!r}, expected ROS 2 messages (cdr)")
+    if schema is None:
+        raise InvalidInput(f"{where} has no type, expected that of a ROS 2 message")
+    try:
+        profiles = profiles_from(load_yaml(channel.metadata.get("offered_qos_profiles", "")))
+    except ValueError as error:
+        raise InvalidInput(f"{where} has QoS profiles that are not those of rosbag2: {error}") from error
+    text = Definition(schema.encoding, schema.data.decode("utf-8", "replace"))
+    return Topic(channel.topic, schema.name, profiles, channel.metadata.get("topic_type_hash", ""), count, text)
 
-    Raises:
-        InvalidInput: not a bag, cut short, damaged, or written without a summary.
-    """
+
+def _summary(files: list[StoredFile]) -> Summary:
     topics: dict[tuple[str, str], Topic] = {}
-    spans: list[tuple[int, int]] = []
-    for file in _finished_files(path):
-        with _reader(file) as reader:
-            summary = reader.get_summary()
-            if summary is None or summary.statistics is None:
-                raise InvalidInput(f"{file}: has no summary, expected one at the end; `pushfric bag recover` writes it anew")
-            statistics = summary.statistics
-            if statistics.message_count:
-                spans.append((statistics.message_start_time, statistics.message_end_time))
-            for channel in summary.channels.values():
-                count = statistics.channel_message_counts.get(channel.id, 0)
-                topic = _topic(summary.schemas.get(channel.schema_id), channel, count, file)
-                known = topics.get((topic.name, topic.type_name))
-                if known is not None:  # in an earlier file of the bag, or from another publisher
-                    profiles = known.qos_profiles + tuple(qos for qos in topic.qos_profiles if qos not in known.qos_profiles)
-                    topic = Topic(topic.name, topic.type_name, profiles, topic.type_hash, known.message_count + count)
-                topics[topic.name, topic.type_name] = topic
+    for file in files:
+        for topic in file.topics:
+            known = topics.get((topic.name, topic.type_name))
+            if known is not None:  # in an earlier file of the bag, or from another publisher
+                if known.definition.text != topic.definition.text:
+                    raise InvalidInput(f"{file.path}: {topic.name} has two definitions of {topic.type_name}, expected one")
+                profiles = known.qos_profiles + tuple(qos for qos in topic.qos_profiles if qos not in known.qos_profiles)
+                count = known.message_count + topic.message_count
+                topic = Topic(topic.name, topic.type_name, profiles, topic.type_hash, count, topic.definition)
+            topics[topic.name, topic.type_name] = topic
+    spans = [(file.start_ns, file.end_ns) for file in files if any(topic.message_count for topic in file.topics)]
     start, end = (min(start for start, _ in spans), max(end for _, end in spans)) if spans else (0, 0)
     return Summary(tuple(topics.values()), start, end)
 
 
-def recover(path: PathLike, out: PathLike) -> int:
-    """Rewrite all that is whole of a bag that was cut short, or lost its summary, into a new bag; returns how many messages.
-
-    Args:
-        path: folder of .mcap files or a bare .mcap.
-        out: folder of the new bag; object.yaml goes along.
-    Raises:
-        InvalidInput: there is no MCAP file, or the new bag cannot be written.
-    """
-    files = _mcap_files(pathlib.Path(path))
-    for file in files:
-        _check_begin(file)
-    with BagWriter(out) as writer:
-        beside = files[0].with_name(OBJECT_FILE)
-        if beside.is_file():
-            with writer._writing():
-                shutil.copyfile(beside, pathlib.Path(out) / OBJECT_FILE)
-        for file in files:
-            schemas: dict[int, Schema] = {}
-            channels: dict[int, int] = {}
-            for record in _whole_records(file):
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel) and record.id not in channels:
-                    topic, schema = _topic(schemas.get(record.schema_id), record, 0, file), schemas[record.schema_id]
-                    channels[record.id] = writer._register(topic, schema.encoding, schema.data)
-                elif isinstance(record, Message) and record.channel_id in channels:
-                    writer._append(channels[record.channel_id], record.log_time, record.data)
-        return writer.message_count
+def _damage(files: list[StoredFile], summary: Summary, metadata: BagMetadata | None) -> Damage | None:
+    gaps = tuple(FileGap(file.path, gap) for file in files for gap in file.gaps)
+    found: Counter[str] = Counter()
+    for topic in summary.topics:
+        found[topic.name] += topic.message_count
+    contradictions = [f"{file.path.name}: messages may not be what was recorded" for file in files if file.doubtful]
+    missing: dict[str, int] | None = None
+    expected_of_files = [file.expected for file in files]
+    if all(expected is not None for expected in expected_of_files):
+        expected: Counter[str] = Counter()
+        for counts in expected_of_files:
+            expected.update(counts or {})
+        missing = _compared(expected, found, "the files say they hold", contradictions)
+    if metadata is not None:
+        of_metadata = _compared(Counter(metadata.by_topic), found, f"{METADATA} says the bag holds", contradictions)
+        held = sum(found.values()) + sum((of_metadata if missing is None else missing).values())
+        if metadata.message_count != held:
+            contradictions.append(f"{METADATA} says the bag holds {metadata.message_count} messages, but it held {held}")
+        if missing is None:
+            missing = of_metadata
+        elif of_metadata != missing:
+            contradictions.append(f"{METADATA} and the files say different numbers of messages")
+    if missing is None and not gaps:
+        missing = {}  # nothing in the bag says how many there were, and nothing is damaged
+    return Damage(gaps, missing, tuple(contradictions)) if gaps or missing or contradictions else None
 
 
-def _messages(
-    file: pathlib.Path, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
-) -> Iterator[BagMessage]:
-    with _reader(file) as reader:
-        for schema, channel, message in reader.iter_messages(topics, starting_at=start_ns, ending_before=end_ns):
-            yield BagMessage(channel.topic, _type_name(schema, channel, file), message.log_time, message.data)
+def _compared(expected: Counter[str], found: Counter[str], said: str, contradictions: list[str]) -> dict[str, int]:
+    """How many messages are missing, by topic; more than expected contradict."""
+    for name, count in found.items():
+        if count > expected[name]:
+            contradictions.append(f"{said} {expected[name]} messages of {name}, but there are {count}")
+    return {name: count - found[name] for name, count in expected.items() if count > found[name]}
 
 
-@contextlib.contextmanager
-def _reader(file: pathlib.Path) -> Iterator[SeekingReader]:
+def _decompressed(raw: bytes, file: pathlib.Path) -> bytes:
     try:
-        with file.open("rb") as stream:
-            yield SeekingReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
-    except _DAMAGE as error:
-        raise InvalidInput(f"{file}: the file is damaged: {error!r}") from error
-    except OSError as error:
-        raise InvalidInput(f"{file}: cannot be read: {error.strerror}") from error
-
-
-def _whole_records(file: pathlib.Path) -> Iterator[McapRecord]:
-    """Records from the beginning of a file to where it is cut or damaged."""
-    with file.open("rb") as stream, contextlib.suppress(*_DAMAGE):
-        yield from StreamReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size).records
-
-
-def _topic(schema: Schema | None, channel: Channel, message_count: int, file: pathlib.Path) -> Topic:
-    type_name = _type_name(schema, channel, file)
-    try:
-        entries = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
-        profiles = tuple(_qos_profile(entry) for entry in entries)
-    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InvalidInput(f"{file}: {channel.topic} has QoS profiles that are not those of rosbag2") from error
-    return Topic(channel.topic, type_name, profiles, channel.metadata.get("topic_type_hash", ""), message_count)
-
-
-def _type_name(schema: Schema | None, channel: Channel, file: pathlib.Path) -> str:
-    if schema is None or channel.message_encoding != "cdr":
-        raise InvalidInput(f"{file}: {channel.topic} is encoded as {channel.message_encoding!r}, expected ROS 2 messages (cdr)")
-    return schema.name
-
-
-def _finished_files(path: PathLike) -> list[pathlib.Path]:
-    """The MCAP files of a bag, each known to have a beginning and an end."""
-    path = pathlib.Path(path)
-    metadata = path / "metadata.yaml"
-    files = _listed_files(metadata) if metadata.is_file() else _mcap_files(path)
-    for file in files:
-        _check_begin(file)
-        with file.open("rb") as stream:
-            stream.seek(max(len(MCAP0_MAGIC), file.stat().st_size - len(MCAP0_MAGIC)))
-            if stream.read() != MCAP0_MAGIC:
-                raise InvalidInput(f"{file}: the recording was cut short, expected a finished file; see pushfric bag recover")
-    return files
-
-
-def _listed_files(metadata: pathlib.Path) -> list[pathlib.Path]:
-    try:
-        information = yaml.safe_load(metadata.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        storage, mode = information["storage_identifier"], information.get("compression_mode", "")
-        files = [metadata.parent / pathlib.PurePath(name).name for name in information["relative_file_paths"]]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError) as error:
-        raise InvalidInput(f"{metadata}: is not the metadata of a bag, expected that of rosbag2") from error
-    if storage != "mcap":
-        raise InvalidInput(f"{metadata}: the bag is stored as {storage!r}, expected 'mcap' (see `ros2 bag convert`)")
-    if mode.lower() not in ("", "none"):
-        raise InvalidInput(f"{metadata}: the bag is compressed by {mode.lower()}, expected MCAP's own compression or none")
-    return files
-
-
-def _mcap_files(path: pathlib.Path) -> list[pathlib.Path]:
-    """A bare .mcap, or those in a folder whose metadata.yaml was never written."""
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-    if not files:
-        raise InvalidInput(f"{path}: is not a bag, expected metadata.yaml or an .mcap file in it")
-    return files
-
-
-def _check_begin(file: pathlib.Path) -> None:
-    try:
-        with file.open("rb") as stream:
-            begin = stream.read(len(MCAP0_MAGIC))
-    except OSError as error:
-        raise InvalidInput(f"{file}: cannot be read: {error.strerror}, expected a bag") from error
-    if begin != MCAP0_MAGIC:
-        raise InvalidInput(f"{file}: is not an MCAP file, expected a bag's folder or an .mcap")
+        declared = zstandard.frame_content_size(raw)
+        if declared > MESSAGE_LIMIT:
+            raise InvalidInput(f"{file}: a message of {declared} bytes is larger than the limit of {MESSAGE_LIMIT}")
+        return zstandard.ZstdDecompressor().decompress(raw, max_output_size=MESSAGE_LIMIT if declared < 0 else 0)
+    except zstandard.ZstdError as error:
+        raise InvalidInput(f"{file}: a message cannot be decompressed: {error}") from error

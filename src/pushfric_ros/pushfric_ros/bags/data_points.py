@@ -3,7 +3,7 @@
 import pathlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
@@ -12,7 +12,8 @@ from pushfric_core.observation import Observation
 from pushfric_core.recognition import Ranking, Recognizer
 from pushfric_core.sensed_force import SensedForce
 from pushfric_core.trajectory import Trajectory, TrajectoryConfig
-from pushfric_ros.bags import bag
+from pushfric_ros.bags.bag import Bag, BagMessage
+from pushfric_ros.bags.rosbag2_metadata import METADATA
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel
@@ -31,9 +32,17 @@ Taken = TypeVar("Taken")
 POSES, OBSERVATIONS, WRENCH = ("object_pose", "pusher_state"), ("observation",), "wrench"
 """Topics that data points are made from, the one of data points themselves, and the one their forces are made from."""
 
+TYPES = {
+    "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "pusher_state": "pushfric_msgs/msg/PusherState",
+    "observation": "pushfric_msgs/msg/Observation",
+    "wrench": "geometry_msgs/msg/WrenchStamped",
+    SETTINGS_TOPIC: "std_msgs/msg/String",
+}
+"""Of the messages on these topics."""
 
-BAG_FILES = ("metadata.yaml", "*.mcap")
-"""What a bag's folder holds, the one or the other at least."""
+BAG_FILES = (METADATA, "*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
+"""What a bag's folder holds, one of them at least."""
 
 
 class Source(NamedTuple):
@@ -73,14 +82,26 @@ def source_of(path: pathlib.Path, with_forces: bool = False) -> Source:
     Raises:
         InvalidInput: it holds neither poses with pusher states nor observations, or cannot be read.
     """
+    return _source(Bag(path), with_forces)
+
+
+def _source(bag: Bag, with_forces: bool) -> Source:
     poses = (*POSES, WRENCH) if with_forces else POSES
-    names = [topic.name for topic in bag.describe(path).topics if topic.message_count]
+    recorded = {topic.name: topic.type_name for topic in bag.summary.topics if topic.message_count}
     for kind, wanted in (("poses", poses), ("observations", OBSERVATIONS)):
-        for namespace in (name.rpartition("/")[0] for name in names if name.endswith(f"/{wanted[0]}")):
+        for namespace in (name.rpartition("/")[0] for name in recorded if name.endswith(f"/{wanted[0]}")):
             topics = tuple(f"{namespace}/{name}" for name in wanted)
-            if set(topics) <= set(names):
+            if set(topics) <= set(recorded):
+                for topic in topics:
+                    _check_type(bag, topic, recorded[topic])
                 return Source(kind, namespace, topics)
-    raise InvalidInput(f"{path}: no data points; expected the topics {' and '.join(poses)}, or {OBSERVATIONS[0]}")
+    raise InvalidInput(f"{bag.path}: no data points; expected the topics {' and '.join(poses)}, or {OBSERVATIONS[0]}")
+
+
+def _check_type(bag: Bag, topic: str, type_name: str) -> None:
+    expected = TYPES[topic.rpartition("/")[2]]
+    if type_name != expected:
+        raise InvalidInput(f"{bag.path}: {topic} holds messages of {type_name[:80]}, expected {expected}")
 
 
 def recorded_settings(path: pathlib.Path) -> EstimatorSettings:
@@ -91,34 +112,50 @@ def recorded_settings(path: pathlib.Path) -> EstimatorSettings:
     """
     if path.suffix == ".csv":
         return EstimatorSettings()
-    topics = [topic.name for topic in bag.describe(path).topics if topic.name.rpartition("/")[2] == SETTINGS_TOPIC]
-    last = deque(bag.read(path, topics) if topics else (), maxlen=1)
+    bag = Bag(path)
+    topics = {topic.name: topic.type_name for topic in bag.summary.topics if topic.name.rpartition("/")[2] == SETTINGS_TOPIC}
+    for topic, type_name in topics.items():
+        _check_type(bag, topic, type_name)
+    last = deque(bag.messages(topics) if topics else (), maxlen=1)
     try:
-        return EstimatorSettings.from_text(bag.deserialize(last[0]).data) if last else EstimatorSettings()
+        return (
+            EstimatorSettings.from_text(_content(bag, last[0], lambda message: str(message.data)))
+            if last
+            else EstimatorSettings()
+        )
     except ValueError as error:
         raise InvalidInput(f"{path}: {last[0].topic} is not understood: {error}") from error
 
 
-def observations(path: pathlib.Path, model: ObjectModel, settings: EstimatorSettings, warn: Warn) -> list[Observation]:
+def observations(
+    path: pathlib.Path, model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool = False
+) -> list[Observation]:
     """The data points of a CSV file or a bag, in order, without those of excluded pushes.
 
     Args:
         path: the file or the bag.
         model: the object.
         settings: how poses become data points, which pushes are left out, and whether forces are needed.
-        warn: gets a line for each message that is refused.
+        warn: gets a line for each message that is refused, and one for a bag that is damaged.
+        partial: make do with a bag that messages are missing of.
     Raises:
         InvalidInput: the file cannot be read, or holds no data points, or not such as are needed.
+        DamagedBag: messages of the bag are missing.
     """
     check_source(path)
     if path.suffix == ".csv":
         found = read_observations(path, model.outline)
     else:
-        source = source_of(path, settings.with_forces)
+        bag = Bag(path)
+        if not partial:
+            bag.require_whole()
+        if bag.damage is not None:
+            warn(bag.what_is_missing())
+        source = _source(bag, settings.with_forces)
         if source.kind == "poses":
-            found = list(_from_poses(path, source, model, settings.trajectory, warn))
+            found = list(_from_poses(bag, source, model, settings.trajectory, warn))
         else:
-            found = list(_recorded(path, source, model, warn))
+            found = list(_recorded(bag, source, model, warn))
         if not found:
             raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
     for push_id in settings.excluded:
@@ -130,40 +167,50 @@ def observations(path: pathlib.Path, model: ObjectModel, settings: EstimatorSett
     return found
 
 
-def _from_poses(
-    path: pathlib.Path, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn
-) -> Iterator[Observation]:
+def _from_poses(bag: Bag, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn) -> Iterator[Observation]:
     trajectory = Trajectory(model.outline, config)
     pose_topic, pusher_topic, *force_topic = source.topics
     forces = SensedForce() if force_topic else None
-    for message in bag.read(path, source.topics):
+    for message in bag.messages(source.topics):
         try:
-            content = bag.deserialize(message)
             if message.topic == pose_topic:
-                made = trajectory.add_pose(pose_sample_from_msg(content))
+                made = trajectory.add_pose(_content(bag, message, pose_sample_from_msg))
             elif message.topic == pusher_topic:
-                made = trajectory.add_pusher(pusher_sample_from_msg(content))
+                made = trajectory.add_pusher(_content(bag, message, pusher_sample_from_msg))
             else:
                 assert forces is not None
-                yield from forces.add_force(force_sample_from_msg(content))
+                yield from forces.add_force(_content(bag, message, force_sample_from_msg))
                 continue
             for observation in made:
                 yield from [observation] if forces is None else forces.add_observation(observation)
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
     if forces is not None and forces.waiting:
-        warn(f"{path}: ends before the force of its last {forces.waiting} data points was measured; they are left out")
+        warn(f"{bag.path}: ends before the force of its last {forces.waiting} data points was measured; they are left out")
 
 
-def _recorded(path: pathlib.Path, source: Source, model: ObjectModel, warn: Warn) -> Iterator[Observation]:
-    for message in bag.read(path, source.topics):
+def _recorded(bag: Bag, source: Source, model: ObjectModel, warn: Warn) -> Iterator[Observation]:
+    for message in bag.messages(source.topics):
         try:
-            observation = observation_from_msg(bag.deserialize(message))
+            observation = _content(bag, message, observation_from_msg)
             observation.check_contact(model.outline)
         except (ValueError, PushfricError) as error:
             warn(f"{message.topic} refused: {error}")
         else:
             yield observation
+
+
+def _content(bag: Bag, message: BagMessage, convert: Callable[[Any], Taken]) -> Taken:
+    """What a message says; raises ValueError where it does not make sense.
+
+    Raises:
+        InvalidInput: it was recorded with a definition that lacks one of the fields.
+    """
+    content = bag.deserialize(message)
+    try:
+        return convert(content)
+    except AttributeError as error:
+        raise InvalidInput(f"{bag.path}: {message.topic} was recorded with another definition of its type: {error}") from error
 
 
 def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], warn: Warn) -> Iterator[Taken]:

@@ -13,18 +13,19 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from rclpy.serialization import serialize_message
 
 from pushfric_core import planar
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform
-from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.bags.cdr import encoder
+from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.files.file_errors import reading
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
 from pushfric_ros.messages.conversions import observation_to_msg
-from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.messages.qos import RELIABLE
 
 NAME = "zhou2015"
 TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"
@@ -202,8 +203,9 @@ def _object_of(log: pathlib.Path) -> str:
 def _write(folder: pathlib.Path, name: str, observations: list[Observation]) -> Imported:
     file = ObjectFile(name=name, outline=CORNERS, support=GRID)
     with BagWriter(folder) as writer:
-        writer.add_topic(TOPIC, TYPE, [RELIABLE])
+        writer.add_topic(TOPIC, TYPE, [OfferedQos.of(RELIABLE)])
+        encode = encoder(TYPE)
         for observation in sorted(observations, key=lambda o: o.stamp):
-            writer.write(TOPIC, observation.stamp, serialize_message(observation_to_msg(observation, name)))
+            writer.write(TOPIC, observation.stamp, encode(observation_to_msg(observation, name)))
     save_object(make_object(file, name), folder / OBJECT_FILE)
     return Imported(folder, name, len(observations))

@@ -18,8 +18,9 @@ from pushfric_core.recognition import Recognizer
 from pushfric_core.region import RegionConfig
 from pushfric_core.simulation import TABLE_1
 from pushfric_core.solvers.program import Loss
-from pushfric_ros.bags import bag as bags
 from pushfric_ros.bags import data_points, zhou2015
+from pushfric_ros.bags.bag import Bag
+from pushfric_ros.bags.recovery import recover
 from pushfric_ros.commands import calibrate as calibrate_cli
 from pushfric_ros.commands import demo as demonstration
 from pushfric_ros.commands.doctor import examine, findings, passed, table
@@ -32,6 +33,7 @@ from pushfric_ros.files.plan_file import load_plan, save_plan
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import estimate_to_msg, recognition_to_msg
 from pushfric_ros.paper.reproduce import reproduce
+from pushfric_ros.report.condition import condition
 from pushfric_ros.report.figures import summary_figure
 from pushfric_ros.report.region import narrowed, region_report
 from pushfric_ros.report.report import recognition_report, report, to_json, truth
@@ -67,6 +69,7 @@ SupportPointsOption = Annotated[
     typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
 ]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+PartialFlag = Annotated[bool, typer.Option("--partial", help="Make do with a damaged bag, of which messages are missing.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display: a line for each push.")]
 
 
@@ -146,6 +149,7 @@ def replay(
     bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.", show_default=False)],
     object_name: ObjectOption = "",
     rate: Annotated[float, typer.Option(help="Multiple of the recorded speed.")] = 1.0,
+    partial: PartialFlag = False,
     json: JsonFlag = False,
     headless: HeadlessFlag = False,
 ) -> None:
@@ -154,9 +158,9 @@ def replay(
         raise InvalidInput(f"--rate must lie in [0.01, 1000], got {rate:g}")
     model, object_file = _object_of(bag, object_name)
     settings = data_points.recorded_settings(bag)
-    data = data_points.observations(bag, model, settings, _warn)
+    data = data_points.observations(bag, model, settings, _warn, partial)
     source = data_points.source_of(bag, settings.with_forces)
-    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True)
+    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial)
     live = console.is_terminal and not headless
     ended, last = demonstration.watch(console, specs, source.namespace, f"replaying {bag.name}", live, replayed=data)
     if ended.code:
@@ -176,12 +180,13 @@ def estimate(
     figure: Annotated[
         pathlib.Path | None, typer.Option(help="Draw pushes, w, mu_c and p_CF there (.png, .svg, .pdf).", show_default=False)
     ] = None,
+    partial: PartialFlag = False,
     json: JsonFlag = False,
 ) -> None:
     """Estimate from a bag or a CSV, as fast as it goes."""
     model, _ = _object_of(source, object_name)
     model = _with_support(model, grid, support_points)
-    data = data_points.observations(source, model, settings, _warn)
+    data = data_points.observations(source, model, settings, _warn, partial)
     estimator = Estimator(model.support_points, settings.estimator)
     # only the figure shows how the last estimate came about
     course = deque(data_points.taken(estimator.add, data, _warn), maxlen=None if figure is not None else 1)
@@ -203,6 +208,7 @@ def recognize(
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
+    partial: PartialFlag = False,
     json: JsonFlag = False,
 ) -> None:
     """Rank the hypotheses in the object's file by how well they explain the data (section 5.2)."""
@@ -210,7 +216,7 @@ def recognize(
     if not model.hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
     model = _with_support(model, grid, support_points)
-    data = data_points.observations(source, model, settings, _warn)
+    data = data_points.observations(source, model, settings, _warn, partial)
     ranking = data_points.recognize(Recognizer(model.hypotheses, settings.estimator), data, _warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
@@ -241,6 +247,7 @@ def region(
         pathlib.Path | None, typer.Option(help="Write a push plan there that shrinks the region fastest.", show_default=False)
     ] = None,
     pushes: Annotated[int, typer.Option(help="Of that plan.", min=1, max=20)] = 10,
+    partial: PartialFlag = False,
     json: JsonFlag = False,
 ) -> None:
     """Where p_CF can lie, without support points (section 6.2), and which pushes would narrow that down."""
@@ -253,7 +260,7 @@ def region(
     except ValueError as error:
         raise InvalidInput(str(error)) from error
     settings = settings.without(exclude_push or ())
-    data = data_points.observations(source, model, settings, _warn) if source is not None else []
+    data = data_points.observations(source, model, settings, _warn, partial) if source is not None else []
     half_planes = narrowed(model.outline, data, config.region_margin, _warn)
     planned = half_planes.plan(pushes) if plan is not None else []
     if plan is not None and not planned:
@@ -306,13 +313,34 @@ def doctor(
         sys.exit(1)
 
 
-@bag_app.command()
-def recover(
-    damaged: Annotated[pathlib.Path, typer.Argument(help="A bag, or .mcap, that was cut short.", show_default=False)],
+@bag_app.command("recover")
+def recover_(
+    damaged: Annotated[
+        pathlib.Path, typer.Argument(help="A bag, or one of its files, that was damaged or cut short.", show_default=False)
+    ],
     out: Annotated[pathlib.Path, typer.Option(help="Folder of the new bag.", show_default=False)],
 ) -> None:
-    """Save all that is whole of a bag that was cut short."""
-    console.print(f"{out}: {bags.recover(damaged, out)} messages saved", markup=False)
+    """Save all that can be read of a damaged bag into a new one, and say what is lost."""
+    bag = recover(damaged, out)
+    _print_condition(bag, console)
+    console.print(f"{out}: {bag.summary.message_count} messages saved", markup=False)
+
+
+@bag_app.command()
+def verify(
+    bag: Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.", show_default=False)], json: JsonFlag = False
+) -> None:
+    """Read every byte of a bag and say whether it is whole.
+
+    Exit code 0: it is whole; 1: it is damaged; 2: it is not a bag.
+    """
+    checked = Bag(bag)
+    if json:
+        print(to_json(condition(checked)))
+    else:
+        _print_condition(checked, Console(highlight=False, soft_wrap=True))
+    if checked.damage is not None:
+        sys.exit(1)
 
 
 @app.command("import")
@@ -389,6 +417,19 @@ def _print_ranking(figures: dict[str, Any], as_json: bool) -> None:
         fit = f"fit {hypothesis['fit_error']:.4g}, ratio {hypothesis['ratio']:.3f}"
         output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")
     output.print(f"best: {figures['best'] or 'none is feasible'}")
+
+
+def _print_condition(bag: Bag, output: Console) -> None:
+    if bag.damage is None:
+        output.print(
+            f"{bag.path}: whole, {bag.summary.message_count} messages of {len(bag.summary.topics)} topics", markup=False
+        )
+        return
+    output.print(bag.what_is_missing(with_places=False), markup=False)
+    for file, gap in bag.damage.gaps:
+        output.print(f"{file.name}, bytes {gap.begin} to {gap.end}: {gap.reason}, {bag.when(gap)}", markup=False)
+    for contradiction in bag.damage.contradictions:
+        output.print(contradiction, markup=False)
 
 
 def _print_region(figures: dict[str, Any], as_json: bool) -> None:

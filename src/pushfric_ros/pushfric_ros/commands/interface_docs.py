@@ -19,11 +19,12 @@ from std_msgs.msg import Empty
 
 from pushfric_core import settings
 from pushfric_core.settings import AUTO
-from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.messages.qos import RELIABLE
 from pushfric_ros.node_kit.parameters import REQUIRED
-from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode
@@ -115,7 +116,7 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     picture, bag = folder / "picture.png", folder / "bag"
     cv2.imwrite(str(picture), np.zeros((480, 640), np.uint8))
     with BagWriter(bag) as writer:
-        writer.add_topic(f"{NAMESPACE}/anything", OF_THE_BAG, [RELIABLE])
+        writer.add_topic(f"{NAMESPACE}/anything", OF_THE_BAG, [OfferedQos.of(RELIABLE)])
         writer.write(f"{NAMESPACE}/anything", 1, serialize_message(Empty()))
     sources: dict[str, dict[str, Any]] = {
         "`source: compressed`": {"source": "compressed"},

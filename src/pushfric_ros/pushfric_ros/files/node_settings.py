@@ -137,8 +137,9 @@ class RecordingConfig:
 class PlayerConfig:
     """What is played, and how fast; the command line's to give."""
 
-    bag: str = setting(REQUIRED, "folder of the bag, or a bare .mcap")
+    bag: str = setting(REQUIRED, "folder of the bag, or one of its files")
     rate: float = setting(1.0, "multiple of the recorded speed", 0.01, 1000.0)
+    partial: bool = setting(False, "play a damaged bag, of which messages are missing, all the same")
     start: float = setting(0.0, "where to begin, after the beginning of the bag [s]", 0.0)
     loop: bool = setting(False, "begin again at the end; the clock jumps back")
     topics: tuple[str, ...] = setting((), "topics to play; none: all")

@@ -107,7 +107,13 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
 
 
 def replay(
-    bag: str, object_name: str, source: Source, rate: float, settings: EstimatorSettings, paused: bool = False
+    bag: str,
+    object_name: str,
+    source: Source,
+    rate: float,
+    settings: EstimatorSettings,
+    paused: bool = False,
+    partial: bool = False,
 ) -> list[NodeSpec]:
     """A bag played into a live estimator.
 
@@ -118,11 +124,11 @@ def replay(
         rate: multiple of the recorded speed.
         settings: how it is estimated.
         paused: whoever watches lets the player begin.
+        partial: play a damaged bag all the same.
     """
     topics = list(source.topics)
-    player = NodeSpec(
-        "player", {"bag": bag, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}, ends_run=True
-    )
+    playing = {"bag": bag, "partial": partial, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}
+    player = NodeSpec("player", playing, ends_run=True)
     live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **settings.parameters()})
     return [with_simulated_time(live), player]
 

@@ -2,6 +2,7 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from pushfric_ros.bags.offered_qos import INFINITE_NS, OfferedQos
 from pushfric_ros.messages import qos
 
 
@@ -12,6 +13,13 @@ def profile(quality: qos.Qos) -> QoSProfile:
         reliability=ReliabilityPolicy[quality.reliability.name],
         durability=DurabilityPolicy[quality.durability.name],
     )
+
+
+def offered(found: QoSProfile) -> OfferedQos:
+    """What a publisher offers, as a bag keeps it."""
+
+    # a profile made in a program says 0 for "no limit", one discovered on the network says infinite
+    return OfferedQos.of_policies(found, lambda duration: duration.nanoseconds or INFINITE_NS)
 
 
 SENSOR_DATA = profile(qos.SENSOR_DATA)

@@ -17,8 +17,9 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.bags.bag import BagMessage, Topic, describe, read, recorded_class
+from pushfric_ros.bags.bag import Bag, BagMessage, Topic, recorded_class
 from pushfric_ros.files.node_settings import PlayerConfig
+from pushfric_ros.messages.qos import Durability, Reliability
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.parameters import declare
@@ -32,6 +33,7 @@ BURST = 100  # messages in one callback: a player that is late still answers its
 WATCH_PERIOD_NS = 20_000_000  # of wall time, between two looks at endpoints and acknowledgements
 ACKNOWLEDGE_WITHIN_NS = 5_000_000_000  # of wall time
 DEFAULT_DEPTH = 10
+DEPTH_LIMIT = 10_000  # messages kept for late acknowledgements, whatever the bag says
 LATE = 1.0  # of wall time [s]; a player further behind its rate says so
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
@@ -47,7 +49,12 @@ class PlayerNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("player", **kwargs)
         self._config = config = declare(self, PlayerConfig)
-        summary = describe(config.bag)
+        self._bag = Bag(config.bag)
+        if self._bag.damage is not None:
+            if self._bag.damage.loses_messages and not config.partial:
+                raise InvalidInput(f"{self._bag.what_is_missing()}; expected a whole one, or parameter partial set")
+            self.get_logger().warning(self._bag.what_is_missing())
+        summary = self._bag.summary
         if not summary.message_count:
             raise InvalidInput(f"{config.bag}: holds no messages, expected some to play")
         self._begin_ns = summary.start_ns + round(config.start * 1e9)
@@ -120,11 +127,11 @@ class PlayerNode(Node):
 
     def _rewind(self) -> None:
         """Go to where playing begins; what was latched there is published again."""
-        self._messages = read(self._config.bag, self._played, self._begin_ns)
+        self._messages = self._bag.messages(self._played, self._begin_ns)
         self._next = next(self._messages, None)
         self._next_clock_ns = self._begin_ns
         self._publish_clock()
-        latched = {message.topic: message for message in read(self._config.bag, self._latched, end_ns=self._begin_ns)}
+        latched = {message.topic: message for message in self._bag.messages(self._latched, end_ns=self._begin_ns)}
         for message in latched.values():
             self._publish(message)
         self._anchor(self._begin_ns)
@@ -212,11 +219,11 @@ class PlayerNode(Node):
 
 def _offered(topic: Topic) -> QoSProfile:
     """One offer that satisfies every subscriber the recorded publishers satisfied; rates and lifetimes are not promised."""
-    reliable = any(qos.reliability == ReliabilityPolicy.RELIABLE for qos in topic.qos_profiles) or not topic.qos_profiles
-    latched = any(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in topic.qos_profiles)
+    reliable = any(qos.reliability == Reliability.RELIABLE for qos in topic.qos_profiles) or not topic.qos_profiles
+    latched = any(qos.durability == Durability.TRANSIENT_LOCAL for qos in topic.qos_profiles)
     return QoSProfile(
         # discovery does not tell the depth: 0 in bags of `ros2 bag record`
-        depth=max((qos.depth for qos in topic.qos_profiles), default=0) or DEFAULT_DEPTH,
+        depth=min(max((qos.depth for qos in topic.qos_profiles), default=0), DEPTH_LIMIT) or DEFAULT_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )

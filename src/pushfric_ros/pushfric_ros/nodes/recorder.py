@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.bags.bag import BagWriter
+from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object, save_object
 from pushfric_ros.messages.qos import QUALITIES
@@ -22,7 +22,7 @@ from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import profile
+from pushfric_ros.node_kit.qos import offered, profile
 
 QUEUE_DEPTH = 1000
 FLUSH_PERIOD = 0.5  # [s] of wall time: a crash costs the last second at most, even where a flush is late
@@ -110,9 +110,9 @@ class RecorderNode(Node):
         return topic._replace(name=self.resolve_topic_name(topic.name))
 
     def _record(
-        self, name: str, type_name: str, offered: Sequence[QoSProfile], wanted: QoSProfile, hash_text: str | None = None
+        self, name: str, type_name: str, found: Sequence[QoSProfile], wanted: QoSProfile, hash_text: str | None = None
     ) -> None:
-        self._bag.add_topic(name, type_name, offered, hash_text)
+        self._bag.add_topic(name, type_name, [offered(profile) for profile in found], hash_text)
         deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
         losses = self._losses[name] = _Losses()
 
@@ -153,9 +153,9 @@ class RecorderNode(Node):
             publishers = self.get_publishers_info_by_topic(name)
             if not publishers:
                 continue
-            offered = [publisher.qos_profile for publisher in publishers]
+            found = [publisher.qos_profile for publisher in publishers]
             try:
-                self._record(name, type_names[0], offered, _met_by_all(offered), str(publishers[0].topic_type_hash))
+                self._record(name, type_names[0], found, _met_by_all(found), str(publishers[0].topic_type_hash))
             except InvalidInput as error:
                 self._refused.add(name)
                 self.get_logger().error(f"{name} is not recorded: {error}")
@@ -183,10 +183,10 @@ class RecorderNode(Node):
         return Health(Level.OK, f"{count} messages recorded", values)
 
 
-def _met_by_all(offered: Sequence[QoSProfile]) -> QoSProfile:
+def _met_by_all(found: Sequence[QoSProfile]) -> QoSProfile:
     """The strongest request that every one of the publishers meets."""
-    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in offered)
-    latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offered)
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in found)
+    latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in found)
     return QoSProfile(
         depth=QUEUE_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,

@@ -1,0 +1,191 @@
+"""Writing bags as `ros2 bag record -s mcap` lays them out, so that what was flushed survives a crash."""
+
+import contextlib
+import os
+import pathlib
+from collections.abc import Collection, Iterator, Sequence
+from types import TracebackType
+from typing import Any
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.bags.offered_qos import OfferedQos
+from pushfric_ros.bags.rosbag2_metadata import METADATA, VERSION
+from pushfric_ros.messages.types import definition, type_hash
+
+PathLike = str | os.PathLike[str]
+
+CHUNK_SIZE = 2**13
+"""Bytes of messages that share a checksum, and are lost together. With 1 MiB, as is usual, a bag of poses is 15 % smaller, but
+loses twice as many messages with each damaged sector of a disk (3.7 % instead of 2.0 % of the demo's)."""
+
+
+class BagWriter:
+    """A new bag in a folder of its own; a context manager that finishes the bag on the way out.
+
+    Args:
+        path: the folder, new or empty.
+    Raises:
+        InvalidInput: the folder holds something, cannot be made, or another writer has it; later, from every method: the
+            disk is full or gone. What was flushed before can then be recovered.
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        self._folder = pathlib.Path(path).resolve()
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if any(self._folder.iterdir()):
+                raise InvalidInput(f"{self._folder}: already holds files, expected a new or empty folder")
+            # exclusively: of two writers that both saw an empty folder one must lose
+            self._file = (self._folder / f"{self._folder.name}_0.mcap").open("xb")
+        except OSError as error:
+            raise InvalidInput(f"{self._folder}: cannot record there ({error.strerror}), expected a new folder") from error
+        self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.ZSTD, enable_data_crcs=True)
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._metadata: dict[int, dict[str, Any]] = {}  # of topics, by channel
+        self._counts: dict[int, int] = {}
+        self._span: tuple[int, int] | None = None
+        with self.writing():
+            self._writer.start(profile="ros2", library="pushfric")
+
+    def __enter__(self) -> "BagWriter":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    @property
+    def topics(self) -> Collection[str]:
+        """Names of the topics added so far."""
+        return self._channels.keys()
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far."""
+        return sum(self._counts.values())
+
+    def add_topic(self, name: str, type_name: str, qos_profiles: Sequence[OfferedQos], hash_text: str | None = None) -> None:
+        """Add a topic before its first message.
+
+        Args:
+            name: full name, as /cell/object_pose.
+            type_name: package/msg/Type, an installed one.
+            qos_profiles: what its publishers offer.
+            hash_text: RIHS01 hash that the publishers announce; by default that of the installed type.
+        Raises:
+            ValueError: the topic was added before.
+            InvalidInput: the type is not installed.
+        """
+        if name in self._channels:
+            raise ValueError(f"topic {name} was added before")
+        hash_text = type_hash(type_name) if hash_text is None else hash_text
+        self._channels[name] = self.register(
+            name, type_name, qos_profiles, hash_text, "ros2msg", definition(type_name).encode()
+        )
+
+    def write(self, topic: str, stamp_ns: int, raw: bytes) -> None:
+        """Append a message: its topic, when it was received [ns], its CDR bytes.
+
+        Raises:
+            ValueError: the topic was not added, or the bag is closed.
+        """
+        if topic not in self._channels:
+            raise ValueError(f"topic {topic} was not added to the bag")
+        self.append(self._channels[topic], stamp_ns, raw)
+
+    def flush(self) -> None:
+        """Hand all that was written to the operating system: it survives the end of this process, however it ends."""
+        with self.writing():
+            self._writer.flush()
+
+    def close(self) -> None:
+        """Finish the MCAP file and write metadata.yaml; idempotent."""
+        if self._file.closed:
+            return
+        information = self._information()
+        with self.writing():
+            # what is in the file makes a bare .mcap a whole bag
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
+            self._writer.finish()
+            self._file.close()
+            text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
+            (self._folder / METADATA).write_text(text, encoding="utf-8")
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        if self._file.closed:
+            raise ValueError(f"{self._folder}: the bag is closed")
+        try:
+            yield
+        except OSError as error:
+            with contextlib.suppress(OSError):  # closing flushes, into the same full disk
+                self._file.close()
+            raise InvalidInput(f"{self._folder}: cannot write the bag: {error.strerror}") from error
+
+    def register(
+        self, name: str, type_name: str, qos_profiles: Sequence[OfferedQos], hash_text: str, encoding: str, schema: bytes
+    ) -> int:
+        """Add a topic whose type need not be installed; returns its channel, for `append`.
+
+        Args:
+            name: full name.
+            type_name: package/msg/Type.
+            qos_profiles: what its publishers offered.
+            hash_text: RIHS01 hash of the type; empty where it is not known.
+            encoding: of the schema, as ros2msg.
+            schema: the definition of the type.
+        """
+        qos = [profile.entry() for profile in qos_profiles]
+        with self.writing():
+            if type_name not in self._schemas:
+                self._schemas[type_name] = self._writer.register_schema(type_name, encoding, schema)
+            metadata = {"offered_qos_profiles": yaml.safe_dump(qos, sort_keys=False), "topic_type_hash": hash_text}
+            channel = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
+        self._metadata[channel] = {
+            "name": name,
+            "type": type_name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": qos,
+            "type_description_hash": hash_text,
+        }
+        self._counts[channel] = 0
+        return channel
+
+    def append(self, channel: int, stamp_ns: int, raw: bytes) -> None:
+        """Append a message to a channel: when it was received [ns], its CDR bytes."""
+        with self.writing():
+            self._writer.add_message(channel, log_time=stamp_ns, data=raw, publish_time=stamp_ns)
+        self._counts[channel] += 1
+        start, end = self._span or (stamp_ns, stamp_ns)
+        self._span = min(start, stamp_ns), max(end, stamp_ns)
+
+    def _information(self) -> dict[str, Any]:
+        """The bag's rosbag2_bagfile_information."""
+        file = pathlib.Path(self._file.name).name
+
+        def span() -> dict[str, Any]:  # made twice: YAML would write the second mention of one object as an alias
+            start, end = self._span or (0, 0)
+            return {
+                "starting_time": {"nanoseconds_since_epoch": start},
+                "duration": {"nanoseconds": end - start},
+                "message_count": self.message_count,
+            }
+
+        counts = [
+            {"topic_metadata": metadata, "message_count": self._counts[channel]} for channel, metadata in self._metadata.items()
+        ]
+        return {
+            "version": VERSION,
+            "storage_identifier": "mcap",
+            **span(),
+            "topics_with_message_count": counts,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file],
+            "files": [{"path": file, **span()}],
+            "custom_data": None,
+            "ros_distro": os.environ.get("ROS_DISTRO", ""),
+        }

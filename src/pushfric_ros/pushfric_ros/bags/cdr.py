@@ -1,0 +1,98 @@
+"""Messages of a bag taken apart by the definitions that the bag brings along, whatever is installed."""
+
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.messages.types import definition
+
+TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9_]*")
+
+DEFINITION_LIMIT = 2**18
+"""Characters of the definition of one type."""
+
+ARRAY_LIMIT = 1024
+"""Elements of an array of fixed size: the library writes a line of code for each."""
+
+SEQUENCE_LIMIT = 2**26
+"""Elements of any other one."""
+
+
+class Definition(NamedTuple):
+    """The text that defines a type and all types it refers to."""
+
+    encoding: str  # ros2msg or ros2idl; empty where the bag brings none
+    text: str
+
+
+class Decoder:
+    """Takes messages of one type apart.
+
+    Args:
+        type_name: package/msg/Type.
+        embedded: how the bag defines it; without a text, the installed definition counts.
+    Raises:
+        InvalidInput: the definition is missing, breaks a limit or cannot be understood.
+    """
+
+    def __init__(self, type_name: str, embedded: Definition) -> None:
+        if not TYPE_NAME.fullmatch(type_name):
+            raise InvalidInput(f"message type {type_name[:80]!r} is not one of ROS 2, expected package/msg/Type")
+        self._type_name = type_name
+        text = embedded.text or definition(type_name)
+        if len(text) > DEFINITION_LIMIT:
+            raise InvalidInput(f"{type_name}: its definition has {len(text)} characters, expected at most {DEFINITION_LIMIT}")
+        try:
+            if embedded.text and embedded.encoding == "ros2idl":
+                # several files in one text, each after a line that names it
+                parts = re.split(r"^=+\nIDL: .*\n", text, flags=re.MULTILINE)
+                parsed = {name: each for part in parts if part.strip() for name, each in get_types_from_idl(part).items()}
+            else:
+                parsed = get_types_from_msg(text, type_name)
+            # constants are not needed, and are the one part of a definition that would reach the generated code as a text
+            types: Any = {name: ([], fields) for name, (_, fields) in parsed.items()}
+            for _, fields in types.values():
+                for _, described in fields:
+                    _check_size(described)
+            self._store = get_typestore(Stores.EMPTY)
+            self._store.max_sequence_length = SEQUENCE_LIMIT
+            self._store.register(types)
+            self._store.get_msgdef(type_name)
+        except (TypesysError, SyntaxError, LookupError, ValueError, TypeError, AssertionError, RecursionError) as error:
+            raise InvalidInput(f"{type_name}: the bag's definition of it is not understood: {_first_line(error)}") from error
+
+    def __call__(self, raw: bytes) -> Any:
+        """The message in CDR bytes: an object with an attribute for each field.
+
+        Raises:
+            ValueError: the bytes are not such a message.
+        """
+        try:
+            return self._store.deserialize_cdr(raw, self._type_name)
+        except (SerdeError, LookupError, TypeError, AssertionError, OverflowError, RecursionError, MemoryError) as error:
+            raise ValueError(f"not a {self._type_name}: {_first_line(error)}") from error
+
+
+def encoder(type_name: str) -> Callable[[Any], bytes]:
+    """What turns messages of an installed type into CDR bytes; raises InvalidInput where the type is not installed."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition(type_name), type_name))
+    return lambda message: bytes(store.serialize_cdr(message, type_name))
+
+
+def _check_size(described: Any) -> None:
+    kind, detail = described
+    if kind == Nodetype.ARRAY:
+        inner, length = detail
+        if length > ARRAY_LIMIT:
+            raise ValueError(f"an array of {length} elements, expected at most {ARRAY_LIMIT}")
+        _check_size(inner)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [""])[0][:160] or type(error).__name__

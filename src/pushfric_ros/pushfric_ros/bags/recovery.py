@@ -1,0 +1,41 @@
+"""Whatever can be read of a damaged bag, as a new bag."""
+
+import os
+import pathlib
+import shutil
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.bags.bag import Bag
+from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.files.object_file import OBJECT_FILE
+
+PathLike = str | os.PathLike[str]
+
+
+def recover(path: PathLike, out: PathLike) -> Bag:
+    """Write all messages of a bag that can be read into a new bag; returns the damaged one, which knows what is missing.
+
+    Args:
+        path: folder of a bag, or one of its files.
+        out: folder of the new bag; object.yaml goes along.
+    Raises:
+        InvalidInput: it is not a bag, or the new bag cannot be written.
+    """
+    try:
+        damaged = Bag(path)
+    except InvalidInput:  # its metadata may be what is damaged
+        damaged = Bag(path, ignore_metadata=True)
+    with BagWriter(out) as writer:
+        beside = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / OBJECT_FILE
+        if beside.is_file():
+            with writer.writing():
+                shutil.copyfile(beside, pathlib.Path(out) / OBJECT_FILE)
+        channels = {}
+        for topic in damaged.summary.topics:
+            text = topic.definition
+            channels[topic.name, topic.type_name] = writer.register(
+                topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text.encoding, text.text.encode()
+            )
+        for message in damaged.messages():
+            writer.append(channels[message.topic, message.type_name], message.log_time_ns, message.raw)
+    return damaged
