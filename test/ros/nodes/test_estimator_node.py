@@ -20,6 +20,7 @@ from pushfric_core.simulation import TABLE_1, PushedObject
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
+    EstimatorProgress,
     FrictionEstimate,
     Observation,
     PusherState,
@@ -29,7 +30,13 @@ from pushfric_msgs.msg import (
 from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
-from pushfric_ros.messages.conversions import observation_from_msg, observation_to_msg, pose_to_msg, stamp_to_msg
+from pushfric_ros.messages.conversions import (
+    observation_from_msg,
+    observation_to_msg,
+    pose_to_msg,
+    stamp_from_msg,
+    stamp_to_msg,
+)
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 
@@ -95,6 +102,7 @@ def test_every_data_point_gives_an_estimate_equal_to_the_cores(ros):
     ros.compose(estimator(object=NAME))
     observations = collect(ros, node, Observation, "observation", RELIABLE)
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    progress = collect(ros, node, EstimatorProgress, "estimator_progress", LATCHED)
     poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
     states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
     ros.wait_for(
@@ -112,6 +120,11 @@ def test_every_data_point_gives_an_estimate_equal_to_the_cores(ros):
         assert list(msg.support_friction.weights) == list(estimate.w)
         assert msg.objective == estimate.solution.objective
         assert msg.header.stamp == msg.support_friction.header.stamp
+    last = 10**18 + 10**10 + 37 * FRAME  # of the poses; the last state of the pusher comes 1 ns later
+    ros.wait_for(
+        lambda: progress and stamp_from_msg(progress[-1].settled_until) == last, what="the word that all poses are dealt with"
+    )
+    assert progress[-1].header == estimates[-1].header
 
 
 def test_a_late_subscriber_gets_the_last_estimate(ros):

@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
 from rclpy.parameter import Parameter
@@ -17,12 +17,11 @@ from pushfric_core.planar import Pose
 from pushfric_core.push_plan import PlannedPush, placement
 from pushfric_core.simulation import TABLE_1
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
-from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg
+from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
-from pushfric_ros.nodes.estimator import SETTLED
 from pushfric_ros.nodes.experiment import ExperimentNode
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
@@ -57,6 +56,7 @@ class Table:
         self._node.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
         self._pose_out = self._node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+        self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
         self._node.create_timer(0.02, self._show)
         self.well = ["/cell/estimator"]
         self.settled = 0  # as the estimator says [ns]
@@ -86,8 +86,8 @@ class Table:
         self.progress.append(msg)
 
     def _show(self) -> None:
-        settled = [KeyValue(key=SETTLED, value=str(self.settled))]
-        status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name, values=settled) for name in self.well]
+        status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name) for name in self.well]
+        self._estimator_out.publish(EstimatorProgress(settled_until=stamp_to_msg(self.settled)))
         self._health_out.publish(DiagnosticArray(status=status))
         if not self.visible:
             return

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console, Group, RenderableType
@@ -15,11 +14,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from std_srvs.srv import SetBool
 
-from pushfric_msgs.msg import FrictionEstimate, PlanProgress
+from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
-from pushfric_ros.nodes.estimator import settled_in
+from pushfric_ros.node_kit.qos import LATCHED
 
 PATIENCE = 10.0
 """How long, after the end of a run, its last estimate is waited for [s]."""
@@ -54,14 +52,14 @@ class Monitor:
         self._task = self._progress.add_task(what, total=steps or 1)
         self._message = ""
         self._finished: int | None = None  # when the plan was [ns]
-        self._settled = -1  # what the estimator has dealt with [ns]
+        self._settled = self._newest = -1  # what the estimator has dealt with, and its newest data point [ns]
         self._plan_leads = steps is None
         self._context = rclpy.Context()
         rclpy.init(context=self._context, args=[])
         self._node = Node("monitor", namespace=namespace, context=self._context)
         self._estimates = self._node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED)
         self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, LATCHED)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+        self._node.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
         # a player waits: before the two have found each other, which may take seconds, estimates would go unseen
         self._pause = None if steps is None else self._node.create_client(SetBool, "player/pause")
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -93,7 +91,9 @@ class Monitor:
 
     def settled(self) -> bool:
         """Whether the estimator has dealt with all that was seen until the plan was finished."""
-        return self._finished is not None and self._settled >= self._finished
+        if self._finished is None or self._settled < self._finished:
+            return False
+        return self._newest in (0, None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp))
 
     def _on_estimate(self, msg: FrictionEstimate) -> None:
         if msg.status == FrictionEstimate.STATUS_NO_DATA:
@@ -116,9 +116,8 @@ class Monitor:
         if self._plan_leads:
             self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else msg.push_id)
 
-    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        if (settled := settled_in(msg)) is not None:
-            self._settled = settled
+    def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
+        self._settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)

@@ -2,9 +2,8 @@
 
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
-from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import String
@@ -22,6 +21,7 @@ from pushfric_core.trajectory import Trajectory
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
+    EstimatorProgress,
     FrictionEstimate,
     PusherState,
     Recognition,
@@ -36,6 +36,7 @@ from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, ObjectConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
 from pushfric_ros.messages.conversions import (
+    OBJECT,
     estimate_to_msg,
     force_sample_from_msg,
     nothing_known,
@@ -45,6 +46,7 @@ from pushfric_ros.messages.conversions import (
     pusher_sample_from_msg,
     recognition_to_msg,
     region_to_msg,
+    stamp_to_msg,
 )
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
@@ -53,13 +55,8 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.transforms import TransformBroadcaster
 
-SETTLED = "settled until [ns]"
-"""Diagnostics: all poses up to this stamp have become data points, or never will."""
-
-
-def settled_in(msg: DiagnosticArray) -> int | None:
-    """What a report says under SETTLED [ns]; None where it is another node's."""
-    return next((int(value.value) for status in msg.status for value in status.values if value.key == SETTLED), None)
+PROGRESS_PERIOD = 0.05
+"""Between reports of how far the estimator has come [s] of wall time."""
 
 
 class EstimatorNode(Node):
@@ -90,6 +87,9 @@ class EstimatorNode(Node):
         self._markers_out = topics.advertise(MarkerArray, "markers", LATCHED)
         self._region_out = topics.advertise(CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
+        self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
+        self._told: tuple[int, int] | None = None  # what the last report said [ns]
+        self.create_timer(PROGRESS_PERIOD, self._publish_progress, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._publish_settings()
         self._publish_region()
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -289,12 +289,21 @@ class EstimatorNode(Node):
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts afresh")
         self._start_afresh(self._object)
 
-    def _settled(self) -> int:
-        waiting = self._sensed_force.waiting_since if self._sensed_force is not None else None
-        return self._trajectory.settled if waiting is None else min(self._trajectory.settled, waiting - 1)
+    def _publish_progress(self) -> None:
+        """Say how far all poses have become data points, if that has changed."""
+        settled, waiting = self._trajectory.settled, None
+        if self._sensed_force is not None:
+            waiting = self._sensed_force.waiting_since
+        settled = max(0, settled if waiting is None else min(settled, waiting - 1))
+        newest = self._estimate.stamp if self._estimate is not None else 0
+        if (settled, newest) != self._told:
+            self._told = settled, newest
+            msg = EstimatorProgress(settled_until=stamp_to_msg(settled))
+            msg.header.stamp, msg.header.frame_id = stamp_to_msg(newest), OBJECT
+            self._progress_out.publish(msg)
 
     def _health(self) -> Health:
-        values = {"object": self._object.name, SETTLED: self._settled(), "refused": self._refused, "data points": 0}
+        values = {"object": self._object.name, "refused": self._refused, "data points": 0}
         if self._estimate is not None:
             solution = self._estimate.solution
             values |= {

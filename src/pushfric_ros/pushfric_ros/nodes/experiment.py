@@ -18,16 +18,15 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, wrap
 from pushfric_core.push_plan import PlannedPush, placement
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import CenterOfFrictionRegion, PlanProgress, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_ros.files.node_settings import ExperimentConfig, ObjectConfig, PlanConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
-from pushfric_ros.messages.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg
+from pushfric_ros.messages.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
-from pushfric_ros.nodes.estimator import settled_in
 
 NANOSECONDS = 1e9
 WITHDRAWN = 1e-3  # a pusher nearer than this to its stroke's beginning is not brought back any further [m]
@@ -60,6 +59,7 @@ class ExperimentNode(Node):
             raise InvalidInput(f"{where} start must be at most {self._count}, the pushes of the plan; got {begin.start}")
         self._region: CenterOfFrictionRegion | None = None
         self._settled = self._pushed = -1  # what the estimator has dealt with; when the last push ended [ns]
+        self._newest = -1  # its newest data point [ns]
         self._diagnostics = topics = Diagnostics(self, self._health)
         self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
@@ -76,6 +76,7 @@ class ExperimentNode(Node):
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
         if self._config.choose:
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
+            topics.subscribe(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self.create_timer(0.05, self._check_condition)
         # its own group: the plan waits in its callback while the others run
@@ -138,7 +139,8 @@ class ExperimentNode(Node):
         """The push that shrinks the region of p_CF most, once the estimator knows all of the last one; None: none does."""
 
         def missing() -> str | None:
-            return None if self._region is not None and self._settled >= self._pushed else "the region of p_CF"
+            known = self._region is not None and stamp_from_msg(self._region.header.stamp) == self._newest
+            return None if known and self._settled >= self._pushed else "the region of p_CF"
 
         await self._until_well(missing, PlanProgress.PHASE_WAITING, "waiting for")
         assert self._region is not None
@@ -267,8 +269,9 @@ class ExperimentNode(Node):
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
-        if (settled := settled_in(msg)) is not None:
-            self._settled = settled
+
+    def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
+        self._settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
 
     def _on_region(self, msg: CenterOfFrictionRegion) -> None:
         self._region = msg
