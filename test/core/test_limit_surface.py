@@ -9,8 +9,9 @@ from pushfric_core.errors import SolverFailed, UninformativePush
 from pushfric_core.limit_surface import Ellipsoid, LimitSurface, Measurement, separation
 from pushfric_core.outline import Touch
 from pushfric_core.planar import Twist, Wrench, cross, moment_about, rotation, velocity_at
-from pushfric_core.simulation import TABLE_1, ContactMode, pushed_motion
+from pushfric_core.simulation import ContactMode, pushed_motion
 from pushfric_core.support import Support
+from pushfric_core.table_1 import TABLE_1
 
 HALF = 0.05
 """Half the length of the rods of Figure 12 [m]."""

@@ -8,8 +8,9 @@ from pushfric_core.errors import PushfricError
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import cross, left_of, rotation
 from pushfric_core.quasi_static import MODES, holding_margins, motion_cones, motions
-from pushfric_core.simulation import TABLE_1, ContactMode, pushed_motion
+from pushfric_core.simulation import ContactMode, pushed_motion
 from pushfric_core.support import Support
+from pushfric_core.table_1 import TABLE_1
 
 TRIANGLE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
 ROD = np.array(((-0.5, 0.0), (0.5, 0.0)))

@@ -12,8 +12,9 @@ from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, Twist
 from pushfric_core.push_plan import even_pushes, placement
 from pushfric_core.recognition import Hypothesis, Ranked, Recognizer
-from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.simulation import PushedObject
 from pushfric_core.support import Support
+from pushfric_core.table_1 import TABLE_1
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
 
 L_SHAPE = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))

@@ -9,8 +9,9 @@ from pushfric_core.least_squares import least_squares_fit
 from pushfric_core.limit_surface import CrossSection
 from pushfric_core.planar import Wrench
 from pushfric_core.records import comparable
-from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.simulation import PushedObject
 from pushfric_core.support import support_forces
+from pushfric_core.table_1 import TABLE_1
 
 SQUARE = np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
 

@@ -3,13 +3,13 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import PROBLEMS, flat_bar, four_feet
+from problems import PROBLEMS
 
 from pushfric_core.errors import UninformativePush
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Twist, rotation, velocity_at
-from pushfric_core.push_plan import PlannedPush, even_pushes
+from pushfric_core.push_plan import PlannedPush
 from pushfric_core.region import HalfPlane, HalfPlanes, RegionConfig, line_of_force, line_of_motion, line_of_pushing
 from pushfric_core.simulation import pushed_motion
 from pushfric_core.solvers.program import Status
@@ -208,132 +208,6 @@ def test_the_corners_run_counter_clockwise():
     x, y = corners.T
     assert np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2 == pytest.approx(0.08 * 0.06)
     assert half_planes.add([HalfPlane((1.0, 0.0), 0.03)]).corners.shape == (0, 2)
-
-
-def chosen(ranked):
-    return [(one.push.edge, one.push.offset, one.push.angle) for one in ranked]
-
-
-def test_the_next_push_halves_the_region_across():
-    """A region of 40 x 60 mm at the left: halved from below and above at x = -40 mm, from the sides at y = 0. The margin makes
-    cuts across the longer side the better ones: 2 mm are left of 60 mm, not of 40 mm."""
-    half_planes = HalfPlanes(PLATE, margin=0.002)
-    half_planes.add([HalfPlane((-1.0, 0.0), 0.022)])  # x <= -22 mm, and its margin
-    ranked = half_planes.next_pushes()
-    assert chosen(ranked) == [(1, 0.0, 0.0), (3, 0.0, 0.0), (0, -0.04, 0.0), (2, 0.04, 0.0)]
-    assert [one.expected_area for one in ranked] == pytest.approx([0.04 * 0.032, 0.04 * 0.032, 0.022 * 0.06, 0.022 * 0.06])
-
-
-def test_without_a_margin_too_the_longer_side_comes_first():
-    ranked = HalfPlanes(PLATE).next_pushes()
-    assert chosen(ranked) == [(0, 0.0, 0.0), (2, 0.0, 0.0), (1, 0.0, 0.0), (3, 0.0, 0.0)]
-    assert [one.expected_area for one in ranked] == pytest.approx([0.0036] * 4)
-
-
-def test_pushes_keep_away_from_corners():
-    """A region from x = 53.75 to 60 mm: a push may come as near as 54 mm, which leaves 4 % of it on one side."""
-    half_planes = HalfPlanes(PLATE)
-    half_planes.add([HalfPlane((1.0, 0.0), 0.05375)])
-    ranked = half_planes.next_pushes()
-    assert chosen(ranked)[2:] == [(0, 0.054, 0.0), (2, -0.054, 0.0)]
-    assert ranked[2].expected_area == pytest.approx((0.04**2 + 0.96**2) * 0.00625 * 0.06)
-
-
-def test_edges_that_no_straight_push_reaches_are_left_out():
-    """The slot of a keyhole: from outside, pushes along x meet its outer sides only."""
-    keyhole = Outline(
-        0.01 * np.array(((0, 0), (10, 0), (10, 10), (6, 10), (6, 8), (9, 8), (9, 4), (1, 4), (1, 8), (4, 8), (4, 10), (0, 10)))
-    )
-    edges = {one.push.edge for one in HalfPlanes(keyhole).next_pushes()}
-    assert edges.isdisjoint({3, 4, 5, 7, 8, 9})
-    assert {0, 1, 2, 6, 10, 11} >= edges >= {0, 1, 11}
-
-
-def best_order(pushes):
-    return [(push.edge % 2, abs(round(push.offset, 4))) for push in pushes]
-
-
-def test_a_plan_cuts_in_both_directions():
-    """Of a square without a margin: halves, quarters, then the strips of one direction and of the other."""
-    plan = HalfPlanes(Outline.rectangle(0.08, 0.08)).plan(6)
-    assert best_order([one.push for one in plan]) == [(0, 0.0), (1, 0.0), (0, 0.02), (0, 0.02), (1, 0.02), (1, 0.02)]
-    assert {one.push.offset for one in plan} == {0.0, 0.02, -0.02}
-    # k parts of equal size leave 1 / k; one half in halves, the other in one: 1/2 (1/4 + 1/2)
-    assert [one.expected_area / 0.0064 for one in plan] == pytest.approx([1 / 2, 1 / 4, 3 / 16, 1 / 8, 3 / 32, 1 / 16])
-
-
-def test_a_plan_promises_what_it_leaves_on_average(rng):
-    """Against the regions that noiseless outcomes leave of p_CF here and there, each cut out one by one."""
-    plan = HalfPlanes(ELL, margin=0.003).plan(5)
-    hull = HalfPlanes(ELL).region().polygon
-    places = [place for place in rng.uniform(0, 0.1, (3000, 2)) if shapely.contains_xy(hull, *place)]
-    areas = []
-    for place in places:
-        left = hull
-        for push, _ in plan:
-            normal, along = ELL.normals[push.edge], ELL.edges[push.edge] / ELL.lengths[push.edge]
-            contact = ELL.vertices[push.edge] + ELL.edges[push.edge] / 2 + push.offset * along
-            side = np.sign((place - contact) @ along) * along
-            x, y = contact - 0.003 * side - 0.5 * normal
-            far = 1.0 * side
-            strip = [
-                (x, y),
-                (x + normal[0], y + normal[1]),
-                (x + normal[0] + far[0], y + normal[1] + far[1]),
-                (x + far[0], y + far[1]),
-            ]
-            left = left.intersection(shapely.Polygon(strip))
-        areas.append(left.area)
-    assert np.mean(areas) == pytest.approx(plan[-1].expected_area, rel=0.05)
-
-
-@pytest.mark.parametrize("make", [four_feet, flat_bar])
-def test_the_next_push_shrinks_faster_than_a_plan_and_a_plan_faster_than_even_pushes(make):
-    """Not so on three feet, where one of the even pushes happens to point exactly at p_CF."""
-    problem = make()
-    outline, support = problem.outline, problem.truth
-    count = 8
-
-    def area_after(choose):
-        half_planes = HalfPlanes(outline)
-        for index in range(count):
-            observation, direction = pushed(support, outline, choose(half_planes, index), 0.3)
-            region = half_planes.add(line_of_pushing(observation, direction))
-        assert shapely.dwithin(region.polygon, shapely.Point(support.center_of_friction), 1e-6)
-        return region.area
-
-    planned = [one.push for one in HalfPlanes(outline).plan(count)]
-    even = even_pushes(outline, [-(-count // len(outline.vertices))] * len(outline.vertices))
-    next_one, plan, evenly = (
-        area_after(choose)
-        for choose in (
-            lambda half_planes, _: half_planes.next_pushes()[0].push,
-            lambda _, index: planned[index],
-            lambda _, index: even[index],
-        )
-    )
-    assert next_one < outline.polygon.area / 2 ** (count - 1)
-    assert next_one < plan / 2
-    assert plan < evenly
-
-
-def test_a_collapsed_region_asks_for_no_push():
-    half_planes = HalfPlanes(PLATE)
-    half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
-    assert half_planes.next_pushes() == []
-    assert half_planes.plan(3) == []
-
-
-def test_a_mere_point_is_planned_for_without_harm():
-    half_planes = HalfPlanes(PLATE)
-    half_planes.add(line_of_motion(seen_from_below(Twist(0.0, 0.02, 0.0))))
-    half_planes.add(line_of_motion(Observation((-0.06, 0.01), (-1.0, 0.0), Twist(0.02, 0.0, 0.0))))
-    assert [one.push.offset for one in half_planes.next_pushes() if one.push.edge == 0] == [0.02]
-
-
-def test_a_plan_has_pushes():
-    with pytest.raises(ValueError, match="count must be at least 1, got 0"):
-        HalfPlanes(PLATE).plan(0)
 
 
 def test_a_turn_about_the_contact_has_no_line_of_motion():

@@ -4,8 +4,9 @@ import pytest
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Pose, cross, left_of, rotation, velocity_at
-from pushfric_core.simulation import FEET, FLAT, TABLE_1, ContactMode, PushedObject, pushed_motion
+from pushfric_core.simulation import ContactMode, PushedObject, pushed_motion
 from pushfric_core.support import Support
+from pushfric_core.table_1 import TABLE_1
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
 SIDE = Touch(0.0, np.array((0.0, 0.0)), np.array((0.0, -1.0)), 0)
@@ -79,36 +80,3 @@ def test_many_small_steps_end_where_few_large_ones_do():
             pushed.push(PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.05 * (step + 1) / steps)
         ends.append(pushed.pose)
     assert ends[0] == pytest.approx(ends[1], abs=1e-5)
-
-
-@pytest.mark.parametrize("name", TABLE_1)
-def test_the_objects_of_table_1_have_their_centers_of_friction(name):
-    known = TABLE_1[name]
-    assert known.support.center_of_friction == pytest.approx((0.007 if name == "delrin_rect_right" else 0.0, 0.0), abs=1e-9)
-    assert known.outline.contains(known.support.points).all()
-    assert len(known.support_points) == known.grid[0] * known.grid[1]
-
-
-@pytest.mark.parametrize("name", ["wood_rect4", "rubber_rect4"])
-def test_the_feet_are_the_corners_of_the_grid(name):
-    known = TABLE_1[name]
-    corners = known.support_points[[0, 4, 10, 14]]
-    assert np.allclose(np.sort(corners, axis=0), np.sort(known.support.points, axis=0))
-
-
-@pytest.mark.parametrize("name", ["delrin_rect_center", "delrin_rect_right"])
-def test_a_flat_bottom_presses_parabolically_on_an_ellipse(name):
-    known = TABLE_1[name]
-    shape = np.sum((known.support.points / (0.0415, 0.0255)) ** 2, axis=1)
-    assert shape.max() < 1
-    # a tilt along x is all that the weight on top adds
-    tilt = known.support.weights / (1 - shape)
-    slope, level = np.polyfit(known.support.points[:, 0], tilt, 1)
-    assert np.allclose(tilt, level + slope * known.support.points[:, 0])
-    assert (slope > 1e-6) == (name == "delrin_rect_right")
-
-
-def test_the_smallest_objects_are_seen_worst():
-    assert {name for name, known in TABLE_1.items() if known.noise is FLAT} == {"delrin_rect_center", "delrin_rect_right"}
-    assert pytest.approx((1e-4, np.deg2rad(0.12))) == FEET
-    assert pytest.approx((3.5e-4, np.deg2rad(0.45))) == FLAT

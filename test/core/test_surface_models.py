@@ -4,7 +4,6 @@ from scipy.optimize import check_grad
 
 from pushfric_core.limit_surface import LimitSurface
 from pushfric_core.planar import Twist, Wrench
-from pushfric_core.simulation import TABLE_1
 from pushfric_core.support import Support
 from pushfric_core.surface_models import (
     EXPONENTS,
@@ -15,6 +14,7 @@ from pushfric_core.surface_models import (
     named_ellipsoid,
     quartic_error,
 )
+from pushfric_core.table_1 import TABLE_1
 
 SHIFTED = Support(np.array(((1.0, 2.0), (1.05, 2.0), (1.0, 2.1))), np.array((0.5, 0.3, 0.2)))
 

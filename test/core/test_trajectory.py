@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, Twist, compose, exp
-from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.simulation import PushedObject
+from pushfric_core.table_1 import TABLE_1
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory, TrajectoryConfig
 
 OUTLINE = Outline.rectangle(0.127, 0.064)

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
         convex_quartic as convex_quartic,
         named_ellipsoid as named_ellipsoid,
     )
+    from pushfric_core.table_1 import TABLE_1 as TABLE_1
+    from pushfric_core.test_pushes import next_pushes as next_pushes
     from pushfric_core.trajectory import Trajectory as Trajectory, TrajectoryConfig as TrajectoryConfig
 
 # isort: on
@@ -69,6 +71,8 @@ _MODULES = {  # the same as above: a test compares them
     "strokes": ["Strokes", "predict_strokes"],
     "support": ["Support", "SupportForces"],
     "surface_models": ["NamedEllipsoid", "Quartic", "convex_quartic", "named_ellipsoid"],
+    "table_1": ["TABLE_1"],
+    "test_pushes": ["next_pushes"],
     "trajectory": ["Trajectory", "TrajectoryConfig"],
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}

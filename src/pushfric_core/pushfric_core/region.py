@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy import optimize
 
 from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.contact import friction_cone
@@ -20,20 +19,13 @@ from pushfric_core.errors import UninformativePush
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, left_of, velocity_at
-from pushfric_core.push_plan import PlannedPush, planned_contact
 from pushfric_core.records import comparable
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
-from pushfric_core.solvers.program import Status
+from pushfric_core.solvers.program import Program, Status
 
 SLACK = 1e-9
 """Half-planes are cut this far outside their boundary [m]: a region that is a mere line or point keeps an interior."""
-
-USABLE = 0.9
-"""Planned pushes meet the middle part of an edge, this share of it: near a corner the tip slips off."""
-
-NEGLIGIBLE = 1e-9
-"""Parts of the region smaller than this share of it are no longer planned for."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +45,16 @@ class HalfPlane(NamedTuple):
 
     normal: tuple[float, float]  # unit, into the half-plane
     offset: float  # [m]
+
+    @property
+    def opposite(self) -> "HalfPlane":
+        """The other side of its boundary."""
+        (x, y), offset = self
+        return HalfPlane((-x, -y), -offset)
+
+    def widened(self, margin: float) -> "HalfPlane":
+        """The same with its boundary moved outwards by a margin [m]."""
+        return self._replace(offset=self.offset - margin)
 
 
 def line_of_motion(observation: Observation) -> tuple[HalfPlane, ...]:
@@ -118,13 +120,14 @@ def _sides(observation: Observation, counterclockwise: Array, clockwise: Array) 
     omega = observation.twist.omega
     sides = []
     if omega >= 0:
-        sides.append(_left_of_line(observation.contact_point, counterclockwise))
+        sides.append(left_of_line(observation.contact_point, counterclockwise))
     if omega <= 0:
-        sides.append(_left_of_line(observation.contact_point, -clockwise))
+        sides.append(left_of_line(observation.contact_point, -clockwise))
     return tuple(sides)
 
 
-def _left_of_line(point: npt.ArrayLike, direction: Array) -> HalfPlane:
+def left_of_line(point: npt.ArrayLike, direction: Array) -> HalfPlane:
+    """The half-plane to the left of the line through a point (2,) along a direction (2,) of any length."""
     x, y = left_of(direction) / np.hypot(*direction)
     return HalfPlane((float(x), float(y)), float((x, y) @ np.asarray(point)))
 
@@ -162,13 +165,6 @@ class Region:
         return bool(self.polygon.is_empty)
 
 
-class RankedPush(NamedTuple):
-    """A test push and what it promises."""
-
-    push: PlannedPush
-    expected_area: float  # of the region after it, were p_CF equally likely anywhere in the present one [m^2]
-
-
 class HalfPlanes:
     """Narrows down p_CF within the convex hull of an outline, one push after the other.
 
@@ -182,18 +178,24 @@ class HalfPlanes:
     def __init__(self, outline: Outline, margin: float = 0.0) -> None:
         if not 0 <= margin < np.inf:
             raise ValueError(f"margin must be at least 0 and finite, got {margin}")
-        self._outline, self._margin = outline, margin
+        self.outline, self.margin = outline, margin
         self._polygon = shapely.convex_hull(outline.polygon)
         self._corners = shapely.get_coordinates(self._polygon)[:-1]
-        # p_CF as a convex combination of the corners: they take the place of the support points
-        self._program = empty_program(len(self._corners))
+        # p_CF as a convex combination of the corners, which take the place of support points; made once it is needed
+        self._program: Program | None = None
+        self._rows: list[ConstraintRows] = []  # that are not in the program
+
+    @property
+    def polygon(self) -> shapely.Polygon:
+        """What is left of the convex hull: convex, or without area where the half-planes contradict each other."""
+        return self._polygon
 
     def add(self, half_planes: Iterable[HalfPlane]) -> Region:
         """Take the half-planes of a data point; from the moment they contradict the others, the region stays empty."""
         for half_plane in half_planes:
-            self._polygon = _cut(self._polygon, _widened(half_plane, self._margin))
+            self._polygon = cut(self._polygon, half_plane.widened(self.margin))
             depths = self._corners @ half_plane.normal - half_plane.offset
-            self._program.add(ConstraintRows(depths[None], np.zeros(1), np.ones(1)))
+            self._rows.append(ConstraintRows(depths[None], np.zeros(1), np.ones(1)))
         return self.region()
 
     def region(self) -> Region:
@@ -203,120 +205,15 @@ class HalfPlanes:
         """
         if self._polygon.area > 0:
             return Region(self._polygon, shapely.get_coordinates(self._polygon.centroid)[0])
+        self._program = self._program or empty_program(len(self._corners))
+        for rows in self._rows:
+            self._program.add(rows)
+        self._rows.clear()
         optimum = self._program.solve()
         return Region(shapely.Polygon(), optimum.w @ self._corners, optimum.objective, optimum.status)
 
-    def next_pushes(self) -> list[RankedPush]:
-        """For each edge the perpendicular push that shrinks the region most, best first; none once it has collapsed.
 
-        The line along which the pusher will move cuts the region in two, of which the sense of rotation leaves one (see
-        `line_of_pushing`): at best, half. An edge that no straight push reaches is left out.
-        """
-        return self._ranked(self._whole())
-
-    def plan(self, count: int) -> list[RankedPush]:
-        """Pushes to be carried out without a look at their outcomes, in the order that shrinks the region fastest.
-
-        Their lines cut the region into parts, of which the outcomes leave one. Each push is the one that then leaves least, by
-        expectation, after it and all before it. Who looks at the outcomes does better with `next_pushes`. There are none once
-        the region has collapsed.
-
-        Args:
-            count: of pushes, >= 1.
-        Raises:
-            ValueError: count < 1.
-        """
-        if count < 1:
-            raise ValueError(f"count must be at least 1, got {count}")
-        parts = self._whole()
-        plan: list[RankedPush] = []
-        while len(plan) < count and (ranked := self._ranked(parts)):
-            plan.append(ranked[0])
-            parts = parts.split(_left_of_push(self._outline, ranked[0].push), self._margin)
-        return plan
-
-    def _whole(self) -> "_Parts":
-        region = np.array([polygon for polygon in (self._polygon,) if polygon.area > 0])
-        return _Parts(region, region)
-
-    def _ranked(self, parts: "_Parts") -> list[RankedPush]:
-        """The best push against each edge, best first."""
-        total = float(np.sum(shapely.area(parts.cells)))
-
-        def rank(one: RankedPush) -> float:
-            # what differs by rounding alone counts as equal, and the first one given comes first
-            return round(one.expected_area / total, 12)
-
-        best = []
-        for edge in range(len(self._outline.vertices)):
-            pushes = (PlannedPush(edge, offset) for offset in self._offsets(edge, parts.cells))
-            ranked = [
-                RankedPush(push, parts.split(_left_of_push(self._outline, push), self._margin).expected_area)
-                for push in pushes
-                if self._reached(push)
-            ]
-            best += sorted(ranked, key=rank)[:1]
-        return sorted(best, key=rank)
-
-    def _offsets(self, edge: int, cells: Array) -> list[float]:
-        """Where pushes against an edge halve one of the cells, or nearly, in order along the edge."""
-        along = self._outline.edges[edge] / self._outline.lengths[edge]
-        middle = float((self._outline.vertices[edge] + self._outline.edges[edge] / 2) @ along)
-        reach = USABLE * float(self._outline.lengths[edge]) / 2
-        offsets = (min(max(_halving(cell, along) - middle, -reach), reach) for cell in cells)
-        return sorted({round(offset, 6) for offset in offsets})  # nobody places an object better than to a micrometre
-
-    def _reached(self, push: PlannedPush) -> bool:
-        """Whether a tip that comes straight from outside meets the planned edge first."""
-        point, direction = planned_contact(self._outline, push)
-        touch = self._outline.first_touch(point - self._outline.perimeter * direction, direction)
-        return touch is not None and touch.edge == push.edge
-
-
-class _Parts(NamedTuple):
-    """The parts into which the lines of some pushes cut the region."""
-
-    cells: Array  # (k,) polygons: p_CF lies in one of them
-    left: Array  # (k,) polygons: what its outcomes then leave of the region, which is wider by the margin
-
-    @property
-    def expected_area(self) -> float:
-        """Of what is left, were p_CF equally likely anywhere in the cells [m^2]."""
-        chances = shapely.area(self.cells)
-        return float(chances @ shapely.area(self.left) / chances.sum())
-
-    def split(self, half_plane: HalfPlane, margin: float) -> "_Parts":
-        """The parts after one more push, whose outcome says on which side of the boundary of a half-plane p_CF lies."""
-        (x, y), offset = half_plane
-        sides = half_plane, HalfPlane((-x, -y), -offset)
-        cells = np.concatenate([_cut(self.cells, side) for side in sides])
-        left = np.concatenate([_cut(self.left, _widened(side, margin)) for side in sides])
-        areas = shapely.area(cells)
-        kept = areas > NEGLIGIBLE * areas.sum()
-        return _Parts(cells[kept], left[kept])
-
-
-def _left_of_push(outline: Outline, push: PlannedPush) -> HalfPlane:
-    return _left_of_line(*planned_contact(outline, push))
-
-
-def _halving(polygon: shapely.Polygon, along: Array) -> float:
-    """Where on an axis, a unit vector (2,), the line across it halves a convex polygon."""
-    places = shapely.get_coordinates(polygon) @ along
-    low, high = float(places.min()), float(places.max())
-
-    def excess(place: float) -> float:
-        beyond = shapely.area(_cut(polygon, HalfPlane((float(along[0]), float(along[1])), place)))
-        return float(beyond / polygon.area) - 0.5
-
-    return float(optimize.brentq(excess, low - SLACK, high + 2 * SLACK, xtol=1e-7))
-
-
-def _widened(half_plane: HalfPlane, margin: float) -> HalfPlane:
-    return half_plane._replace(offset=half_plane.offset - margin)
-
-
-def _cut(polygons: Any, half_plane: HalfPlane) -> Any:
+def cut(polygons: Any, half_plane: HalfPlane) -> Any:
     """The part of a polygon, or of each in an array, that lies in a half-plane."""
     corners = shapely.get_coordinates(polygons)
     if not len(corners):

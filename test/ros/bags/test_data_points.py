@@ -7,7 +7,8 @@ from rclpy.serialization import serialize_message
 from pushfric_core.contact import PushingLine
 from pushfric_core.estimator import EstimatorConfig
 from pushfric_core.planar import Pose
-from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.simulation import PushedObject
+from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.bags import data_points
 from pushfric_ros.bags.bag_writer import BagWriter

@@ -13,7 +13,8 @@ from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
 from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
+from pushfric_core.test_pushes import next_pushes, planned_pushes
 from pushfric_ros.commands.cli import app
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.observation_file import REQUIRED
@@ -58,9 +59,7 @@ def test_the_region_is_that_of_the_data_points(data):
     assert figures["polygon"] == region.corners.tolist()
     assert figures["center_of_friction"] == region.center.tolist()
     assert (figures["object"], figures["data_points"], figures["pushes"], figures["collapsed"]) == (NAME, 8, 8, False)
-    assert [push["expected_area"] for push in figures["next_pushes"]] == [
-        one.expected_area for one in half_planes.next_pushes()
-    ]
+    assert [push["expected_area"] for push in figures["next_pushes"]] == [one.expected_area for one in next_pushes(half_planes)]
     assert f"region {region.area * 1e4:.3g} cm^2" in said("region", data)
 
 
@@ -73,13 +72,13 @@ def test_margin_and_excluded_pushes_count(data):
 
 def test_without_data_a_plan_is_made_for_the_whole_outline(tmp_path):
     said("region", "--plan", tmp_path / "plan.yaml", "--pushes", 5)
-    expected = [one.push for one in HalfPlanes(KNOWN.outline, RegionConfig.region_margin).plan(5)]
+    expected = [one.push for one in planned_pushes(HalfPlanes(KNOWN.outline, RegionConfig.region_margin), 5)]
     assert load_plan(str(tmp_path / "plan.yaml"), load_object(NAME)) == expected
 
 
 def test_after_data_it_is_made_for_what_they_leave(data, tmp_path):
     said("region", data, "--plan", tmp_path / "plan.yaml")
-    expected = [one.push for one in region_of(DATA).plan(10)]
+    expected = [one.push for one in planned_pushes(region_of(DATA), 10)]
     assert load_plan(str(tmp_path / "plan.yaml"), load_object(NAME)) == expected
 
 

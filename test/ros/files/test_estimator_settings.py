@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.region import RegionConfig
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros.bags import data_points
 from pushfric_ros.bags.bag_writer import BagWriter

@@ -8,7 +8,7 @@ import pytest
 from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
 from pushfric_core.push_plan import PlannedPush
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.cell_file import load_cell
 from pushfric_ros.files.object_file import load_object, read_points, save_object
 from pushfric_ros.files.observation_file import read_observations

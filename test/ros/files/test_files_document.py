@@ -10,8 +10,8 @@ import pytest
 from problems import observations_of
 from typer.testing import CliRunner
 
-from pushfric_core.simulation import TABLE_1
 from pushfric_core.support import friction_directions
+from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.cli import app
 from pushfric_ros.commands.doctor import Check, Level

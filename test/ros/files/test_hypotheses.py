@@ -13,7 +13,7 @@ from pushfric_core.estimator import EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
 from pushfric_core.recognition import Hypothesis, Ranked, Ranking, Recognizer
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import Recognition
 from pushfric_ros.bags.data_points import recognize
 from pushfric_ros.files.object_file import load_object, save_object

@@ -12,6 +12,7 @@ from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, Twist
 from pushfric_core.region import HalfPlane, HalfPlanes
+from pushfric_core.test_pushes import next_pushes
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, PusherState
 from pushfric_ros.messages import conversions
 
@@ -125,7 +126,7 @@ def test_the_message_has_the_histogram_and_the_slipping_pushes():
 
 
 def region_msg(half_planes):
-    msg = conversions.region_to_msg(half_planes.region(), half_planes.next_pushes(), 5, "plate")
+    msg = conversions.region_to_msg(half_planes.region(), next_pushes(half_planes), 5, "plate")
     return deserialize_message(serialize_message(msg), CenterOfFrictionRegion)
 
 

@@ -14,7 +14,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from pushfric_core.estimator import Estimator
 from pushfric_core.planar import Pose
 from pushfric_core.region import HalfPlane, HalfPlanes
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
+from pushfric_core.test_pushes import next_pushes
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import OBJECT, TABLE, estimate_to_msg, pose_to_msg, region_to_msg, stamp_from_msg
 from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers
@@ -105,7 +106,7 @@ def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
 def region_markers(*half_planes):
     region = HalfPlanes(OUTLINE)
     region.add(half_planes)
-    return region_to_markers(region_to_msg(region.region(), region.next_pushes(), 7, NAME), OUTLINE)
+    return region_to_markers(region_to_msg(region.region(), next_pushes(region), 7, NAME), OUTLINE)
 
 
 def test_the_border_of_the_region_is_closed_and_an_arrow_shows_the_next_push():

@@ -16,7 +16,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
 from pushfric_core.planar import Pose
 from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
-from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.simulation import PushedObject
+from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,

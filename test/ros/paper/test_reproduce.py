@@ -18,7 +18,7 @@ from rich.console import Console
 from scipy.optimize import linprog
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.paper import experiments as paper_experiments
 from pushfric_ros.paper import reproduce
 from pushfric_ros.paper.experiments import CODE, SLIPPING, motions, observation_row, plan, rods, watch

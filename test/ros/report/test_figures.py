@@ -10,8 +10,8 @@ from problems import observations_of
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
 from pushfric_core.limit_surface import LimitSurface
-from pushfric_core.simulation import TABLE_1
 from pushfric_core.support import Support
+from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.report.figures import limit_surface_figure, summary_figure
 
 KNOWN = TABLE_1["rubber_rect4"]

@@ -9,7 +9,8 @@ from problems import observations_of
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
 from pushfric_core.region import HalfPlanes, line_of_motion
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
+from pushfric_core.test_pushes import next_pushes
 from pushfric_ros.report.region import narrowed, region_report
 
 NAME = "wood_rect3"
@@ -31,7 +32,7 @@ def test_every_data_point_except_a_turn_about_the_contact_narrows():
 
 def test_the_report_is_plain_and_complete():
     half_planes = HalfPlanes(KNOWN.outline)
-    figures = json.loads(json.dumps(region_report(half_planes.region(), half_planes.next_pushes())))
+    figures = json.loads(json.dumps(region_report(half_planes.region(), next_pushes(half_planes))))
     assert figures["area"] == pytest.approx(0.127 * 0.064)
     assert np.ptp(figures["polygon"], axis=0).tolist() == pytest.approx([0.127, 0.064])
     assert figures["center_of_friction"] == pytest.approx([0.0, 0.0])

@@ -16,8 +16,9 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.recognition import Recognizer
 from pushfric_core.region import RegionConfig
-from pushfric_core.simulation import TABLE_1
 from pushfric_core.solvers.program import Loss
+from pushfric_core.table_1 import TABLE_1
+from pushfric_core.test_pushes import next_pushes, planned_pushes
 from pushfric_ros.bags import data_points, zhou2015
 from pushfric_ros.bags.bag import Bag
 from pushfric_ros.bags.recovery import recover
@@ -262,12 +263,12 @@ def region(
     settings = settings.without(exclude_push or ())
     data = data_points.observations(source, model, settings, _warn, partial) if source is not None else []
     half_planes = narrowed(model.outline, data, config.region_margin, _warn)
-    planned = half_planes.plan(pushes) if plan is not None else []
+    planned = planned_pushes(half_planes, pushes) if plan is not None else []
     if plan is not None and not planned:
         raise InvalidInput("the data points contradict each other: no push is worth planning; try a larger --region-margin")
     if plan is not None:
         save_plan([push for push, _ in planned], plan)
-    figures = region_report(half_planes.region(), half_planes.next_pushes())
+    figures = region_report(half_planes.region(), next_pushes(half_planes))
     figures |= {"object": model.name, "data_points": len(data), "pushes": len({one.push_id for one in data})}
     _print_region(figures, json)
     if plan is not None:

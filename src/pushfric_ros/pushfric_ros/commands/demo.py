@@ -15,7 +15,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.interrupt import end_at_once

@@ -14,7 +14,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
 from pushfric_core.recognition import Hypothesis
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1
 from pushfric_ros.files.file_errors import reading
 
 Point = tuple[float, float]
@@ -107,13 +107,6 @@ class ObjectFile(Strict):
         if len(set(names)) < len(names):
             raise ValueError(f"expected names that differ, got {', '.join(names)}")
         return hypotheses
-
-
-LOOKALIKES = {"delrin_rect_left": (-0.007, 0.0), "delrin_rect_center": (0.0, 0.0), "delrin_rect_right": (0.007, 0.0)}
-"""The objects of section 5.2.1 that look the same, with their centres of friction [m]."""
-
-ORIENTATIONS = {"delrin_square3": (0, 90, 180, 270), "wood_rect3": (0, 180)}
-"""Turns that make an object look the same but put its feet elsewhere [degrees] (section 5.2.2)."""
 
 
 @dataclass(frozen=True)

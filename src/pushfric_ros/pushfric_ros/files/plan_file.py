@@ -10,7 +10,7 @@ import yaml
 from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.push_plan import PlannedPush, even_pushes, placement
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.object_file import ObjectModel, Strict, read_yaml
 
 EDGE_PUSHES = 5

@@ -14,9 +14,10 @@ from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Pose, Twist
 from pushfric_core.recognition import Ranking
-from pushfric_core.region import RankedPush, Region
+from pushfric_core.region import Region
 from pushfric_core.sensed_force import ForceSample
 from pushfric_core.solvers.program import Status
+from pushfric_core.test_pushes import RankedPush
 from pushfric_core.trajectory import PoseSample, PusherSample
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,

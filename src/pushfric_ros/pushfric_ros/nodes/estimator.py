@@ -17,6 +17,7 @@ from pushfric_core.observation import Observation
 from pushfric_core.recognition import Recognizer
 from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.sensed_force import SensedForce
+from pushfric_core.test_pushes import next_pushes
 from pushfric_core.trajectory import Trajectory
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
@@ -191,7 +192,7 @@ class EstimatorNode(Node):
 
     def _publish_region(self) -> None:
         stamp = self._estimate.stamp if self._estimate is not None else 0
-        pushes = self._half_planes.next_pushes()
+        pushes = next_pushes(self._half_planes)
         self._region = region_to_msg(self._half_planes.region(), pushes, stamp, self._object.name)
         self._region_out.publish(self._region)
 

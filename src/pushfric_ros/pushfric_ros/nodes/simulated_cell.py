@@ -19,7 +19,8 @@ from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput, SolverFailed
 from pushfric_core.planar import Pose
 from pushfric_core.settings import REQUIRED, setting
-from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.simulation import PushedObject
+from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.node_settings import ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_ros.messages.conversions import pose_from_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level

@@ -26,9 +26,10 @@ from pushfric_core.planar import Array, Pose, Wrench, wrap
 from pushfric_core.push_plan import PlannedPush, even_pushes, placement
 from pushfric_core.recognition import Hypothesis, Recognizer
 from pushfric_core.region import HalfPlanes, line_of_motion
-from pushfric_core.simulation import TABLE_1, PushedObject
+from pushfric_core.simulation import PushedObject
 from pushfric_core.solvers.program import Loss
 from pushfric_core.support import Support, center_of_friction, support_forces
+from pushfric_core.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
 
 Mask = npt.NDArray[np.bool_]
@@ -71,11 +72,8 @@ CONDUCT = {
 GRIDS = {4: (2, 2), 9: (3, 3), 15: (5, 3), 24: (6, 4)}
 """Columns and rows of Figure 4."""
 
-CENTERS = {"left": (-0.007, 0.0), "center": (0.0, 0.0), "right": (0.007, 0.0)}
+CENTERS = {name.removeprefix("delrin_rect_"): center for name, center in LOOKALIKES.items()}
 """Hypothesised centres of friction of the delrin rectangle [m] (section 5.2.1)."""
-
-TURNS = {"wood_rect3": (0, 180), "delrin_square3": (0, 90, 180, 270)}
-"""Hypothesised orientations [degrees], the true one first (section 5.2.2)."""
 
 HALF_WIDTHS = (0, 2, 4, 6, 8)
 """Half-widths of the contact interval [mm] in Figures 9 and 10."""
@@ -335,7 +333,7 @@ def _orientation(name: str, observations: list[Observation]) -> Numbers:
     feet, center = TABLE_1[name].support.points, TABLE_1[name].support.center_of_friction
     numbers: Numbers = {}
     for case, known in (("supports", None), ("supports_and_center", center)):
-        hypotheses = [Hypothesis(str(turn), feet, known).turned(math.radians(turn), (0.0, 0.0)) for turn in TURNS[name]]
+        hypotheses = [Hypothesis(str(turn), feet, known).turned(math.radians(turn), (0.0, 0.0)) for turn in ORIENTATIONS[name]]
         numbers[case] = {}
         for half_width in HALF_WIDTHS:
             errors = _fit_errors(hypotheses, observations, replace(PAPER, half_width=half_width / 1e3))

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pushfric_core.planar import Array, Pose, transform
-from pushfric_core.simulation import TABLE_1
-from pushfric_ros.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS, TURNS
+from pushfric_core.table_1 import ORIENTATIONS, TABLE_1
+from pushfric_ros.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS
 from pushfric_ros.report.figures import BLUE, GREY, INK, RED
 
 GREEN, OCHRE = "#2f7d4f", "#b8860b"
@@ -203,7 +203,7 @@ def _orientations(name: str, numbers: Experiments) -> Figure:
     figure = _new(9.0, 3.1)
     titles = {"supports": "(a) Hypothesised supports only", "supports_and_center": "(b) With the centre of friction"}
     for axes, (case, title) in zip(figure.subplots(1, 2, sharey=True), titles.items(), strict=True):
-        for turn, color in zip(TURNS[name], (BLUE, RED, OCHRE, GREEN), strict=False):
+        for turn, color in zip(ORIENTATIONS[name], (BLUE, RED, OCHRE, GREEN), strict=False):
             leaves = [numbers[case][f"half_width_{half_width}_mm"][f"error_{turn}"] for half_width in HALF_WIDTHS]
             low, high = zip(*(leaf["quartiles"] for leaf in leaves), strict=True)
             label = f"turned by {turn}°" if turn else "true orientation"
@@ -211,7 +211,7 @@ def _orientations(name: str, numbers: Experiments) -> Figure:
             axes.fill_between(HALF_WIDTHS, low, high, color=color, alpha=0.15, lw=0)
         axes.set(title=title, xlabel="half-width of the contact interval [mm]", xticks=HALF_WIDTHS, ylim=(0, None))
     figure.axes[0].set_ylabel("fit error [cm]")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(TURNS[name]))
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ORIENTATIONS[name]))
     return figure
 
 

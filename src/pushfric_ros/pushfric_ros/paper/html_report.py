@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jinja2
 import numpy as np
 
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.paper.experiments import CONDUCT, GRIDS
 from pushfric_ros.paper.tables import Nested
 

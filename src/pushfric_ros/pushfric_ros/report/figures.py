@@ -16,7 +16,7 @@ from pushfric_core.limit_surface import LimitSurface
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, Wrench, transform
-from pushfric_core.simulation import TableObject
+from pushfric_core.table_1 import TableObject
 from pushfric_ros.messages.conversions import BIN_WIDTH, BINS, histogram
 
 MILLIMETRE = 1e3

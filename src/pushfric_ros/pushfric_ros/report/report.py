@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pushfric_core.simulation import TABLE_1
+from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate, Recognition
 
 STATUS_NAMES = {

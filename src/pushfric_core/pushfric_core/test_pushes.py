@@ -1,0 +1,139 @@
+"""Test pushes that narrow down the centre of friction: which one next, and which in a row (section 6.2).
+
+The line along which the pusher will move cuts the region of p_CF in two, of which the sense of rotation leaves one (see
+`region.line_of_pushing`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from scipy import optimize
+
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array
+from pushfric_core.push_plan import PlannedPush, planned_contact
+from pushfric_core.region import SLACK, HalfPlane, HalfPlanes, cut, left_of_line
+
+USABLE = 0.9
+"""Planned pushes meet the middle part of an edge, this share of it: near a corner the tip slips off."""
+
+NEGLIGIBLE = 1e-9
+"""Parts of the region smaller than this share of it are no longer planned for."""
+
+
+class RankedPush(NamedTuple):
+    """A test push and what it promises."""
+
+    push: PlannedPush
+    expected_area: float  # of the region after it, were p_CF equally likely anywhere in the present one [m^2]
+
+
+def next_pushes(half_planes: HalfPlanes) -> list[RankedPush]:
+    """For each edge the perpendicular push that shrinks the region most, best first; none once it has collapsed.
+
+    At best, a push halves the region. An edge that no straight push reaches is left out.
+    """
+    return _ranked(half_planes.outline, half_planes.margin, _whole(half_planes))
+
+
+def planned_pushes(half_planes: HalfPlanes, count: int) -> list[RankedPush]:
+    """Pushes to be carried out without a look at their outcomes, in the order that shrinks the region fastest.
+
+    Their lines cut the region into parts, of which the outcomes leave one. Each push is the one that leaves the least, by
+    expectation, after it and all before it. With a look at each outcome, `next_pushes` does better. There are none once the
+    region has collapsed.
+
+    Args:
+        half_planes: what is known before the first of them.
+        count: of pushes, >= 1.
+    Raises:
+        ValueError: count < 1.
+    """
+    if count < 1:
+        raise ValueError(f"count must be at least 1, got {count}")
+    outline, margin, parts = half_planes.outline, half_planes.margin, _whole(half_planes)
+    planned: list[RankedPush] = []
+    while len(planned) < count and (ranked := _ranked(outline, margin, parts)):
+        planned.append(ranked[0])
+        parts = parts.split(_left_of_push(outline, ranked[0].push), margin)
+    return planned
+
+
+class _Parts(NamedTuple):
+    """The parts into which the lines of some pushes cut the region."""
+
+    cells: Array  # (k,) polygons: p_CF lies in one of them
+    left: Array  # (k,) polygons: what its outcomes then leave of the region, which is wider by the margin
+
+    @property
+    def expected_area(self) -> float:
+        """Of what is left, were p_CF equally likely anywhere in the cells [m^2]."""
+        chances = shapely.area(self.cells)
+        return float(chances @ shapely.area(self.left) / chances.sum())
+
+    def split(self, half_plane: HalfPlane, margin: float) -> "_Parts":
+        """The parts after one more push, whose outcome says on which side of the boundary of a half-plane p_CF lies."""
+        sides = half_plane, half_plane.opposite
+        cells = np.concatenate([cut(self.cells, side) for side in sides])
+        left = np.concatenate([cut(self.left, side.widened(margin)) for side in sides])
+        areas = shapely.area(cells)
+        kept = areas > NEGLIGIBLE * areas.sum()
+        return _Parts(cells[kept], left[kept])
+
+
+def _whole(half_planes: HalfPlanes) -> _Parts:
+    region = np.array([polygon for polygon in (half_planes.polygon,) if polygon.area > 0])
+    return _Parts(region, region)
+
+
+def _ranked(outline: Outline, margin: float, parts: _Parts) -> list[RankedPush]:
+    """The best push against each edge, best first."""
+    total = float(np.sum(shapely.area(parts.cells)))
+
+    def rank(one: RankedPush) -> float:
+        # what differs by rounding alone counts as equal, and the first one given comes first
+        return round(one.expected_area / total, 12)
+
+    best = []
+    for edge in range(len(outline.vertices)):
+        pushes = (PlannedPush(edge, offset) for offset in _offsets(outline, edge, parts.cells))
+        ranked = [
+            RankedPush(push, parts.split(_left_of_push(outline, push), margin).expected_area)
+            for push in pushes
+            if _reached(outline, push)
+        ]
+        best += sorted(ranked, key=rank)[:1]
+    return sorted(best, key=rank)
+
+
+def _offsets(outline: Outline, edge: int, cells: Array) -> list[float]:
+    """Where pushes against an edge halve one of the cells, or nearly, in order along the edge."""
+    along = outline.edges[edge] / outline.lengths[edge]
+    middle = float((outline.vertices[edge] + outline.edges[edge] / 2) @ along)
+    reach = USABLE * float(outline.lengths[edge]) / 2
+    offsets = (min(max(_halving(cell, along) - middle, -reach), reach) for cell in cells)
+    return sorted({round(offset, 6) for offset in offsets})  # nobody places an object better than to a micrometre
+
+
+def _reached(outline: Outline, push: PlannedPush) -> bool:
+    """Whether a tip that comes straight from outside meets the planned edge first."""
+    point, direction = planned_contact(outline, push)
+    touch = outline.first_touch(point - outline.perimeter * direction, direction)
+    return touch is not None and touch.edge == push.edge
+
+
+def _left_of_push(outline: Outline, push: PlannedPush) -> HalfPlane:
+    return left_of_line(*planned_contact(outline, push))
+
+
+def _halving(polygon: shapely.Polygon, along: Array) -> float:
+    """Where on an axis, a unit vector (2,), the line across it halves a convex polygon."""
+    places = shapely.get_coordinates(polygon) @ along
+    low, high = float(places.min()), float(places.max())
+
+    def excess(place: float) -> float:
+        beyond = shapely.area(cut(polygon, HalfPlane((float(along[0]), float(along[1])), place)))
+        return float(beyond / polygon.area) - 0.5
+
+    return float(optimize.brentq(excess, low - SLACK, high + 2 * SLACK, xtol=1e-7))
