@@ -1,4 +1,4 @@
-"""The radius about p_CF: how often it holds the truth, and what it depends on."""
+"""The radius about p_CF: how often the truth lies within it, and what it depends on."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ PAPER = EstimatorConfig(cor_radius=0.0, tie_break=False)
 
 
 def noisy(rng, noise, pushes=16, each=3):
-    """Data points, `each` of them from every push, with rotations that err by `noise` of themselves."""
+    """Data points, `each` of them from every push, whose rotations have a relative error of `noise`."""
     data = []
     for push in range(pushes):
         o = FEET.observations[int(rng.integers(len(FEET.observations)))]
@@ -32,7 +32,7 @@ def last(data, config=PAPER, **options):
     return estimator, estimate
 
 
-def test_the_circle_holds_the_truth_about_as_often_as_it_says():
+def test_the_circle_contains_the_truth_about_as_often_as_promised():
     rng = np.random.default_rng(0)
     held = []
     for _ in range(60):
@@ -49,12 +49,12 @@ def test_it_grows_with_the_noise_and_shrinks_with_the_pushes():
     assert median(0.1, 40) < 0.7 * median(0.1, 8)
 
 
-def test_noiseless_data_leave_nothing_open():
+def test_noiseless_data_give_a_radius_near_zero():
     _, estimate = last(list(FEET.observations))
     assert estimate.confidence < 1e-9
 
 
-def test_few_pushes_say_nothing_of_it():
+def test_few_pushes_give_no_radius():
     data = noisy(np.random.default_rng(1), 0.1, FEWEST_PUSHES, each=2)
     estimator, estimate = last(data)
     assert estimate.confidence > 0
@@ -83,6 +83,6 @@ def test_either_loss_has_it(loss):
         (EstimatorConfig(nonnegative_force=False), {"center_of_friction": TRUTH}),
     ],
 )
-def test_it_is_not_computed_where_it_has_no_meaning(config, options):
+def test_it_is_not_computed_if_it_has_no_meaning(config, options):
     _, estimate = last(noisy(np.random.default_rng(4), 0.1, 6, each=1), config, **options)
     assert estimate.confidence is None

@@ -44,6 +44,6 @@ def test_a_pushing_line_has_a_unit_direction():
         ((0.0, 0.0), (0.0, 0.0), "line_direction must have a length"),
     ],
 )
-def test_lines_that_are_none_are_refused(origin, direction, text):
+def test_impossible_lines_are_refused(origin, direction, text):
     with pytest.raises(ValueError, match=text):
         pushing_line(origin, direction, 0.0)

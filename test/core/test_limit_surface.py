@@ -76,8 +76,8 @@ def test_the_motion_under_the_wrench_of_a_motion_is_that_motion(seed, velocity, 
 @settings(derandomize=True, max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_motions_obey_the_principle_of_maximal_dissipation(seed):
-    """No wrench that the support can resist does more work on the motion, and the wrenches between two are on the surface or
-    inside: the surface is convex."""
+    """No wrench that the support can resist does more work on the motion. A wrench between two others is on or inside the
+    surface, because the surface is convex."""
     support, rng = random_support(seed), np.random.default_rng(seed)
     surface = LimitSurface(support)
     scale = np.array((1.0, 1.0, 0.05))
@@ -93,7 +93,7 @@ def test_motions_obey_the_principle_of_maximal_dissipation(seed):
 
 @pytest.mark.parametrize("name", ["delrin_square3", "delrin_rect_right"])
 def test_sliding_pushes_follow_the_edge_of_the_friction_cone(name, rng):
-    """The forward model finds the same motions, by other means."""
+    """The forward model finds the same motions with another algorithm."""
     known = TABLE_1[name]
     surface = LimitSurface(known.support)
     compared = 0
@@ -108,7 +108,7 @@ def test_sliding_pushes_follow_the_edge_of_the_friction_cone(name, rng):
         force = max(friction_cone(normal, known.mu_c), key=lambda one: one @ motion.force)
         twist = np.array(surface.twist(Wrench(*force, float(cross(point, force)))))
         unit = np.array(motion.twist) / dissipation(known.support, motion.twist)
-        assert twist == pytest.approx(unit, rel=1e-3, abs=2e-3)  # the model rounds Coulomb's corner
+        assert twist == pytest.approx(unit, rel=1e-3, abs=2e-3)  # the model rounds the corner of Coulomb's law
         compared += 1
 
 
@@ -123,7 +123,7 @@ def test_supports_at_one_place_count_as_one():
 
 
 def test_a_turn_about_a_support_has_a_facet():
-    """Three equal feet, one at the origin: about it, the two others resist with 1/3 each."""
+    """Three equal feet, one at the origin: in a turn about it, the other two resist with 1/3 each."""
     support = Support(np.array(((0.0, 0.0), (0.03, 0.0), (0.0, 0.06))), np.full(3, 1 / 3))
     surface = LimitSurface(support)
     facet = next(one for one in surface.facets if not one.point.any())
@@ -145,7 +145,7 @@ def test_a_turn_about_a_support_has_a_facet():
 @settings(derandomize=True, max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), angle=st.floats(0, 6.3), share=st.floats(0, 0.999))
 def test_facets_are_limits_of_the_surface(seed, angle, share):
-    """The wrenches of motions about points near a support end up on the rim of its facet; its inside has the same motion."""
+    """The wrenches of motions about points near a support approach the rim of its facet; all of its inside has one motion."""
     support = random_support(seed)
     surface = LimitSurface(support)
     facet = surface.facets[0]
@@ -254,7 +254,7 @@ def test_the_fit_is_nearer_to_the_surface_than_the_ellipsoid_of_the_axes(rng):
 
 
 def test_the_fit_moves_with_the_object_frame():
-    """The ellipsoid is a property of the object: shifting the frame only changes the point moments are taken about."""
+    """The ellipsoid is a property of the object: shifting the frame changes only the reference point of the moments."""
     support, shift = TABLE_1["delrin_square3"].support, np.array((0.2, -0.1))
     here = LimitSurface(support).fitted_ellipsoid()
     there = LimitSurface(Support(support.points + shift, support.weights)).fitted_ellipsoid()
@@ -263,7 +263,7 @@ def test_the_fit_moves_with_the_object_frame():
     assert moved @ there.form @ np.array(moved) == pytest.approx(1, abs=1e-6)
 
 
-# what pushes reach, and what they tell apart
+# what pushes reach, and which objects they tell apart
 
 
 def test_reachable_wrenches_lie_in_the_friction_cone_of_their_contact():
@@ -298,8 +298,8 @@ def test_with_friction_they_can():
 
 @pytest.mark.parametrize(("place", "told"), [(1.9, False), (2.1, True), (-3.0, True)])
 def test_with_contacts_beyond_twice_their_half_length_they_can(place, told):
-    """The edges that the cross-sections share end at m = 2 fy, in units of half the length: there the rod on three supports
-    turns about its middle, the other still about its far end."""
+    """The edges that the cross-sections share end at m = 2 fy, in units of half the length. There the rod on three supports
+    turns about its middle, while the other one still turns about its far end."""
     for truth, other in (RODS, RODS[::-1]):
         found = separation(truth, other, *along_rod(np.array((0.0, place * HALF))), 0.0, CAMERA)
         assert found.distinguishable is told
@@ -308,8 +308,8 @@ def test_with_contacts_beyond_twice_their_half_length_they_can(place, told):
 
 
 def test_deviations_are_counted_in_errors_of_the_measurement():
-    """At three half lengths the rods turn about their far end and about their middle: over 3 mm of travel of the contact, by
-    3 / 200 rad and 3 / 150 rad, and their middle moves by 0.75 mm and 0 mm."""
+    """Pushed at three half lengths, the rods turn about their far end and about their middle. While the contact travels 3 mm,
+    they turn by 3 / 200 rad and 3 / 150 rad, and their middle moves by 0.75 mm and 0 mm."""
     contacts = along_rod(np.array((3 * HALF,)))
     expected = np.hypot(0.75e-3 / 1e-4, (3 / 150 - 3 / 200) / np.deg2rad(0.12))
     assert separation(ROD_2, ROD_3, *contacts, 0.0, CAMERA).deviations == pytest.approx(expected)
@@ -317,7 +317,7 @@ def test_deviations_are_counted_in_errors_of_the_measurement():
     assert separation(ROD_2, ROD_3, *contacts, 0.0, blunt).deviations == pytest.approx(expected / 2)
 
 
-def test_an_object_is_not_told_from_itself_but_from_its_half_turn():
+def test_an_object_differs_from_its_half_turn_but_not_from_itself():
     known = TABLE_1["wood_rect3"]
     middles = known.outline.vertices + known.outline.edges / 3
     turned = Support(-known.support.points, known.support.weights)

@@ -26,7 +26,7 @@ def test_measures_of_an_l_shape():
     assert list(outline.contains(((0.02, 0.08), (0.08, 0.08)))) == [True, False]
 
 
-def test_distance_to_the_outline_counts_from_inside_too():
+def test_distance_to_the_outline_is_positive_inside_too():
     assert Outline.rectangle(0.1, 0.1).distance_to((0.0, 0.03)) == pytest.approx(0.02)
 
 
@@ -85,7 +85,7 @@ def test_a_tip_meets_the_nearer_edge():
     assert touch.edge == 0
 
 
-def test_a_tip_meets_an_inclined_edge_beside_its_line():
+def test_a_tip_meets_an_inclined_edge_next_to_its_line():
     touch = Outline(TRIANGLE).first_touch((0.2, 0.075), (-1, 0), radius=0.01)
     assert touch.edge == 1
     assert touch.point.sum() == pytest.approx(0.15)

@@ -17,7 +17,7 @@ def test_even_pushes_split_each_edge_equally():
 
 
 def test_a_planned_contact_lies_on_its_edge_and_the_push_goes_inward():
-    """The slanting edge from (150, 0) to (0, 150) mm, a quarter of its length beyond the middle, and 45 degrees to the left."""
+    """A slanting edge from (150, 0) to (0, 150) mm, pushed a quarter of its length beyond its middle, 45 degrees left."""
     point, direction = planned_contact(OUTLINE, PlannedPush(1, 0.15 * np.sqrt(2) / 4, np.pi / 4))
     assert point == pytest.approx((0.0375, 0.1125))
     assert direction == pytest.approx((0.0, -1.0))

@@ -38,13 +38,13 @@ def last_ranking(recognizer, observations):
 
 
 def centers(points, true):
-    """The true centre of friction among others 7 mm off, which come first."""
+    """The true centre of friction, after others that are 7 mm off."""
     offsets = {"left": (-0.007, 0.0), "above": (0.0, 0.007), "true": (0.0, 0.0), "right": (0.007, 0.0)}
     return [Hypothesis(name, points, true + offset) for name, offset in offsets.items()]
 
 
 def orientations(name, turns):
-    """The object's feet in each of the turns [degrees], the true one last."""
+    """The object's feet in each of the orientations [degrees], the true one last."""
     feet = Hypothesis("feet", TABLE_1[name].support.points)
     return [replace(feet.turned(np.deg2rad(turn), (0.0, 0.0)), name=str(turn)) for turn in sorted(turns, reverse=True)]
 
@@ -56,7 +56,7 @@ def seen(observation, rng):
 
 
 def paths(name):
-    """Where an object of Table 1 really is in each frame of the paper's pushes, with the position of the tip."""
+    """The true pose of an object of Table 1 in each frame of the paper's pushes, with the position of the tip."""
     known = TABLE_1[name]
     found = []
     for push in even_pushes(known.outline, known.pushes):
@@ -166,7 +166,7 @@ def test_hypotheses_that_explain_everything_are_equally_good():
     assert [ranked.ratio for ranked in ranking.hypotheses] == [1, 1, 1]
 
 
-def test_beside_a_hypothesis_without_error_others_are_infinitely_worse():
+def test_compared_with_a_hypothesis_without_error_others_are_infinitely_worse():
     pushed = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0), stamp=7)  # translates: p_CF is on the line x = 0
     rod = np.array(((-0.03, 0.0), (0.03, 0.0)))
     ranking = Recognizer([Hypothesis("off", rod, np.array((0.01, 0.0))), Hypothesis("on", rod)]).add(pushed)
@@ -177,7 +177,7 @@ def test_beside_a_hypothesis_without_error_others_are_infinitely_worse():
     assert ranking.stamp == 7
 
 
-def test_a_data_point_that_one_hypothesis_must_refuse_reaches_none():
+def test_a_data_point_that_one_hypothesis_refuses_reaches_no_other():
     problem = PROBLEMS[1]()
     x, y = problem.truth.points[1]
     about_a_foot = Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0))

@@ -65,7 +65,7 @@ def test_the_line_of_a_normal_push_is_the_normal():
 
 @pytest.mark.parametrize(("omega", "normal"), [(1.0, (-0.8, -0.6)), (-1.0, (0.8, -0.6))])
 def test_the_line_of_force_is_the_edge_of_the_cone_that_bounds_least(omega, normal):
-    """For a turn to the left, p_CF lies left of the edge on the right: of (4, 3) / 5 tilted from (0, 1) by mu_c = 4 / 3."""
+    """For a turn to the left, p_CF lies left of the right edge of the cone, (4, 3) / 5, tilted from (0, 1) by mu_c = 4 / 3."""
     (half_plane,) = line_of_force(seen_from_below(Twist(0.0, 0.02, omega)), 4 / 3)
     assert half_plane.normal == pytest.approx((np.sign(omega) * -0.6, 0.8))
     assert depth(half_plane, (0.02, -0.03)) == pytest.approx(0.0, abs=1e-12)
@@ -89,7 +89,7 @@ def pushed(support, outline, push, mu_c):
 
 @settings(derandomize=True, max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), mu_c=st.floats(0, 1.5), share=st.floats(-0.95, 0.95))
-def test_every_half_plane_holds_the_true_center(seed, mu_c, share):
+def test_every_half_plane_contains_the_true_center(seed, mu_c, share):
     """All three rules, for random supports, sticking or sliding: the forward model against Mason's theorems."""
     rng = np.random.default_rng(seed)
     points = PLATE.grid(4, 3)
@@ -104,7 +104,7 @@ def test_every_half_plane_holds_the_true_center(seed, mu_c, share):
         if turn in (within, 0.0):
             half_planes += line_of_pushing(observation, direction)
         for half_plane in half_planes:
-            assert depth(half_plane, support.center_of_friction) > -1e-5  # the model rounds Coulomb's corner
+            assert depth(half_plane, support.center_of_friction) > -1e-5  # the model rounds the corner of Coulomb's law
 
 
 def test_the_region_starts_as_the_hull_and_shrinks():
@@ -144,7 +144,7 @@ def test_contradictions_are_settled_by_the_least_sum_of_violations():
     assert half_planes.add([HalfPlane((0.0, 1.0), 0.0)]).area == 0.0
 
 
-def test_half_planes_beyond_the_object_are_met_at_its_hull():
+def test_half_planes_beyond_the_object_give_a_point_of_its_hull():
     region = HalfPlanes(PLATE).add([HalfPlane((0.0, 1.0), 0.1)])
     assert region.center[1] == pytest.approx(0.03)
     assert region.violation == pytest.approx(0.07)
@@ -180,7 +180,7 @@ def test_random_pushes_close_in_on_the_center(make):
     assert np.linalg.norm(region.center - problem.truth.center_of_friction) < 0.015
 
 
-def test_a_margin_widens_every_half_plane_but_not_the_program():
+def test_a_margin_widens_the_half_planes_but_not_the_program():
     """x >= 10 mm and x <= 8 mm contradict each other by 2 mm: a margin of 1.5 mm each is enough, one of 0.9 mm is not."""
     sides = HalfPlane((1.0, 0.0), 0.010), HalfPlane((-1.0, 0.0), -0.008)
     region = HalfPlanes(PLATE, margin=0.0015).add(sides)
@@ -218,7 +218,7 @@ def test_a_turn_about_the_contact_has_no_line_of_motion():
 
 
 @pytest.mark.parametrize("direction", [(0.0, -1.0), (1.0, 0.0), (0.0, 1.0, 0.0), (np.nan, 1.0)])
-def test_a_pusher_that_leaves_pushes_nothing(direction):
+def test_a_pusher_that_moves_away_is_refused(direction):
     with pytest.raises(ValueError, match=r"direction must be \(2,\) and point into the object"):
         line_of_pushing(seen_from_below(Twist(0.0, 0.02, 1.0)), direction)
 

@@ -52,7 +52,7 @@ def test_a_data_point_waits_for_the_end_of_its_motion():
     assert sensed.waiting_since is None
 
 
-def test_without_samples_in_its_time_a_data_point_has_no_force():
+def test_a_data_point_without_samples_during_its_motion_has_no_force():
     late = [ForceSample(3 * SECOND, (1.0, 1.0))]
     assert feed(SensedForce(), [data_point(1.0), *late]) == [data_point(1.0)]
 
@@ -64,7 +64,7 @@ def test_late_samples_are_ignored():
     assert feed(sensed, [data_point(0.5), *samples()])[0].force == pytest.approx((0.0, 0.5))
 
 
-def test_what_makes_no_sense_is_refused():
+def test_impossible_input_is_refused():
     with pytest.raises(ValueError, match="a force must be finite"):
         SensedForce().add_force(ForceSample(0, (math.nan, 0.0)))
     with pytest.raises(ValueError, match="needs its pose"):

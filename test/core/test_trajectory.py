@@ -19,7 +19,7 @@ FRAME = round(1e9 / 14)
 
 @functools.cache
 def samples_of_a_push(push_id=0, frames=40, start=0, speed=0.02, offset=-0.02):
-    """What camera and pusher would say of a push of 5 cm."""
+    """What camera and pusher would report of a push of 5 cm."""
     pushed = PushedObject(OUTLINE, TABLE_1["wood_rect4"].support, 0.3, Pose(offset, 0.04, 0.02))
     poses, pushers = [], []
     for frame in range(frames):
@@ -75,7 +75,7 @@ def test_observations_do_not_depend_on_how_the_topics_interleave(rng):
     window=st.sampled_from((1, 3, 5, 7)),
     stride=st.integers(1, 6),
 )
-def test_whatever_was_seen_gives_the_same_observations_in_any_order(seed, noise, period, window, stride):
+def test_the_same_samples_give_the_same_observations_in_any_order(seed, noise, period, window, stride):
     """Two pushes, one of them cut short, noisy frames of which some are lost, and a pusher polled at any rate and phase."""
     rng = np.random.default_rng(seed)
     poses, pushers = [], []
@@ -100,7 +100,7 @@ def test_whatever_was_seen_gives_the_same_observations_in_any_order(seed, noise,
         assert trajectory.settled == min(poses[-1].stamp, pushers[-1].stamp)
 
 
-def test_an_observation_comes_with_its_last_frame_where_the_object_moves_on_as_before():
+def test_an_observation_comes_with_its_last_frame_if_the_object_moves_on_as_before():
     poses, pushers = samples_of_a_push()  # states 3 ms after the frames
     trajectory = Trajectory(OUTLINE)
     completing = [sample for sample in in_time(poses, pushers) if feed(trajectory, [sample])]
@@ -108,7 +108,7 @@ def test_an_observation_comes_with_its_last_frame_where_the_object_moves_on_as_b
     assert all(sample in poses for sample in completing)
 
 
-def test_an_observation_waits_for_the_pusher_where_the_object_slows_down():
+def test_an_observation_waits_for_the_pusher_if_the_object_slows_down():
     poses, pushers = samples_of_a_push()
     trajectory = Trajectory(OUTLINE)
     last = next(frame for frame in range(len(poses)) if feed(trajectory, [poses[frame], pushers[frame]]))
@@ -119,10 +119,10 @@ def test_an_observation_waits_for_the_pusher_where_the_object_slows_down():
 
 
 def test_no_frame_from_after_a_push_completes_an_observation():
-    """The push ends between two frames: the object goes less far in the last of them, then rests."""
+    """The push ends between two frames: the object moves less before the last of them, then it rests."""
     poses, pushers = samples_of_a_push(frames=30)
     last = 20
-    for done in (0.0, 0.3, 0.7):  # of the way to the next frame
+    for done in (0.0, 0.3, 0.7):  # fraction of the way to the next frame
         a, b = np.array(poses[last].pose), np.array(poses[last + 1].pose)
         rest = Pose(*(a + done * (b - a)).tolist())
         stopped = [*poses[: last + 1], *(pose._replace(pose=rest) for pose in poses[last + 1 :])]
@@ -178,7 +178,7 @@ def test_an_object_at_rest_gives_nothing():
     assert feed(Trajectory(OUTLINE), in_time(resting, blocked)) == []
 
 
-def test_an_object_at_rest_gives_nothing_however_slow_counts_as_moving():
+def test_an_object_at_rest_gives_nothing_whatever_speed_counts_as_moving():
     poses, pushers = samples_of_a_push()
     resting = [PoseSample(p.stamp, poses[20].pose) for p in poses]
     blocked = [p._replace(position=pushers[20].position) for p in pushers]

@@ -1,4 +1,4 @@
-"""The benchmark runs, says what it promises, and its contenders solve the same program."""
+"""The benchmark runs and prints its figures, and its contenders solve the same program."""
 
 import importlib.util
 import itertools
@@ -78,7 +78,7 @@ def test_wrong_input_gives_one_line_and_exit_code_2(contenders, monkeypatch, cap
     assert capsys.readouterr().err == f"error: {error}\n"
 
 
-def test_the_plot_names_all_that_is_drawn(contenders, monkeypatch, tmp_path):
+def test_the_plot_names_everything_drawn(contenders, monkeypatch, tmp_path):
     from matplotlib.figure import Figure
 
     from bench import display
@@ -151,7 +151,7 @@ def test_pushfric_without_an_optimum_is_reported(contenders, monkeypatch):
 
 
 @pytest.mark.parametrize("at", ["load", "update"])
-def test_a_contender_out_of_time_is_left_out_and_nobody_else(contenders, monkeypatch, at):
+def test_only_a_contender_out_of_time_is_left_out(contenders, monkeypatch, at):
     from bench import updates
 
     def out_of_time(self, data):

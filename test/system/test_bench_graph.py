@@ -25,9 +25,9 @@ def recording(monkeypatch):
 
 
 def test_latency_runs_from_the_newest_image_needed(pipeline):
-    """Frames every 100 ms of both clocks; a frame is rendered in 4 ms and tracked in 3, a pusher state needs 10, one is lost.
+    """Frames come every 100 ms of both clocks. A frame is rendered in 4 ms and tracked in 3; a pusher state takes 10.
 
-    That makes the second estimate wait for the next.
+    One pusher state is lost, so the second estimate waits for the next.
     """
     listener = pipeline._Listener()
     for frame in range(10):
@@ -60,7 +60,7 @@ def test_latency_runs_from_the_newest_image_needed(pipeline):
 def test_a_frame_on_its_way_is_not_dropped(pipeline, dropped):
     listener = pipeline._Listener()
     listener.seconds, listener.cpu_seconds = 10.0, 5.0
-    # numbered from 21: the first came before anybody listened
+    # numbered from 21: the first ones came before the listener
     listener._frames = [(50 * number * MS, 21 + number) for number in range(201)]
     # at each second one frame of two is still on its way; 20 came before the tracker
     listener._tracked = [(1000 * k * MS, 1 + 20 * k - k % 2 - (dropped if k > 5 else 0)) for k in range(1, 11)]

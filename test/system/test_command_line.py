@@ -22,7 +22,7 @@ def pushfric(*arguments):
 
 
 class Said(NamedTuple):
-    """How a call of the command line ended."""
+    """How a call of the command line ended, and what it printed."""
 
     returncode: int
     stdout: str
@@ -31,7 +31,7 @@ class Said(NamedTuple):
 
 @pytest.fixture
 def call(monkeypatch, capsys):
-    """The command line in this process: most of what a process of its own takes are its imports."""
+    """Calls the command line in this process, because a process of its own spends most of its time on imports."""
 
     def called(*arguments):
         monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
@@ -173,7 +173,7 @@ def test_an_existing_bag_is_not_overwritten(tmp_path, call):
     "command",
     [[], ["demo"], ["run"], ["replay"], ["estimate"], ["region"], ["import"], ["doctor"], ["recognize"], ["calibrate"]],
 )
-def test_help_teaches(call, command):
+def test_help_shows_how_to_begin(call, command):
     run = call(*command, "--help")
     assert run.returncode == 0
     assert "Usage" in run.stdout

@@ -44,7 +44,7 @@ NODES = (
 
 
 def pushfric(*arguments, **options):
-    """The command line in a process of its own, and what it said."""
+    """Run the command line in a process of its own; return its result and output."""
     command = [sys.executable, "-m", "pushfric_ros", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=240, stdin=subprocess.DEVNULL, **options)
 
@@ -57,7 +57,7 @@ def nodes_alive(marker):
             command = (folder / "cmdline").read_bytes().decode(errors="replace")
             environment = (folder / "environ").read_bytes().decode(errors="replace")
         except OSError:
-            continue  # gone meanwhile
+            continue  # it has ended meanwhile
         if any(node in command for node in NODES) and marker in environment:
             alive.append((int(folder.name), command.replace("\0", " ")))
     return alive
@@ -142,7 +142,7 @@ def test_a_bag_of_observations_alone_is_replayed_too(demo, tmp_path):
 
 
 class RunningDemo:
-    """A demo in a process of its own, and what it says."""
+    """A demo in a process of its own, and its output."""
 
     def __init__(self, folder):
         self.marker = f"PUSHFRIC_TEST={folder.name}"
@@ -175,7 +175,7 @@ class RunningDemo:
         assert not self.ended(), self.output
 
     def await_end(self):
-        """The exit code."""
+        """Wait for the end of the demo; return its exit code."""
         self.wait_for(self.ended, "the end")
         self._listener.join(10.0)
         return self.process.returncode
@@ -187,7 +187,7 @@ class RunningDemo:
         return next(pid for pid, command in self.nodes_alive() if node in command)
 
     def clear_away(self):
-        """What a failed test has left: of a demo that ended well, nothing is alive."""
+        """Kill what a failed test has left; after a demo that ended well, nothing is alive."""
         self.process.kill()
         self.process.wait()
         for pid, _ in self.nodes_alive():
@@ -218,7 +218,7 @@ def test_ctrl_c_leaves_no_process_behind_but_a_bag(running, tmp_path):
     assert (read.returncode, json.loads(read.stdout)["pushes"]) == (0, int(said[1]))
 
 
-def test_a_killed_command_line_takes_its_nodes_along(running):
+def test_the_nodes_end_with_a_killed_command_line(running):
     running.await_first_push()
     running.process.kill()
     running.wait_for(lambda: running.nodes_alive() == [], "the end of all nodes")
@@ -241,7 +241,7 @@ def test_a_second_cell_of_the_same_name_is_refused(running, tmp_path):
     assert not (tmp_path / "second").exists()
 
 
-def test_a_node_that_loses_nothing_is_started_again(running):
+def test_a_node_without_state_is_started_again(running):
     running.await_first_push()
     os.kill(running.pid_of("tracker_node"), signal.SIGKILL)
     assert running.await_end() == 0, running.output

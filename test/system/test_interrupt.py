@@ -1,4 +1,4 @@
-"""Ctrl-C, at the moments that are hard to meet: while the command line is loaded, while it ends, and what it leaves."""
+"""Ctrl-C at moments that are hard to hit: while the command line loads and while it ends; and what it leaves behind."""
 
 import pathlib
 import shutil
@@ -80,12 +80,12 @@ print("never reached")
 """
 
 
-def test_during_a_run_ctrl_c_waits_for_it_to_be_undone_and_after_it_for_nothing():
+def test_ctrl_c_during_a_run_waits_for_its_end_and_afterwards_for_nothing():
     ended = subprocess.run([sys.executable, "-c", AFTER_A_RUN], capture_output=True, text=True, timeout=60)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "closed\nended\n", "")
 
 
-def test_a_bag_that_is_left_tells_its_pushes(tmp_path):
+def test_a_bag_that_is_left_is_named_with_its_pushes(tmp_path):
     shutil.copytree(RECORDED, tmp_path / "bag")
     expected = f"bag left in {tmp_path}/bag (pushes: 14); ./pushfric estimate {tmp_path}/bag reads it"
     assert left_behind(tmp_path / "bag", print) == expected

@@ -33,8 +33,8 @@ def test_the_scale_is_part_of_the_solution():
     assert certify(rows, np.array((0.5, 0.5)), np.zeros(2), scale=-1.0).scale == 0
 
 
-def test_with_a_scale_too_any_multipliers_give_a_true_lower_bound(rng):
-    # |w0 - 2 s| + max(0, 3 w1 - s) + max(0, s - 0.1 (w0 + w1)), by a fine grid of w and s
+def test_any_multipliers_give_a_true_lower_bound_with_a_scale_too(rng):
+    # |w0 - 2 s| + max(0, 3 w1 - s) + max(0, s - 0.1 (w0 + w1)), evaluated on a fine grid of w and s
     a = np.array(((1.0, 0.0, -2.0), (0.0, 3.0, -1.0), (-0.1, -0.1, 1.0)))
     rows = ConstraintRows(a, np.ones(3), np.array((1.0, 0.0, 0.0)))
     w, s = np.meshgrid(np.linspace(0, 1, 1001), np.linspace(0, 1, 1001))
@@ -45,7 +45,7 @@ def test_with_a_scale_too_any_multipliers_give_a_true_lower_bound(rng):
     assert max(bounds) > 0.5 * best
 
 
-def test_where_no_row_minds_a_larger_scale_its_rows_prove_nothing():
+def test_rows_that_a_larger_scale_makes_free_prove_nothing():
     # max(0, w0 + w1 - s) + |w0 - w1|: a large s makes the first row free
     rows = ConstraintRows(np.array(((1.0, 1.0, -1.0), (1.0, -1.0, 0.0))), np.ones(2), np.array((0.0, 1.0)))
     solution = certify(rows, np.array((0.5, 0.5)), np.array((1.0, 0.0)), scale=2.0)
@@ -60,7 +60,7 @@ def test_a_hard_row_bounds_the_scale():
     assert certify(rows, np.array((0.5, 0.5)), np.array((0.0, 1.0)), scale=1.0).lower_bound == pytest.approx(1.9)
 
 
-def test_a_solution_that_is_not_optimal_says_so():
+def test_a_solution_that_is_not_optimal_is_not_called_so():
     assert certify(ROWS, np.array((1.0, 0.0, 0.0)), np.zeros(2)).status is Status.UNCERTIFIED
 
 

@@ -47,7 +47,7 @@ def pushes(rng, n, count, noise=1e-3, half_width=0.0):
 
 
 def highs(rows):
-    """Optimal sum of magnitudes, or None where the hard rows contradict each other."""
+    """Optimal sum of magnitudes, or None if the hard rows contradict each other."""
     m, n = rows.a.shape
     sides = np.concatenate((rows.above, rows.below))
     result = linprog(
@@ -73,7 +73,7 @@ def squares(rows, w):
 
 
 def slsqp(rows):
-    """Least sum of squares, about, by a general solver; coefficients of about one."""
+    """Approximate least sum of squares, by a general solver, for coefficients of about one."""
     n = rows.a.shape[1]
     above, below = (np.where(np.isinf(cost), 0.0, cost) for cost in (rows.above, rows.below))
     hard = np.concatenate((rows.a[np.isinf(rows.below)], -rows.a[np.isinf(rows.above)]))
@@ -101,7 +101,7 @@ def slsqp(rows):
 def nearest_by_nnls(point, equal, low):
     """The w of the simplex nearest to `point` with equal @ w = 0, low @ w >= 0: Lawson and Hanson's least distance program.
 
-    The sides may be violated by rounding, as w may be the only one.
+    The conditions may be violated by rounding, as only one w may satisfy them.
     """
     n = len(point)
     equalities = np.vstack((np.ones(n), equal))
@@ -157,7 +157,7 @@ def test_equalities_hold(program):
 
 
 @PROGRAMS
-def test_contradicting_groups_are_named_and_their_removal_mends_it(program):
+def test_contradicting_groups_are_named_and_removing_one_helps(program):
     # w0 >= 3 w1, and w0 <= 2 w1
     contradictory = program(2)
     contradictory.add(group([1, -3], above=0, below=np.inf))
@@ -249,10 +249,10 @@ def test_bounds_enclose_the_optimum_of_highs(seed, n, half_width):
         assert optimum.status in (Status.OPTIMAL, Status.UNCERTIFIED)
 
 
-def test_columns_are_taken_up_and_given_back(rng):
+def test_reserve_columns_are_used_and_freed(rng):
     groups = pushes(rng, 8, 90)
     program = OsqpLinearProgram(8)
-    for rows in groups:  # two rows each: past the columns in reserve, twice
+    for rows in groups:  # two rows each: exceeds the columns in reserve twice
         program.add(rows)
         optimum = program.solve()
     assert optimum.objective == pytest.approx(highs(stack(groups, 8)), rel=0.02)
@@ -316,7 +316,7 @@ def test_least_squares_agree_with_a_general_solver(seed, n, half_width, noise):
 
 @QUICK
 @given(SEEDS, st.integers(1, 20), st.integers(1, 50), st.booleans())
-def test_rows_of_all_kinds_agree_with_a_general_solver_while_they_come_and_go(seed, n, m, hard):
+def test_rows_of_all_kinds_agree_with_a_general_solver_while_they_are_added_and_removed(seed, n, m, hard):
     rng = np.random.default_rng(seed)
     a = rng.normal(size=(m, n)) * (rng.random((m, 1)) < 0.9)
     above, below = rng.choice((0.0, 0.05, 1.0, 1.0, 3.0), (2, m))
@@ -390,7 +390,7 @@ def test_one_sided_rows_bound_the_choice():
     np.testing.assert_allclose(nearest.w, (x, 3 * x, 1 - 4 * x))
 
 
-def test_a_row_paid_for_stays_so():
+def test_a_row_with_a_cost_keeps_it():
     # w0 + 2 w1 + 2 w2 + w3 is least on the edge between the first and the last
     rows = group([1, 2, 2, 1])
     nearest = nearest_uniform(rows, optimum_of(rows))

@@ -28,7 +28,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @pytest.fixture(autouse=True, params=["balls", "small balls"])
 def sizes(request, monkeypatch):
-    """Each test runs with balls that leave so few rows unsettled that even small programs settle, sort and leave them, too."""
+    """Each test also runs with small balls, in which few rows stay unsettled, so that small programs settle and sort rows."""
     if request.param == "small balls":
         monkeypatch.setattr(basis, "ROOM", 4)
         for name, rows in (("CLOSE", 2), ("CLOSE_PER_COLUMN", 1), ("FAR", 4)):
@@ -40,7 +40,7 @@ def examples(count):
 
 
 def highs(rows, n=None, direction=None, limit=None):
-    """Optimal F, or None where the hard rows contradict each other; or the least direction . w where F is within its limit."""
+    """Optimal F, or None if the hard rows contradict each other; or the least direction . w for which F is within its limit."""
     m, columns = rows.a.shape
     n = n or columns
     sides = np.concatenate((rows.above, rows.below))
@@ -90,7 +90,7 @@ def pushes(rng, n, count, noise=1e-3, bearing=3):
 
 
 def degenerate(kind, rng, n, m):
-    """Coefficients (m, n) of a kind that makes vertices coincide."""
+    """Coefficients (m, n) for which vertices coincide."""
     a = rng.normal(size=(m, n))
     match kind:
         case "plain":
@@ -103,7 +103,7 @@ def degenerate(kind, rng, n, m):
             return a * (rng.random((m, 1)) < 0.5)
         case "noiseless":
             a -= (a @ rng.dirichlet(np.full(n, 0.3)))[:, None]
-            return np.where(np.abs(a) < 1e-12, 0.0, a)  # with one support, all is rounding
+            return np.where(np.abs(a) < 1e-12, 0.0, a)  # with one support, only rounding would be left
         case "collinear supports":
             return a[:, rng.integers(min(n, 3), size=n)]
         case "low rank":
@@ -129,13 +129,13 @@ KINDS = (
 
 
 def worst_cost(rows, n):
-    """The most that any w costs without a scale."""
+    """The largest cost of any w, without a scale."""
     sides = np.stack((rows.above, rows.below))
     return np.abs(rows.a[:, :n]).max(axis=1, initial=0) @ np.where(np.isinf(sides), 0.0, sides).max(axis=0)
 
 
 def assert_optimal(simplex, groups, n=None):
-    """The optimum says OPTIMAL, its certificate is true, and HiGHS agrees."""
+    """Assert that the status is OPTIMAL, that the certificate is true, and that HiGHS agrees."""
     columns = groups[0].a.shape[1]
     n = n or columns
     optimum, rows = simplex.solve(), stack(groups, columns)
@@ -298,7 +298,7 @@ def test_every_constraint_of_the_estimator_agrees_with_highs(seed, n, terms, int
         assert optimum.status is Status.INFEASIBLE
         return
     assert_optimal(simplex, groups, n)
-    for coordinate in points.T:  # p_CF is among those of all optima; mostly there is one
+    for coordinate in points.T:  # p_CF is among those of all optima; usually there is only one
         limit = best + 1e-9 * max(best, worst_cost(rows, n))
         low, high = highs(rows, n, coordinate, limit), highs(rows, n, -coordinate, limit)
         if low is not None and high is not None:
@@ -313,17 +313,17 @@ def test_rows_that_almost_contradict_each_other_end_optimal_or_infeasible(seed, 
     a = rng.normal(size=(m, n))
     tight = rng.random(m) < 0.4
     a[tight] -= (a[tight] @ w)[:, None]
-    largest = np.abs(a).max(axis=1, keepdims=True)  # what a violation is measured by
+    largest = np.abs(a).max(axis=1, keepdims=True)  # the unit of a violation
     a[tight] += 10.0**exponent * largest[tight] * rng.normal(size=(tight.sum(), 1))
     rows = ConstraintRows(a, np.ones(m), np.where(tight, np.inf, 1.0))
     simplex = Simplex(n)
     for k in range(0, m, 3):
         simplex.add(ConstraintRows(*(part[k : k + 3] for part in rows)))
         optimum = simplex.solve()
-        # what is left open is of the size of the violations that are tolerated
+        # what remains open is as small as the tolerated violations
         assert optimum.status is not Status.UNCERTIFIED or optimum.gap < HARD_VIOLATION * m
     tolerant = rows._replace(a=a + 10 * HARD_VIOLATION * largest * tight[:, None])
-    # a vertex may enlarge what its rows are off by, some hundred times
+    # a vertex may enlarge the errors of its rows some hundred times
     if n > 1 and highs(tolerant) is not None and 10.0**exponent < HARD_VIOLATION / 500:
         assert optimum.status is Status.OPTIMAL
 
@@ -347,14 +347,14 @@ def test_while_infeasible_w_fits_best_among_those_of_least_violation(seed, n):
     scaled = hard.a / np.exp2(np.frexp(np.abs(hard.a).max(axis=1))[1])[:, None]
     least = highs(ConstraintRows(scaled, np.zeros(m), np.ones(m)))
     assert np.maximum(-scaled @ optimum.w, 0).sum() == pytest.approx(least, rel=1e-9)
-    weight = 1e6  # of a violation, beside which the fit hardly counts
+    weight = 1e6  # of a violation, so large that the fit hardly counts
     both = stack([ConstraintRows(scaled, np.zeros(m), np.full(m, weight)), soft], n)
     assert optimum.objective == pytest.approx(highs(both) - weight * least, rel=1e-4, abs=1e-4)
 
 
 @examples(40)
 @given(SEEDS, st.integers(2, 15))
-def test_contradicting_groups_are_named_and_their_removal_mends_it(seed, n):
+def test_contradicting_groups_are_named_and_removing_one_helps(seed, n):
     rng = np.random.default_rng(seed)
     groups = [group(rng.normal(size=(2, n)), above=(1.0, 0.0), below=(1.0, np.inf)) for _ in range(8 * n)]
     simplex, present = Simplex(n), {}
@@ -396,8 +396,8 @@ def test_the_scale_turns_newtons_into_weights():
     assert simplex.solve().scale == 0
 
 
-def test_a_scale_that_no_row_minds_may_be_anything():
-    # -(w0 + w1) + s >= 0 is all that is asked for, at any cost; then w0 = w1
+def test_a_scale_that_costs_nothing_may_be_anything():
+    # only -(w0 + w1) + s >= 0 is required, as a hard row; then w0 = w1
     simplex = Simplex(2, with_scale=True)
     simplex.add(group([-1, -1, 1], above=0.0, below=3.0))
     simplex.add(group([1, -1, 0]))
@@ -602,7 +602,7 @@ def test_rows_may_come_in_any_kind_of_array(kind):
     assert len(pivoting.receive.signatures) == max(compiled, 1)
 
 
-def test_rows_that_say_nothing_do_not_matter(rng):
+def test_rows_without_effect_do_not_matter(rng):
     groups, _ = pushes(rng, 8, 300)
     simplex, plain = Simplex(8), Simplex(8)
     for rows in groups:
@@ -611,7 +611,7 @@ def test_rows_that_say_nothing_do_not_matter(rng):
         assert simplex.solve().objective == pytest.approx(plain.solve().objective, rel=1e-12)
 
 
-def test_a_row_may_speak_of_the_scale_alone():
+def test_a_row_may_contain_only_the_scale():
     simplex = Simplex(1, with_scale=True)
     simplex.add(group([[1.0, -1.0]]))
     simplex.add(group([[1e-200, 1.0]], above=2.0))  # 2 s + |1 - s|

@@ -1,4 +1,4 @@
-"""A recorded force sensor in estimation without a graph."""
+"""Offline estimation from a bag with a force sensor."""
 
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
@@ -28,7 +28,7 @@ TYPES = {
 
 
 def bag_of(folder, wrenches):
-    """A push of 38 frames, of which the force sensor measured 2 N along y in the first `wrenches`."""
+    """A push of 38 frames; in the first `wrenches` of them, the force sensor measured 2 N along y."""
     known = TABLE_1[NAME]
     pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.03, 0.04, 0.0))
     line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
@@ -52,7 +52,7 @@ def bag_of(folder, wrenches):
 
 
 @pytest.mark.parametrize("wrenches", [38, 20])
-def test_data_points_without_their_force_are_told_of(tmp_path, wrenches):
+def test_data_points_without_a_force_are_reported(tmp_path, wrenches):
     warnings, model = [], load_object(NAME)
     bag = bag_of(tmp_path / "bag", wrenches)
     every = data_points.observations(bag, model, EstimatorSettings(), warnings.append)

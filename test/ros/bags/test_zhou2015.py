@@ -89,7 +89,7 @@ def log_of_one_push():
     return "\n".join(lines) + "\n"
 
 
-def test_a_synthetic_log_gives_its_push(tmp_path):
+def test_a_synthetic_log_of_one_push_is_read(tmp_path):
     (tmp_path / "box__exp.txt").write_text(log_of_one_push())
     (push,) = zhou2015.read_log(tmp_path / "box__exp.txt")
     assert push.contact_point == pytest.approx((0.05, 0.0))

@@ -1,4 +1,4 @@
-"""The Python examples of docs/estimation.md run, and what they say of their results is so."""
+"""The Python examples of docs/estimation.md run, and their results are as the comments say."""
 
 import pathlib
 import re

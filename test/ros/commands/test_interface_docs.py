@@ -27,7 +27,7 @@ def topics(described):
     return {name if name.startswith("/") else f"{graph.NAMESPACE}/{name}": kind for _, name, kind, _ in published}
 
 
-def test_the_document_is_what_the_nodes_say(described):
+def test_the_document_describes_the_nodes(described):
     text = "\n".join((interface_docs.HEAD, *map(interface_docs.section, described.values())))
     assert (ROOT / "docs/interfaces.md").read_text() == text, f"stale; write it anew with: {interface_docs.COMMAND}"
 
@@ -38,7 +38,7 @@ def test_every_node_that_is_installed_is_described(described):
     assert list(described) == re.findall(r'"(\w+)"', installed)
 
 
-def test_what_is_recorded_is_published_with_that_type_and_quality(described):
+def test_recorded_topics_are_published_with_that_type_and_quality(described):
     endpoints = {endpoint.name: endpoint for description in described.values() for endpoint in description.endpoints
                  if endpoint.role == "publishes"}  # fmt: skip
     for name, kind, quality in graph.TOPICS:
@@ -47,7 +47,7 @@ def test_what_is_recorded_is_published_with_that_type_and_quality(described):
         assert ("transient local" in endpoints[name].qos) == (quality == "latched"), name
 
 
-def test_known_interfaces_are_told(described):
+def test_known_interfaces_are_described(described):
     tracker, estimator = described["tracker"], described["estimator"]
     images = [(endpoint.type, when) for endpoint, when in tracker.endpoints.items() if endpoint.name.startswith("image_raw")]
     assert images == [
@@ -70,13 +70,13 @@ def layout():
 
 
 def strings(value):
-    """All texts in some JSON, keys of objects among them."""
+    """All strings in a JSON value, including the keys of objects."""
     if isinstance(value, dict):
         value = [*value.keys(), *value.values()]
     return [text for item in value for text in strings(item)] if isinstance(value, list) else [value]
 
 
-def test_the_layout_shows_only_topics_and_fields_that_there_are(layout, topics):
+def test_the_layout_shows_only_topics_and_fields_that_exist(layout, topics):
     paths = [text for text in strings(layout["configById"]) if isinstance(text, str) and text.startswith("/")]
     assert {"/diagnostics", "/cell/markers", "/cell/overlay/compressed"} <= set(paths)
     for path in paths:

@@ -76,7 +76,7 @@ def test_without_data_a_plan_is_made_for_the_whole_outline(tmp_path):
     assert load_plan(str(tmp_path / "plan.yaml"), load_object(NAME)) == expected
 
 
-def test_after_data_it_is_made_for_what_they_leave(data, tmp_path):
+def test_after_data_it_is_made_for_the_region_that_is_left(data, tmp_path):
     said("region", data, "--plan", tmp_path / "plan.yaml")
     expected = [one.push for one in planned_pushes(region_of(DATA), 10)]
     assert load_plan(str(tmp_path / "plan.yaml"), load_object(NAME)) == expected

@@ -1,4 +1,4 @@
-"""How a cell estimates goes into its bag, and comes out of it again."""
+"""The estimator's settings are recorded in the bag, and read from it again."""
 
 import json
 import math
@@ -35,7 +35,7 @@ UNUSUAL = EstimatorSettings(
 
 
 def bag_of(folder, text):
-    """A bag of data points, with the settings as the estimator publishes them, where there are any."""
+    """A bag of data points, with the settings as the estimator publishes them, if there are any."""
     with BagWriter(folder) as writer:
         writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
         if text is not None:
@@ -62,15 +62,15 @@ def estimated(bag, *options):
         EstimatorSettings(EstimatorConfig(pull_penalty=2.5, loss="l2")),
     ],
 )
-def test_settings_come_back_as_they_were(settings):
+def test_settings_survive_their_text(settings):
     assert EstimatorSettings.from_text(settings.to_text()) == settings
     assert EstimatorSettings.from_parameters(settings.parameters()) == settings
 
 
-def test_parameters_are_as_ros_wants_them():
+def test_parameters_have_types_that_ros_accepts():
     parameters = EstimatorSettings().parameters()
     assert (parameters["cor_radius"], parameters["terms"]) == ("auto", ["moment"])
-    assert "exclude_pushes" not in parameters  # of what an empty list is one, ROS cannot tell
+    assert "exclude_pushes" not in parameters  # ROS cannot tell the type of an empty list
     assert {**UNUSUAL.parameters(), "exclude_pushes": [2, 5], "window": 7} == UNUSUAL.parameters()
 
 
@@ -100,7 +100,7 @@ def test_a_bag_is_estimated_as_it_was_recorded(tmp_path):
     assert result["pushes"] == 6
 
 
-def test_options_outvote_what_was_recorded(tmp_path):
+def test_options_override_what_was_recorded(tmp_path):
     bag = bag_of(tmp_path / "bag", UNUSUAL.to_text())
     options = ["--terms", "moment", "--cor-radius", "auto", "--tie-break", "--exclude-push", "1"]
     plain = bag_of(tmp_path / "plain", None)
@@ -108,8 +108,8 @@ def test_options_outvote_what_was_recorded(tmp_path):
     assert estimated(bag, *options)["w"] == estimated(plain, *excluded)["w"]
 
 
-def test_a_bound_on_mu_c_that_the_run_did_not_use_is_not_taken_for_known(tmp_path):
-    recorded = EstimatorSettings(EstimatorConfig(mu_bound=1.0))  # as older bags say
+def test_a_bound_on_mu_c_that_the_run_did_not_use_is_ignored(tmp_path):
+    recorded = EstimatorSettings(EstimatorConfig(mu_bound=1.0))  # as in older bags
     bag = bag_of(tmp_path / "bag", recorded.to_text())
     run = CliRunner().invoke(app, ["estimate", str(bag), "--object", NAME, "--terms", "moment,cone"])
     assert "the term cone needs a mu_bound" in str(run.exception)
@@ -118,11 +118,11 @@ def test_a_bound_on_mu_c_that_the_run_did_not_use_is_not_taken_for_known(tmp_pat
     assert estimated(bag, *given) == estimated(plain, *given)
 
 
-def test_a_bag_that_says_nothing_was_recorded_with_the_defaults(tmp_path):
+def test_a_bag_without_settings_was_recorded_with_the_defaults(tmp_path):
     assert data_points.recorded_settings(bag_of(tmp_path / "bag", None)) == EstimatorSettings()
 
 
-def test_settings_that_are_not_understood_are_refused(tmp_path):
+def test_unknown_settings_are_refused(tmp_path):
     bag = bag_of(tmp_path / "bag", '{"colour": 1}')
     with pytest.raises(
         InvalidInput, match=r"bag: /cell/estimator_settings is not understood: expected any of terms, .*, got colour$"

@@ -1,4 +1,4 @@
-"""Files people hand in: objects, observations, support points, plans, cells."""
+"""Input files: objects, observations, support points, plans, cells."""
 
 import math
 
@@ -108,7 +108,7 @@ def test_bad_objects_are_refused_in_one_line(write, text, error):
     assert "\n" not in str(refusal.value)
 
 
-def test_an_unknown_object_is_refused_with_what_there_is():
+def test_an_unknown_object_is_refused_with_a_list_of_the_known_ones():
     with pytest.raises(InvalidInput, match=r"no object 'brick': expected a YAML file or one of delrin_square3"):
         load_object("brick")
 
@@ -147,7 +147,7 @@ def test_bad_observations_are_refused_in_one_line(write, text, error):
     assert str(path) in str(refusal.value)
 
 
-def test_a_file_that_is_no_text_is_refused(tmp_path):
+def test_a_file_that_is_not_text_is_refused(tmp_path):
     (tmp_path / "data.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InvalidInput, match="cannot be read"):
         read_observations(tmp_path / "data.csv", OUTLINE)
@@ -203,7 +203,7 @@ def test_a_plan_that_cannot_be_written_says_so(tmp_path):
         save_plan([PlannedPush(0, 0.0)], tmp_path / "nowhere/plan.yaml")
 
 
-def test_without_a_file_the_plan_is_the_papers(write):
+def test_without_a_file_the_plan_is_that_of_the_paper(write):
     assert len(load_plan("", load_object("rubber_rect4"))) == 14
     assert len(load_plan("", load_object("delrin_square3"))) == 20
     assert len(load_plan("", load_object(str(write(TRIANGLE))))) == 15
@@ -224,7 +224,7 @@ def test_bad_plans_are_refused(write, text, error):
         load_plan(str(write(text)), load_object("wood_rect4"))
 
 
-def test_a_cell_finds_its_files_beside_it(write, tmp_path):
+def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
     write("", "camera.yaml")
     cell = load_cell(write(CELL, "cell.yaml"))
     assert cell.camera.calibration == str(tmp_path / "camera.yaml")
@@ -256,7 +256,7 @@ def test_a_cells_estimator_section_becomes_parameters(write):
     parameters = load_cell(write(text)).estimator.parameters()
     expected = {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"], "mu_bound": 1.0}
     assert parameters | expected == parameters
-    assert isinstance(parameters["half_width"], float)  # as a node wants it
+    assert isinstance(parameters["half_width"], float)  # the type that a node needs
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What docs/files.md and docs/cell.md say of files is so: the keys of JSON, the example of recognize, the example of a cell."""
+"""What docs/files.md and docs/cell.md say is true: the keys of JSON, the example of recognize, the example of a cell."""
 
 import csv
 import json
@@ -25,11 +25,11 @@ ROOT = pathlib.Path(__file__).parents[3]
 TEXT = (ROOT / "docs/files.md").read_text()
 
 NAME = "delrin_rect_right"
-"""It looks the same as others, so it has hypotheses."""
+"""An object that looks the same as others, so that it has hypotheses."""
 
 
 def documented(commands):
-    """The keys in the table below the line of these commands."""
+    """The keys in the table of these commands."""
     table = TEXT.split(f"\n{commands}:\n\n")[1].split("\n\n")[0]
     return re.findall(r"^\| `(.*?)` \|", table, re.MULTILINE)
 
@@ -51,7 +51,7 @@ def printed(*arguments):
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    """Pushes with their forces: what every key needs."""
+    """Pushes with measured forces, so that every key appears."""
     known = TABLE_1[NAME]
     path = tmp_path_factory.mktemp("data") / "data.csv"
     with path.open("w", newline="") as stream:
@@ -65,7 +65,7 @@ def data(tmp_path_factory):
 
 def test_the_keys_of_an_estimate_are_documented(data):
     figures = printed("estimate", data, "--object", NAME, "--terms", "moment,force", "--slipping-push", 1)
-    # what demo adds
+    # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}
     assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay`, and `demo --json FILE`"))
 
@@ -95,8 +95,8 @@ def test_the_example_of_recognize_prints_what_it_says(tmp_path, monkeypatch):
 EXAMPLE = ROOT / "docs/example_cell"
 
 
-def test_the_example_of_a_cell_is_one(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)  # its files are found from its own folder
+def test_the_example_of_a_cell_is_valid(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # its files are relative to its own folder
     cell = load_cell(EXAMPLE / "cell.yaml")
     model = load_object(cell.object)
     plan = load_plan(cell.plan.plan, model)

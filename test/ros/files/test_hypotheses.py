@@ -39,7 +39,7 @@ def load(tmp_path):
     return load
 
 
-def test_a_hypothesis_stands_on_the_supports_of_the_object(load):
+def test_a_hypothesis_has_the_supports_of_the_object_by_default(load):
     model = load(["{name: feet}", "{name: grid, support: {grid: [3, 3]}}", "{name: center, center_of_friction: [0.05, 0.04]}"])
     feet, grid, center = model.hypotheses
     assert [hypothesis.name for hypothesis in model.hypotheses] == ["feet", "grid", "center"]
@@ -109,7 +109,7 @@ def test_rankings_survive_message_wire_and_json(best, stated):
     }
 
 
-def test_files_are_ranked_with_a_line_for_each_data_point_refused():
+def test_files_are_ranked_with_a_line_for_each_data_point_left_out():
     problem = three_feet()
     feet, elsewhere = problem.truth.points, problem.truth.points + 0.011
     hypotheses = [Hypothesis("elsewhere", elsewhere), Hypothesis("feet", feet)]

@@ -1,4 +1,4 @@
-"""The actuator node on the simulated controller: the push action, the states it publishes, and every way out of a motion."""
+"""The actuator node on the simulated controller: the push action, its published states, and every way a motion can end."""
 
 import itertools
 import os
@@ -39,7 +39,7 @@ LINE = {"line_origin": [0.1, -0.2], "line_direction": [0.0, 2.0], "tip_radius": 
 
 @pytest.fixture
 def controller(tmp_path) -> Iterator[SimulatedGrbl]:
-    """A simulated controller whose port is at tmp_path / "port", wherever it is plugged in."""
+    """A simulated controller whose port always appears at tmp_path / "port"."""
     with SimulatedGrbl(time.monotonic) as controller:
         (tmp_path / "port").symlink_to(controller.port)
         yield controller
@@ -52,7 +52,7 @@ def plug_in(controller: SimulatedGrbl, link) -> None:
 
 
 class HeldClock:
-    """Stands still until it is released."""
+    """A clock that stands still until it is released."""
 
     def __init__(self) -> None:
         self._held: float | None = time.monotonic()
@@ -69,15 +69,15 @@ def overrides(**parameters) -> list[Parameter]:
 
 
 class Cell:
-    """An actuator node, and all that another node sees of it."""
+    """An actuator node, and everything that another node sees of it."""
 
     def __init__(self, ros, port, **parameters) -> None:
         self.ros = ros
         self.states: list[PusherState] = []
         self.feedback: list[Push.Feedback] = []
         self.health: list[DiagnosticStatus] = []
-        namespace = f"/cell_{next(NUMBERS)}"  # its own: nodes of earlier tests may live on until Python collects them
-        # given to the executor before it asks for anything, so that no state is missed
+        namespace = f"/cell_{next(NUMBERS)}"  # a new one, as nodes of earlier tests may live on until Python collects them
+        # the executor gets it before it asks for anything, so that no state is missed
         self._other = ros.node("other", namespace=namespace)
         self._other.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
         self._other.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.health.extend(msg.status), RELIABLE)
@@ -94,13 +94,13 @@ class Cell:
     def ready(self) -> "Cell":
         self.wait_for_mode(PusherState.MODE_IDLE)
         self.ros.wait_for(self._client.server_is_ready, what="the action server")
-        # now, or a push might be over before they are found
+        # wait now; otherwise a push might be over before they are found
         for service in (self._reset, self._change, self._get):
             self.ros.wait_for(service.service_is_ready, 30.0, what=service.srv_name)
         return self
 
     def send(self, distance=0.03, speed=0.08, retract=False, push_id=7):
-        """Send a goal; its handle."""
+        """Send a goal and return its handle."""
         goal = Push.Goal(push_id=push_id, distance=distance, speed=speed, retract=retract)
         answer = self._client.send_goal_async(goal, feedback_callback=lambda msg: self.feedback.append(msg.feedback))
         self.ros.wait_for(answer.done, what="the answer to the goal")
@@ -115,7 +115,7 @@ class Cell:
         return self._call(self._reset, Trigger.Request())
 
     def change(self, transition: int) -> bool:
-        """Whether a lifecycle transition succeeded."""
+        """Ask for a lifecycle transition; return whether it succeeded."""
         return self._call(self._change, ChangeState.Request(transition=Transition(id=transition))).success
 
     @property
@@ -129,13 +129,13 @@ class Cell:
         return answer.result()
 
     def halfway(self, controller: SimulatedGrbl, **goal):
-        """The handle of a goal whose motion is under way, and is for longer than anything is waited for."""
+        """Start a motion that lasts longer than any timeout; return the handle of its goal."""
         handle = self.send(**{"distance": 0.08, "speed": 0.004} | goal)
         self.ros.wait_for(lambda: controller.position() > 0.001, what="the motion")
         return handle
 
     def refuses(self, controller: SimulatedGrbl, capfd, why: str) -> None:
-        """It is in alarm, takes no goal, says why, and does not move."""
+        """Assert that it is in alarm, accepts no goal, says why, and does not move."""
         rest = controller.position()
         self.wait_for_mode(PusherState.MODE_ALARM)
         self.ros.wait_for(lambda: self.health and self.health[-1].message == f"alarm: {why}", what="the diagnostic")
@@ -146,7 +146,7 @@ class Cell:
         assert controller.position() == rest
 
     def comes_to_rest(self, controller: SimulatedGrbl) -> float:
-        """Where the pusher rests, short of where it was sent."""
+        """Wait until the pusher rests before its goal; return where."""
         rest = -1.0
 
         def rests() -> bool:
@@ -159,12 +159,12 @@ class Cell:
         return rest
 
 
-def test_modes_are_those_of_the_message():
+def test_modes_match_the_constants_of_the_message():
     numbers = {name[5:]: getattr(PusherState, name) for name in dir(PusherState) if name.startswith("MODE_")}
     assert numbers.keys() == {mode.name for mode in Mode}
 
 
-def test_a_push_and_the_way_back(ros, controller, tmp_path):
+def test_a_push_and_its_retraction(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port", max_speed=0.05).ready()
     result = cell.result(cell.send(0.03, 0.03, retract=True))
     assert result.status == GoalStatus.STATUS_SUCCEEDED
@@ -188,7 +188,7 @@ def test_a_push_and_the_way_back(ros, controller, tmp_path):
 
 
 def test_a_push_in_simulated_time(ros, tmp_path):
-    """The clock moves in steps and faster than real time; every state tells where the pusher was at its stamp."""
+    """The clock moves in steps and faster than real time; every state says where the pusher was at its stamp."""
     now = [1000.0]
     truth: dict[int, float] = {}
     clock = ros.node("clock")
@@ -273,7 +273,7 @@ def test_a_canceled_push_stops(ros, controller, tmp_path):
     assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
 
 
-def test_the_way_back_is_no_push(ros, controller, tmp_path):
+def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     cell.result(cell.send(0.04))
     cell.states.clear()
@@ -296,13 +296,13 @@ def test_a_push_whose_client_leaves_is_stopped(ros, controller, tmp_path):
     assert cell.node._goal is None
 
 
-def test_a_manager_leads_it_through_its_states(ros, controller, tmp_path):
-    """Without autostart: the port is left alone, then connected, then goals are taken; and the same way back."""
+def test_a_manager_takes_it_through_its_states(ros, controller, tmp_path):
+    """Without autostart, the port is left alone, then it is connected, then goals are accepted; and back again."""
     cell = Cell(ros, tmp_path / "port", autostart=False)
     ros.wait_for(cell._client.server_is_ready, what="the action server")
     assert cell.state == "unconfigured"
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
-    assert not cell.change(Transition.TRANSITION_ACTIVATE)  # there is no such transition
+    assert not cell.change(Transition.TRANSITION_ACTIVATE)  # not a transition from this state
     assert cell.change(Transition.TRANSITION_CONFIGURE)
     cell.wait_for_mode(PusherState.MODE_HOLD)
     assert cell.state == "inactive"
@@ -332,7 +332,7 @@ def test_a_manager_leads_it_through_its_states(ros, controller, tmp_path):
         (Transition.TRANSITION_ACTIVE_SHUTDOWN, "finalized", "the actuator was shut down"),
     ],
 )
-def test_a_transition_in_mid_push_stops_it(ros, controller, tmp_path, transition, state, why):
+def test_a_transition_during_a_push_stops_it(ros, controller, tmp_path, transition, state, why):
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     assert cell.change(transition)
@@ -410,7 +410,7 @@ def test_a_clock_that_jumps_back_disturbs_nothing(ros, controller, tmp_path):
     assert cell.result(cell.send(-0.08)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
-def test_a_limit_in_mid_push_aborts_it_until_a_person_resets(ros, controller, tmp_path):
+def test_a_limit_during_a_push_stops_everything_until_a_person_resets(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     assert not cell.reset().success
@@ -420,7 +420,7 @@ def test_a_limit_in_mid_push_aborts_it_until_a_person_resets(ros, controller, tm
     assert (result.result.outcome, result.result.message) == (Push.Result.OUTCOME_ABORTED, "ALARM:1 Hard limit")
     cell.wait_for_mode(PusherState.MODE_ALARM)
     alarmed = next(state for state in cell.states if state.mode == PusherState.MODE_ALARM)
-    assert (alarmed.push_id, alarmed.speed) == (PusherState.NO_PUSH, 0.0)  # told at once, with nothing of the push left
+    assert (alarmed.push_id, alarmed.speed) == (PusherState.NO_PUSH, 0.0)  # reported at once, and the push is over
     assert not cell.send(0.01).accepted
     ros.wait_for(lambda: cell.health and "ALARM:1 Hard limit" in cell.health[-1].message, what="the diagnostic")
     assert cell.health[-1].level == DiagnosticStatus.ERROR
@@ -442,7 +442,7 @@ def test_an_unplugged_controller_is_found_again_and_not_moved(ros, controller, t
     assert "lost " in result.result.message
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
     plug_in(controller, tmp_path / "port")
-    cell.wait_for_mode(PusherState.MODE_ALARM)  # where it stands is uncertain: see below
+    cell.wait_for_mode(PusherState.MODE_ALARM)  # its position is uncertain: see below
     rest = controller.position()
     cell.states.clear()
     ros.wait_for(lambda: len(cell.states) > 5, what="more states")
@@ -450,7 +450,7 @@ def test_an_unplugged_controller_is_found_again_and_not_moved(ros, controller, t
     assert cell.states[-1].push_id == PusherState.NO_PUSH
 
 
-def test_a_controller_unplugged_at_rest_pushes_on(ros, controller, tmp_path):
+def test_a_controller_unplugged_at_rest_continues(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     cell.result(cell.send(0.03))
     cell.wait_for_mode(PusherState.MODE_IDLE)
@@ -462,7 +462,7 @@ def test_a_controller_unplugged_at_rest_pushes_on(ros, controller, tmp_path):
     assert controller.position() == pytest.approx(0.04)
 
 
-def test_after_a_power_cut_in_mid_push_nothing_moves_until_a_person_vouches(ros, controller, tmp_path, capfd):
+def test_after_a_power_cut_during_a_push_nothing_moves_until_a_person_confirms(ros, controller, tmp_path, capfd):
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     controller.reset()
@@ -470,9 +470,9 @@ def test_after_a_power_cut_in_mid_push_nothing_moves_until_a_person_vouches(ros,
     assert result.result.outcome == Push.Result.OUTCOME_ABORTED
     assert result.result.message.endswith("restarted")
     cell.refuses(controller, capfd, UNVOUCHED)
-    assert cell.states[-1].position == 0.0  # so the controller says
+    assert cell.states[-1].position == 0.0  # what the controller claims
     assert controller.position() > 0.001
-    # what the message asks for; the restart alone does not do
+    # do what the message asks for; the restart alone is not enough
     controller.unplug()
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
     controller._carriage = 0.0
@@ -556,7 +556,7 @@ def test_a_port_that_appears_later_is_connected(ros, tmp_path, capfd):
     assert capfd.readouterr().err.count(f"no serial port at {tmp_path}/port, retrying") == 1
 
 
-def test_a_port_where_garbage_comes_is_no_controller(ros, tmp_path, capfd):
+def test_a_port_that_sends_garbage_is_no_controller(ros, tmp_path, capfd):
     master, slave = os.openpty()
     tty.setraw(slave)
     (tmp_path / "port").symlink_to(os.ttyname(slave))
@@ -591,8 +591,8 @@ def test_homing(ros, tmp_path):
         ros.wait_for(lambda: abs(controller.position()) < 1e-9, what="homing")
 
 
-def test_after_a_power_cut_a_pusher_that_homes_must_home_though_it_is_unlocked(ros, tmp_path, capfd):
-    """By somebody at a terminal, or by the firmware: grblHAL boots unlocked unless it is told otherwise."""
+def test_after_a_power_cut_a_pusher_that_homes_must_home_even_if_it_is_unlocked(ros, tmp_path, capfd):
+    """Somebody at a terminal may unlock it, or the firmware: grblHAL boots unlocked unless configured otherwise."""
     with SimulatedGrbl(time.monotonic, homing=True) as controller:
         (tmp_path / "port").symlink_to(controller.port)
         cell = Cell(ros, tmp_path / "port", home=True).ready()
@@ -616,7 +616,7 @@ def test_a_pusher_that_cannot_home_does_not_push(ros, controller, tmp_path, capf
 
 
 class Strict(SimulatedGrbl):
-    """As grblHAL with $22=5: nothing unlocks it but homing."""
+    """Like grblHAL with $22=5: only homing unlocks it."""
 
     def _system(self, line: str) -> None:
         if line == "$X":
@@ -625,13 +625,13 @@ class Strict(SimulatedGrbl):
             super()._system(line)
 
 
-def test_a_lock_that_only_homing_opens_is_named(ros, capfd):
+def test_a_lock_that_only_homing_releases_is_named(ros, capfd):
     with Strict(time.monotonic, homing=True) as controller:
         cell = Cell(ros, controller.port)
         cell.refuses(controller, capfd, f'"$X" refused: error:46 Homing required (grblHAL): {UNVOUCHED}')
 
 
-def test_a_homing_that_was_stopped_is_made_up_for(ros):
+def test_a_homing_that_was_stopped_is_repeated(ros):
     clock = HeldClock()
     with SimulatedGrbl(clock, homing=True) as controller:
         cell = Cell(ros, controller.port, home=True)

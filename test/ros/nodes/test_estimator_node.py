@@ -63,7 +63,7 @@ def publisher(ros, node, kind, topic, qos):
 
 
 def estimator_of_observations(ros):
-    """A running estimator's peer, what it hands data points in with, and the estimates it gets."""
+    """A node next to a running estimator, its publisher of data points, and the list of estimates it receives."""
     node = ros.node("peer", namespace="/cell")
     ros.compose(estimator(object=NAME, source="observations"))
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
@@ -86,7 +86,7 @@ def pusher_msg(stamp, position, push_id):
 
 
 def push(push_id, start):
-    """What the cell says of one push: (topic's message) in order of time."""
+    """The messages of the cell about one push, in order of time."""
     known = TABLE_1[NAME]
     pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.03 - 0.02 * push_id, 0.04, 0.0))
     line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
@@ -98,7 +98,7 @@ def push(push_id, start):
         yield pusher_msg(stamp + 1, position, push_id)
 
 
-def test_every_data_point_gives_an_estimate_equal_to_the_cores(ros):
+def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
     node = ros.node("peer", namespace="/cell")
     ros.compose(estimator(object=NAME))
     observations = collect(ros, node, Observation, "observation", RELIABLE)
@@ -185,7 +185,7 @@ def call(ros, node, kind, name, request):
     return future.result()
 
 
-def test_reset_and_select_object_start_afresh(ros):
+def test_reset_and_select_object_restart_the_estimate(ros):
     node, out, estimates = estimator_of_observations(ros)
     first = observation_to_msg(DATA[0], NAME)
     for count in (1, 2):
@@ -308,7 +308,7 @@ def test_measured_forces_reach_the_estimate(ros):
     )
     wrong = wrench_msg(10**18 - 1, (1.0, 0.0))
     wrong.header.frame_id = "sensor"
-    wrenches.publish(wrong)  # refused: it would have to be turned first
+    wrenches.publish(wrong)  # refused, as it is in another frame
     for msg in push(0, 10**18):
         (states if isinstance(msg, PusherState) else poses).publish(msg)
         if isinstance(msg, PusherState):
@@ -321,7 +321,7 @@ def test_measured_forces_reach_the_estimate(ros):
     assert estimates[-1].support_friction.total_friction[0] == pytest.approx(2.0, rel=0.2)
 
 
-def test_a_clock_that_jumps_back_starts_afresh(ros):
+def test_a_clock_that_jumps_back_restarts_the_estimate(ros):
     node = ros.node("peer", namespace="/cell")
     live = ros.compose(estimator(object=NAME, source="observations", use_sim_time=True))
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
@@ -349,7 +349,7 @@ def nothing_is_known(parts):
 
 
 def latest(ros, node):
-    """The last message of each part of the estimate."""
+    """The last message on each topic of the estimate."""
     parts = dict.fromkeys(PARTS)
     for topic, kind in PARTS.items():
         node.create_subscription(kind, topic, lambda msg, topic=topic: parts.update({topic: msg}), LATCHED)
@@ -390,7 +390,7 @@ def test_pushes_are_left_out_from_the_start(ros):
     assert estimates[-1].pushes == 2
 
 
-def test_what_contradicts_itself_is_not_told_without_its_status(ros):
+def test_contradicting_data_give_a_status_and_no_values(ros):
     node, out, estimates = estimator_of_observations(ros)
     parts = latest(ros, node)
     out.publish(observation_to_msg(DATA[0], NAME))

@@ -1,4 +1,4 @@
-"""The experiment node with the actuator of a simulated controller and an operator's hand played by the test."""
+"""The experiment node with an actuator on a simulated controller; the test plays the operator."""
 
 import time
 
@@ -29,7 +29,7 @@ PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
 ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
 STILL = 0.15
-"""How long the object must lie still [s]; short, to be quick."""
+"""How long the object must lie still [s]; short, so that the tests are quick."""
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def controller(tmp_path):
 
 
 class Table:
-    """What the experiment sees of a table: poses of an object that lies wherever the test's hand, or the prompt, puts it."""
+    """What the experiment sees of a table: poses of an object that lies where the test, or the prompt, puts it."""
 
     def __init__(self, ros, tmp_path, actuator=None, **parameters) -> None:
         self.ros, self.obedient, self.object = ros, True, AWAY
@@ -48,10 +48,10 @@ class Table:
         self.wanted: list[Pose] = []
         self.progress: list[PlanProgress] = []
         self.states: list[PusherState] = []
-        self.now = None  # of the poses [ns]; None: the computer's
+        self.now = None  # time of the poses [ns]; None: the computer's time
         self._node = ros.node("table", namespace="/cell")
         self._node.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
-        # every message counts here, not the last one only
+        # every message counts here, not only the last one
         self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, RELIABLE)
         self._node.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
         self._pose_out = self._node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
@@ -59,7 +59,7 @@ class Table:
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
         self._node.create_timer(0.02, self._show)
         self.well = ["/cell/estimator"]
-        self.settled = 0  # as the estimator says [ns]
+        self.settled = 0  # what the estimator reports [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
                  "awaits": ["estimator"]}  # fmt: skip
@@ -99,7 +99,7 @@ class Table:
         self._pose_out.publish(msg)
 
     def wait_for_message(self, text: str, timeout: float = 20.0) -> PlanProgress:
-        """The first report with this text that has not been waited for yet."""
+        """Wait for the next report with this text that no earlier call has returned."""
         found: list[PlanProgress] = []
 
         def heard() -> bool:
@@ -132,7 +132,7 @@ def overrides(parameters) -> list[Parameter]:
 
 
 def pushed(states) -> list[int]:
-    """The pushes that were seen to go forward, in order."""
+    """Ids of the pushes that went forward, in order."""
     ids = [state.push_id for state in states if state.push_id != PusherState.NO_PUSH]
     return [push_id for i, push_id in enumerate(ids) if i == 0 or ids[i - 1] != push_id]
 
@@ -151,7 +151,7 @@ def test_a_plan_is_carried_out(ros, controller, tmp_path):
     assert table.wanted[0].x == pytest.approx(0.0)
 
 
-def test_pushes_are_chosen_one_by_one_from_what_is_known_of_all_before(ros, controller, tmp_path):
+def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, tmp_path):
     region = ros.node("region", namespace="/cell").create_publisher(
         CenterOfFrictionRegion, "center_of_friction_region", LATCHED
     )
@@ -165,7 +165,7 @@ def test_pushes_are_chosen_one_by_one_from_what_is_known_of_all_before(ros, cont
         ros.wait_for(lambda number=number: len(table.wanted) == number + 1, what="the placement")
         wanted = placement(TABLE_1["wood_rect4"].outline, choice, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
         assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
-        # the estimator still has to deal with the last push
+        # the estimator has not processed the last push yet
         table.wait_for_message("waiting for: the region of p_CF", 30.0)
     region.publish(CenterOfFrictionRegion(collapsed=True))
     ros.wait_for(lambda: table.node._region.collapsed, what="the collapse")
@@ -175,7 +175,7 @@ def test_pushes_are_chosen_one_by_one_from_what_is_known_of_all_before(ros, cont
     assert last.message == "2 of 3 pushes done"
 
 
-def test_the_plan_waits_for_those_who_listen(ros, controller, tmp_path):
+def test_the_plan_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
     table.wait_for_message("waiting for: recorder")
     assert not table.wanted
@@ -183,7 +183,7 @@ def test_the_plan_waits_for_those_who_listen(ros, controller, tmp_path):
     table.wait_for_message("place the object")
 
 
-def test_the_operator_is_told_what_the_object_lacks(ros, controller, tmp_path):
+def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, tmp_path):
     table = Table(ros, tmp_path)
     table.obedient = False
     table.object = Pose(0.5, 0.5, 0.0)
@@ -199,8 +199,8 @@ def test_the_operator_is_told_what_the_object_lacks(ros, controller, tmp_path):
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
 
 
-def test_a_plan_goes_on_where_it_was_interrupted(ros, controller, tmp_path):
-    """The earlier run left the pusher in mid-stroke: it is brought back before anything is asked of the operator."""
+def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
+    """The earlier run left the pusher within its stroke: it is brought back before the operator is asked for anything."""
     controller._carriage, controller._offset = 25.0, 0.0
     table = Table(ros, tmp_path, start=3)
     table.wait_for_message("bringing the pusher back")
@@ -215,7 +215,7 @@ def test_a_start_beyond_the_plan_is_refused(ros, tmp_path):
         Table(ros, tmp_path, actuator="none", start=4)
 
 
-def test_an_alarm_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
+def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
     table = Table(ros, tmp_path)
     ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
     controller.hit_limit()
@@ -230,7 +230,7 @@ def test_an_alarm_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, con
     assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
-def test_a_pusher_unplugged_in_mid_push_costs_one_push(ros, controller, tmp_path):
+def test_a_pusher_unplugged_during_a_push_costs_one_push(ros, controller, tmp_path):
     table = Table(ros, tmp_path)
     ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
     controller.unplug()
@@ -244,7 +244,7 @@ def test_a_pusher_unplugged_in_mid_push_costs_one_push(ros, controller, tmp_path
     assert (last.completed, last.aborted) == (2, 1)
 
 
-def test_a_power_cut_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
+def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
     table = Table(ros, tmp_path)
     ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
     controller.reset()
@@ -252,7 +252,7 @@ def test_a_power_cut_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, 
     assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
     assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
     assert controller.position() > 0.005
-    controller._carriage = 0.0  # the operator's hand
+    controller._carriage = 0.0  # the operator moves it by hand
     controller.reset()
     table.wait_for_message("no controller answers")
     table.wait_for_message(ALARM)
@@ -263,12 +263,12 @@ def test_a_power_cut_in_mid_push_waits_for_the_operator_and_costs_one_push(ros, 
     assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
-def test_an_object_lost_in_mid_push_stops_the_pusher(ros, controller, tmp_path, capfd):
+def test_an_object_lost_during_a_push_stops_the_pusher(ros, controller, tmp_path, capfd):
     table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
     ros.wait_for(lambda: controller.position() > 0.002, 30.0, what="the push")
     table.visible = False
     table.wait_for_message("bringing the pusher back")
-    assert max(state.position for state in table.states) < 0.029  # short of the push's end
+    assert max(state.position for state in table.states) < 0.029  # before the end of the push
     assert "push 1 aborted: the object was not seen for 0.5 s" in capfd.readouterr().err
     table.wait_for_message("push 2 of 3: place the object")
     table.visible = True
@@ -293,7 +293,7 @@ def test_a_clock_that_jumps_back_forgets_the_poses_before_it(ros, controller, tm
 
 
 class DeafPusher:
-    """An actuator that reports to be idle whatever it is asked."""
+    """An actuator that reports to be idle, whatever it is asked to do."""
 
     def __init__(self, ros, accept: bool) -> None:
         self._node = ros.node("actuator", namespace="/cell")
@@ -315,7 +315,7 @@ class DeafPusher:
 
 
 @pytest.mark.parametrize(("accept", "why"), [(False, "the pusher refused it"), (True, "the pusher forgot it")])
-def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_goes_on(ros, tmp_path, capfd, accept, why):
+def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(ros, tmp_path, capfd, accept, why):
     DeafPusher(ros, accept)
     table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3)
     last = table.wait_for_end()

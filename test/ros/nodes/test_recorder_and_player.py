@@ -1,4 +1,4 @@
-"""The recorder and the player over the real middleware: what was recorded is played, and played again is recorded the same."""
+"""The recorder and the player over the real middleware: a recording is played, and recorded again it is the same."""
 
 import pathlib
 import resource
@@ -88,7 +88,7 @@ def by_topic(pairs: list[tuple[str, bytes]]) -> dict[str, list[bytes]]:
 
 
 class Listener:
-    """Keeps the texts of the observations, points and strings it hears, in order, and the times of the clock."""
+    """Keeps the texts of the observations, points and strings that it receives, in order, and the times of the clock."""
 
     def __init__(self, ros, name: str = "listener") -> None:
         self.node: Node = ros.node(name, namespace="/cell")
@@ -96,7 +96,7 @@ class Listener:
         self.clock: list[int] = []
         self.node.create_subscription(Observation, "observation", lambda msg: self.heard.append(f"o{msg.push_id}"), RELIABLE)
         self.node.create_subscription(String, "text", lambda msg: self.heard.append(f"t{msg.data}"), SENSOR_QUEUE)
-        # deep, so that a busy moment does not overwrite what was not heard yet
+        # a deep queue, so that nothing is overwritten in a busy moment before it is received
         latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.node.create_subscription(PointStamped, "center_of_friction", self._on_point, latched)
         self.node.create_subscription(Clock, "/clock", self._on_clock, RELIABLE)
@@ -127,7 +127,7 @@ def wait_until_matched(ros, outputs) -> None:
 
 
 def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
-    outputs[1].publish(PointStamped())  # latched before the recorder is there
+    outputs[1].publish(PointStamped())  # latched before the recorder exists
     node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
     wait_until_matched(ros, outputs)
     sent = [serialize_message(String(data=f"text {number}")) for number in range(50)]
@@ -212,7 +212,7 @@ def test_the_recorder_reports_what_it_does(ros, outputs, tmp_path):
     assert values.items() >= {"messages": "1", "bytes": str(len(raw)), "lost": "0", "topics": "3"}.items()
 
 
-def test_what_a_full_queue_pushes_out_is_counted_as_lost_and_warned_of_once(ros, outputs, tmp_path):
+def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, outputs, tmp_path):
     reports = []
     monitor = ros.node("monitor")
     monitor.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
@@ -239,7 +239,7 @@ def test_what_a_full_queue_pushes_out_is_counted_as_lost_and_warned_of_once(ros,
 
 def test_missing_numbers_of_a_single_publisher_are_losses():
     losses = _Losses()
-    for number in (7, 8, 11):  # 9 and 10 are missing; what came before the first was never ours
+    for number in (7, 8, 11):  # 9 and 10 are missing; earlier ones were not for this subscription
         losses.count(number, lambda: 1)
     assert losses.messages == 2
     for number in (1, 2, None, 1):  # a new publisher, a middleware without numbers, another publisher
@@ -248,7 +248,7 @@ def test_missing_numbers_of_a_single_publisher_are_losses():
     assert losses.messages == 2
 
 
-def test_what_the_middleware_tells_counts_once():
+def test_a_loss_that_the_middleware_reports_counts_once():
     losses = _Losses()
     losses.told(SimpleNamespace(total_count_change=3))
     losses.count(1, lambda: 1)
@@ -280,7 +280,7 @@ def test_the_recorder_refuses_a_folder_in_use(ros, tmp_path):
         recorder(bag=str(tmp_path), topics=TOPICS)
 
 
-def test_a_signal_ends_the_recorder_with_a_whole_bag(ros, outputs, tmp_path):
+def test_a_signal_ends_the_recorder_with_a_complete_bag(ros, outputs, tmp_path):
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
     process = subprocess.Popen([*RECORDER, *arguments], stderr=subprocess.PIPE)
     try:
@@ -314,7 +314,7 @@ def test_a_killed_recorder_loses_only_what_it_had_not_flushed(ros, outputs, tmp_
     assert [content(m).push_id for m in Bag(tmp_path / "saved").messages()] == list(range(saved))
 
 
-def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_goes_on(ros, outputs, tmp_path):
+def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_continues(ros, outputs, tmp_path):
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
     first = subprocess.Popen([*RECORDER, *arguments])
     try:
@@ -331,7 +331,7 @@ def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_goes_on(r
     assert [content(m).push_id for m in Bag(tmp_path / "bag").messages()] == [3]
 
 
-def test_an_object_that_cannot_be_written_beside_the_bag_is_one_error(ros, tmp_path):
+def test_an_object_that_cannot_be_written_next_to_the_bag_is_one_error(ros, tmp_path):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20, hard))
     try:
@@ -356,7 +356,7 @@ run_node(make)
 
 
 def test_a_full_disk_ends_the_recorder_with_one_line(ros, outputs, tmp_path):
-    """A limit on the size of files stands in for the size of the disk."""
+    """A limit on the size of files takes the place of a full disk."""
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
     process = subprocess.Popen([sys.executable, "-c", LIMITED_RECORDER, *arguments], stderr=subprocess.PIPE)
     try:
@@ -381,8 +381,8 @@ def test_a_full_disk_at_the_end_is_reported_too(ros, tmp_path, rng):
     assert not (tmp_path / "bag/metadata.yaml").exists()
 
 
-def test_discovery_passes_over_a_type_without_definition(ros, tmp_path):
-    """The messages of an action have none that is installed as a .msg file."""
+def test_discovery_skips_a_type_without_definition(ros, tmp_path):
+    """For the messages of an action, no .msg file is installed."""
     sender = ros.node("sender")
     sender.create_publisher(Push.Impl.FeedbackMessage, "/feedback", RELIABLE)
     sender.create_publisher(String, "/text", RELIABLE)
@@ -394,7 +394,7 @@ def test_discovery_passes_over_a_type_without_definition(ros, tmp_path):
 # --- the player ---
 
 
-def test_recorded_played_and_recorded_again_is_the_same(ros, tmp_path):
+def test_a_bag_that_is_played_and_recorded_again_is_the_same(ros, tmp_path):
     original = make_bag(tmp_path / "first", 90)
     ros.compose(first := recorder(bag=str(tmp_path / "second"), topics=TOPICS))
     node = ros.compose(player(bag=str(tmp_path / "first"), wait_for=NAMES, rate=2.0, clock=False))
@@ -458,13 +458,13 @@ def test_playing_waits_for_its_subscribers(ros, tmp_path):
     ros.wait_for(lambda: played.done, what="the end of the bag")
 
 
-def test_from_a_later_start_the_last_latched_message_comes_first(ros, tmp_path):
+def test_with_a_later_start_the_last_latched_message_comes_first(ros, tmp_path):
     make_bag(tmp_path / "bag", 30)
     listener = Listener(ros)
     node = ros.compose(player(bag=str(tmp_path / "bag"), start=0.1, wait_for=[*NAMES, "/clock"]))
     ros.wait_for(lambda: node.done and listener.heard and listener.heard.count("o27"), what="the end of the bag")
     points = [text for text in listener.heard if text.startswith("p")]
-    assert points == ["p19", "p22", "p25", "p28"]  # 20 messages lie before the start
+    assert points == ["p19", "p22", "p25", "p28"]  # 20 messages are before the start
     assert [text for text in listener.heard if text.startswith("o")] == ["o21", "o24", "o27"]
     assert listener.clock[0] == START + 100_000_000
 
@@ -478,7 +478,7 @@ def test_a_late_subscriber_gets_the_last_latched_message(ros, tmp_path):
     assert late.heard == ["p10"]
 
 
-def test_a_loop_begins_again_and_its_clock_jumps_back(ros, tmp_path):
+def test_a_loop_starts_again_and_its_clock_jumps_back(ros, tmp_path):
     make_bag(tmp_path / "bag", 6)
     listener = Listener(ros)
     node = ros.compose(player(bag=str(tmp_path / "bag"), loop=True, wait_for=[*NAMES, "/clock"]))
@@ -508,7 +508,7 @@ def test_pause_holds_and_resumes(ros, tmp_path):
     ros.wait_for(lambda: node._bag_time() > held, what="time running on")
 
 
-def test_a_paused_player_waits_until_it_is_told_to_begin(ros, tmp_path):
+def test_a_paused_player_waits_until_it_is_resumed(ros, tmp_path):
     make_bag(tmp_path / "bag")
     listener = Listener(ros)
     node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=[*NAMES, "/clock"], rate=1000.0, paused=True))
@@ -569,7 +569,7 @@ def test_an_unusable_qos_is_refused(ros, tmp_path, override):
 
 
 def test_a_high_rate_shortens_a_long_bag(ros, tmp_path):
-    """A quarter of an hour within the seconds that a test waits."""
+    """A quarter of an hour is played within the seconds that a test waits."""
     make_bag(tmp_path / "bag", 31, period_ns=60 * SECOND)
     listener = Listener(ros)
     node = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=NAMES, rate=1000.0, clock=False))

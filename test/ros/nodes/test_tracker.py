@@ -35,7 +35,7 @@ PERIOD = 16_666_667
 
 
 class Cell:
-    """A tracker in a namespace, and both ends of its topics."""
+    """A tracker in a namespace, with the other ends of its topics."""
 
     def __init__(self, ros, folder, **parameters) -> None:
         (folder / "object.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist(), "height": HEIGHT}))
@@ -71,19 +71,19 @@ class Cell:
         self.images.publish(msg)
 
     def see(self, truth: Pose) -> Pose:
-        """Send a frame; the pose that comes back."""
+        """Send a frame and return the pose that comes back."""
         count = len(self.poses)
         self.send(self.simulation.render(truth))
         self.ros.wait_for(lambda: len(self.poses) > count, what="a pose")
         return pose_from_msg(self.poses[-1].pose.pose)
 
     def place(self, pose: Pose) -> None:
-        """Announce a placement; returns when the tracker has it, or at least any later frame will find it there."""
+        """Announce a placement; return when the tracker has it, or will have it before any later frame."""
         self.placements.publish(PoseStamped(pose=pose_to_msg(pose)))
         self.ros.wait_for(lambda: self.tracker._placement == pytest.approx(pose), what="the placement's arrival")
 
     def report(self, **expected: str) -> DiagnosticStatus:
-        """The next diagnostics whose values are as expected."""
+        """Wait for diagnostics with the expected values, and return them."""
 
         def found() -> bool:
             return any(self.values(status).items() >= expected.items() for status in self.reports)
@@ -158,13 +158,13 @@ def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
         np.full((480, 640), 255, np.uint8),
     ):
         cell.send(frame)
-    cell.see(TRUTH)  # frames are treated in order
+    cell.see(TRUTH)  # frames are processed in order
     assert len(cell.poses) == 1
     report = cell.report(frames="5", seen="1", last_reason="saturated or empty frame")
     assert report.name == "/cell/tracker"
 
 
-def test_diagnostics_tell_whether_the_object_is_seen(cell):
+def test_diagnostics_say_whether_the_object_is_seen(cell):
     cell.see(TRUTH)
     seen = cell.report(seen="1", object="block", visible="1.0")
     assert (seen.level, seen.message) == (DiagnosticStatus.OK, "seen")
@@ -218,13 +218,13 @@ def test_unusable_frames_are_counted(cell, encoding, fields, reason):
 
 
 def picture():
-    """A smooth one in colour, (24, 32, 3) BGR; smooth, as colour is told by mosaics and YUV with fewer pixels than grey."""
+    """A colour picture, (24, 32, 3) BGR; smooth, because mosaics and YUV have fewer pixels for colour than for grey."""
     row, column = np.mgrid[0:24, 0:32]
     return np.stack((90 + 3 * column, 200 - 4 * row, 60 + 2 * row + 2 * column), axis=2).astype(np.uint8)
 
 
 def rows_of(bgr, encoding):
-    """A picture (height, width, 3) as the rows of bytes of its message."""
+    """A picture (height, width, 3) as the rows of bytes of a message in this encoding."""
     height, width = bgr.shape[:2]
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     if encoding in ("yuyv", "yuv422_yuy2"):
@@ -236,7 +236,7 @@ def rows_of(bgr, encoding):
         u, v = planar[height:].reshape(2, height // 2, width // 2)
         colours = (u, v) if encoding == "nv12" else (v, u)
         return np.vstack((planar[:height], np.stack(colours, axis=2).reshape(height // 2, width)))
-    if encoding == "nv24":  # OpenCV does not make it; any colours will do
+    if encoding == "nv24":  # OpenCV cannot encode it; any colours will do
         luminance = cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420)[:height]
         return np.vstack((luminance, np.full((2 * height, width), 77, np.uint8)))
     if encoding.startswith("bayer"):
@@ -267,20 +267,20 @@ def test_every_encoding_gives_the_grey_picture(encoding, padding):
     seen = grey_from_msg(message(rows_of(picture(), encoding), 24, 32, encoding, padding))
     assert (seen.shape, seen.dtype) == (grey.shape, np.uint8)
     if encoding.startswith(("yu", "uy", "nv")):
-        grey = 16 + grey * (219 / 255)  # luminance has the range of television, 16 to 235 (BT.601)
-    inner = np.s_[1:-1, 1:-1] if encoding.startswith("bayer") else np.s_[:]  # no neighbours beyond the rim
+        grey = 16 + grey * (219 / 255)  # luminance has video range, 16 to 235 (BT.601)
+    inner = np.s_[1:-1, 1:-1] if encoding.startswith("bayer") else np.s_[:]  # pixels at the border lack neighbours
     np.testing.assert_allclose(seen[inner].astype(float), grey[inner], atol=2 if encoding.startswith("bayer") else 1)
 
 
 @pytest.mark.parametrize("encoding", ["nv12", "nv21"])
-def test_the_planes_made_here_are_those_opencv_understands(encoding):
+def test_opencv_reads_the_planes_made_here(encoding):
     conversion = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}[encoding]
     np.testing.assert_allclose(cv2.cvtColor(rows_of(picture(), encoding), conversion), picture(), atol=6)
 
 
 @pytest.mark.parametrize("padding", [0, 6])
 @pytest.mark.parametrize(("big", "order"), [(0, "<u2"), (1, ">u2")])
-def test_of_16_bits_the_upper_8_are_taken_in_either_order(big, order, padding):
+def test_the_upper_8_of_16_bits_are_used_in_either_byte_order(big, order, padding):
     values = np.arange(24 * 32).reshape(24, 32) * 80 + 123
     rows = values.astype(order).view(np.uint8)
     np.testing.assert_array_equal(grey_from_msg(message(rows, 24, 32, "mono16", padding, is_bigendian=big)), values // 256)
@@ -299,7 +299,7 @@ def test_images_cut_short_are_refused(encoding):
         grey_from_msg(msg)
 
 
-def test_an_odd_number_of_rows_has_a_row_of_colours_more():
+def test_an_odd_number_of_rows_needs_one_more_row_of_colours():
     rows = rows_of(picture(), "nv12")
     seen = grey_from_msg(message(np.vstack((rows[:23], rows[24:])), 23, 32, "nv12"))
     np.testing.assert_array_equal(seen, rows[:23])
@@ -314,14 +314,14 @@ def test_padded_rows_are_read_without_a_copy():
     assert grey[0, 0] == 99
 
 
-def test_a_placement_tells_which_way_round_the_object_lies(cell):
+def test_a_placement_decides_between_orientations_that_look_the_same(cell):
     away = cell.simulation.render(None)
     for theta in (0.3, 0.3 + np.pi, 2.0, 2.0 - np.pi):
         truth = TRUTH._replace(theta=wrap(theta))
         cell.place(Pose(truth.x + 0.002, truth.y - 0.002, truth.theta + 0.2))
         cell.send(away)
         assert_close(cell.see(truth), truth)
-        # from there on by continuity, through more than a quarter turn
+        # from then on its last pose decides, through more than a quarter turn
         for turn in np.arange(0.2, 2.5, 0.2):
             assert_close(cell.see(truth._replace(theta=truth.theta + turn)), truth._replace(theta=truth.theta + turn))
         # a moment out of sight changes nothing
@@ -329,7 +329,7 @@ def test_a_placement_tells_which_way_round_the_object_lies(cell):
         assert_close(cell.see(truth._replace(theta=truth.theta + 2.5)), truth._replace(theta=truth.theta + 2.5))
 
 
-def test_an_object_moved_by_hand_between_two_frames_is_where_it_was_to_be_put(cell):
+def test_an_object_moved_by_hand_between_two_frames_lies_as_it_was_to_be_placed(cell):
     cell.see(TRUTH)
     truth = Pose(TRUTH.x - 0.05, TRUTH.y, wrap(TRUTH.theta + np.pi))
     cell.place(truth)
@@ -337,7 +337,7 @@ def test_an_object_moved_by_hand_between_two_frames_is_where_it_was_to_be_put(ce
     assert_close(cell.see(truth), truth)
 
 
-def test_a_placement_that_is_no_pose_is_ignored(cell):
+def test_an_impossible_placement_is_ignored(cell):
     bad = PoseStamped()
     bad.pose.position.x = float("nan")
     cell.placements.publish(bad)
@@ -378,7 +378,7 @@ def test_images_without_a_time_stamp_are_refused(cell):
     cell.report(unusable_frames="1", last_reason="the images carry no time stamp")
 
 
-def test_markers_tell_the_pose(ros, tmp_path):
+def test_markers_give_the_pose(ros, tmp_path):
     (tmp_path / "markers.yaml").write_text("{family: apriltag_36h11, markers: [{id: 5, size: 0.04, center: [0.02, 0.0]}]}")
     cell = Cell(ros, tmp_path, fiducials=str(tmp_path / "markers.yaml"))
     cell.send(marked_picture(load_fiducials(tmp_path / "markers.yaml"), CAMERA, TRUTH, HEIGHT, np.random.default_rng(0)))
@@ -387,7 +387,7 @@ def test_markers_tell_the_pose(ros, tmp_path):
 
 
 def test_the_height_in_the_cell_file_is_used(ros, tmp_path):
-    """A face seen 12 mm over the table but taken to lie on it would appear 1.5 % larger, and off by parallax."""
+    """If a face 12 mm over the table were taken to lie on it, it would seem 1.5 % larger and shifted by parallax."""
     (tmp_path / "flat.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist()}))
     save_camera(CAMERA, tmp_path / "camera.yaml")
     pusher = {

@@ -1,4 +1,4 @@
-"""The GRBL driver against a scripted controller, byte by byte, and against the simulated firmware; and that firmware itself."""
+"""The GRBL driver against a scripted controller, byte by byte, and against the simulated firmware; also that firmware."""
 
 import os
 import re
@@ -20,7 +20,7 @@ IDLE = "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
 
 
 class Peer:
-    """A controller whose every word the test decides; serves when asked to, in the test's own thread."""
+    """A controller whose answers the test scripts; it serves when called, in the thread of the test."""
 
     def __init__(self) -> None:
         self._master, slave = os.openpty()
@@ -28,7 +28,7 @@ class Peer:
         os.set_blocking(self._master, False)
         self.port = os.ttyname(slave)
         self._slave: int | None = slave
-        self.heard = b""  # all but the questions
+        self.heard = b""  # everything except status queries
         self.status = IDLE
         self.replies = {b"$I": "[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n", b"$$": SETTINGS + "ok\r\n"}
         self.on_reset = GREETING
@@ -73,7 +73,7 @@ def peer() -> Iterator[Peer]:
 def drive(
     pusher: Grbl, until: Callable[[], object], peer: Peer | None = None, seconds: float = 10.0, ask: bool = True
 ) -> list[PusherReport]:
-    """Poll, and ask now and then, until a condition holds; the reports on the way."""
+    """Poll, with a status query now and then, until a condition holds; return the reports received."""
     reports = []
     deadline = time.monotonic() + seconds
     turn = 0
@@ -92,13 +92,13 @@ def drive(
 
 
 def fail(pusher: Grbl, error: type[Exception], text: str, peer: Peer | None = None, seconds: float = 10.0) -> None:
-    """Poll until an error is raised, and expect this one."""
+    """Poll until an error is raised, and expect it to be this one."""
     with pytest.raises(error, match=text):
         drive(pusher, lambda: False, peer, seconds)
 
 
 def report_now(pusher: Grbl, peer: Peer, stamp: int = 5) -> PusherReport:
-    """The answer to a question asked after all others were answered."""
+    """The answer to a status query sent after all others were answered."""
     drive(pusher, lambda: pusher._asked is None, peer, ask=False)
     pusher.ask(stamp)
     return drive(pusher, lambda: pusher._asked is None, peer, ask=False)[-1]
@@ -114,7 +114,7 @@ def connect(peer: Peer, greet: str = GREETING, **kwargs) -> Grbl:
 
 
 def begin_move(pusher: Grbl, peer: Peer, position: float = 0.025, speed: float = 0.02) -> None:
-    """A motion whose `ok` has come and which is reported to run."""
+    """Begin a motion; return when its `ok` has come and it is reported to run."""
     peer.heard = b""
     pusher.move_to(position, speed)
     drive(pusher, lambda: peer.heard.endswith(b"\n"), peer, ask=False)
@@ -156,7 +156,7 @@ def test_a_status_report_is_understood_field_by_field(line, status):
     "line",
     ["ok", "", "<>", "<Idle|MPos:0.0", "Idle|MPos:0.000>", "<Run|MPos:1.0.0,0,0>", "<Run|Bf:a,b>", "<Run|Ln:>", "[MSG:<x]"],
 )
-def test_a_damaged_report_is_no_report(line):
+def test_a_damaged_report_is_ignored(line):
     assert parse_status(line) is None
 
 
@@ -168,7 +168,7 @@ def test_connecting_asks_who_and_how_and_sets_the_modes(peer):
     assert pusher.limits == Limits(float("inf"), pytest.approx(0.1), pytest.approx(0.5))
 
 
-def test_the_travel_counts_where_the_controller_enforces_it(peer):
+def test_the_travel_counts_if_the_controller_enforces_it(peer):
     peer.replies[b"$$"] = SETTINGS.replace("$20=0", "$20=1") + "ok\r\n"
     assert connect(peer).limits.travel == pytest.approx(0.2)
 
@@ -178,7 +178,7 @@ def test_homing_ends_inside_the_travel(peer):
     assert connect(peer).limits.travel == pytest.approx(0.198)  # the pull-off is lost
 
 
-def test_a_controller_that_says_nothing_of_its_limits_has_none(peer):
+def test_a_controller_that_reports_no_limits_has_none(peer):
     peer.replies[b"$$"] = "$110=n/a\r\nok\r\n"
     assert connect(peer).limits == Limits(float("inf"), float("inf"), float("inf"))
 
@@ -186,11 +186,11 @@ def test_a_controller_that_says_nothing_of_its_limits_has_none(peer):
 @pytest.mark.parametrize(
     "greeting", ["GrblHAL 1.1f ['$' or '$HELP' for help]\r\n", "Grbl 3.7 [FluidNC v3.7.8 '$' for help]\r\n"]
 )
-def test_relatives_of_grbl_are_welcome(peer, greeting):
+def test_compatible_firmware_is_accepted(peer, greeting):
     assert connect(peer, greeting).mode is Mode.IDLE
 
 
-def test_noise_at_boot_is_none_of_our_business(peer):
+def test_noise_at_boot_is_ignored(peer):
     noise = "\x00\xff\r\nerror:7\r\n$0=10\r\n$1=25\r\nok\r\n" + GREETING + "[MSG:Check Limits]\r\n>G20G54:ok\r\n>:error:7\r\n"
     peer.replies[b"$I"] = "$I\r\n[echo: $I]\r\n[VER:1.1f.20170131:bench 3]\r\nok\r\n"
     pusher = connect(peer, noise)
@@ -198,7 +198,7 @@ def test_noise_at_boot_is_none_of_our_business(peer):
     assert pusher.name.startswith("Grbl 1.1f.20170131")
 
 
-def test_echoes_of_questions_may_stand_before_an_answer(peer):
+def test_echoes_of_queries_may_precede_an_answer(peer):
     peer.replies[b"$I"] = "?ok\r\n"
     assert connect(peer).mode is Mode.IDLE
 
@@ -221,7 +221,7 @@ def test_without_a_greeting_the_controller_is_reset(peer):
     assert peer.heard == b"\x18$I\n$$\nG21 G90 G94\n"
 
 
-def test_a_running_controller_may_answer_questions_only(peer):
+def test_a_running_controller_may_answer_only_status_queries(peer):
     peer.on_reset = ""
     pusher = Grbl(peer.port, greeting_timeout=0.05)
     pusher.connect()
@@ -250,7 +250,7 @@ def test_a_port_that_is_not_there():
         Grbl("/dev/no_such_port").connect()
 
 
-def test_a_port_that_is_no_port(tmp_path):
+def test_a_file_that_is_no_port(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(NotConnected, match=r"cannot open .*file"):
         Grbl(str(tmp_path / "file")).connect()
@@ -263,7 +263,7 @@ def test_a_port_in_use_is_left_alone(peer):
     assert pusher.mode is Mode.IDLE
 
 
-def test_what_is_not_open_cannot_be_used():
+def test_a_pusher_that_is_not_connected_cannot_be_used():
     pusher = Grbl("/dev/no_such_port")
     with pytest.raises(NotConnected, match="is not open"):
         pusher.poll()
@@ -276,7 +276,7 @@ def test_what_is_not_open_cannot_be_used():
     pusher.close()
 
 
-def test_an_axis_must_be_one():
+def test_a_wrong_name_of_an_axis_is_refused():
     with pytest.raises(ValueError, match=r"axis must be X, Y, Z, A, B or C, .*got '-'"):
         Grbl("/dev/ttyUSB0", axis="-")
 
@@ -296,7 +296,7 @@ def test_an_alarm_at_boot_is_unlocked(peer):
 def test_home_is_where_the_stroke_begins(peer):
     peer.replies[b"$H"] = ""
     pusher = connect(peer, home=True)
-    assert peer.heard == b"$I\n$$\nG21 G90 G94\n"  # a connection does not move
+    assert peer.heard == b"$I\n$$\nG21 G90 G94\n"  # connecting moves nothing
     peer.heard = b""
     pusher.recover()
     drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
@@ -394,7 +394,7 @@ def test_the_zero_of_an_axis_that_runs_backwards_has_no_sign(peer, x, position):
 
 def test_home_is_zero_to_the_last_digit(peer):
     pusher = connect(peer, home=True)
-    peer.status = "<Idle|MPos:-255.907,0.000,0.000|FS:0,0>"  # of which floating point makes -3e-17 m
+    peer.status = "<Idle|MPos:-255.907,0.000,0.000|FS:0,0>"  # which floating point turns into -3e-17 m
     pusher.recover()
     drive(pusher, lambda: not pusher.busy, peer)
     assert str(report_now(pusher, peer).position) == "0.0"
@@ -444,8 +444,8 @@ def test_without_a_feed_field_positions_and_stamps_give_the_speed(peer):
 
 @pytest.mark.parametrize("feed", ["FS:0,0", "FS:1200,0"])
 @pytest.mark.parametrize("state", ["Hold", "Door"])
-def test_the_feed_is_not_believed_in_a_hold(peer, state, feed):
-    """GrblHAL reports none while it brakes, and the programmed one at rest."""
+def test_the_reported_feed_is_ignored_in_a_hold(peer, state, feed):
+    """GrblHAL reports no feed while it brakes, and the programmed feed at rest."""
     pusher = connect(peer)
     begin_move(pusher, peer)
     peer.status = f"<{state}:1|MPos:6.000,0.000,0.000|{feed}>"
@@ -456,7 +456,7 @@ def test_the_feed_is_not_believed_in_a_hold(peer, state, feed):
     assert report_now(pusher, peer, 3 * 10**9) == (0.008, 0.0, Mode.HOLD, 3 * 10**9)
 
 
-def test_idle_right_after_ok_is_no_arrival(peer):
+def test_idle_right_after_ok_does_not_mean_arrival(peer):
     pusher = connect(peer)
     pusher.move_to(0.025, 0.02)
     seen = pusher._statuses
@@ -520,7 +520,7 @@ def test_an_error_of_other_firmware_is_named_as_such():
     assert str(Alarm(None)) == "ALARM"
 
 
-def test_an_alarm_in_mid_push_is_raised_and_stays(peer):
+def test_an_alarm_during_a_push_is_raised_and_stays(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)
     peer.status = "<Alarm|MPos:6.000,0.000,0.000|FS:0,0|Pn:X>"
@@ -544,8 +544,8 @@ def test_recovery_waits_for_the_stop_that_an_alarm_has_caused(peer):
     assert peer.heard == b"!\x18\x18$X\nG21 G90 G94\n"
 
 
-def test_a_limit_leaves_the_controller_deaf_to_all_but_the_reset(peer):
-    """GRBL 1.1h does not even answer questions then."""
+def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
+    """GRBL 1.1h does not even answer status queries then."""
     pusher = connect(peer)
     begin_move(pusher, peer)
     peer.heard, peer.status = b"", ""
@@ -601,7 +601,7 @@ def test_an_alarm_whose_line_was_lost_is_seen_in_the_reports(peer):
 
 
 @pytest.mark.parametrize("also", ["", "ALARM:11\r\n[MSG:Homing cycle required]\r\n"])  # grblHAL, $22=5
-def test_a_restart_in_mid_push_ends_the_connection(peer, also):
+def test_a_restart_during_a_push_ends_the_connection(peer, also):
     pusher = connect(peer)
     begin_move(pusher, peer)
     peer.say(GREETING + also)
@@ -629,7 +629,7 @@ def test_garbage_without_end_is_survived(peer):
     drive(pusher, lambda: not pusher.busy, peer)
 
 
-def test_unplugged_in_mid_push(peer):
+def test_unplugged_during_a_push(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)
     peer.unplug()
@@ -638,7 +638,7 @@ def test_unplugged_in_mid_push(peer):
     assert not pusher.busy
 
 
-def test_connecting_again_never_moves_nor_homes(peer):
+def test_reconnecting_neither_moves_nor_homes(peer):
     pusher = connect(peer, home=True)
     pusher.close()
     peer.heard = b""
@@ -654,7 +654,7 @@ def test_connecting_again_never_moves_nor_homes(peer):
     drive(pusher, lambda: b"$H\n" in peer.heard, peer)
 
 
-def test_leaving_at_rest_says_nothing(peer):
+def test_closing_at_rest_sends_nothing(peer):
     pusher = connect(peer)
     peer.heard = b""
     pusher.close()
@@ -680,7 +680,7 @@ def test_a_stroke_on_the_simulated_controller(simulated):
     pusher.close()
 
 
-def test_leaving_in_mid_push_stops_without_losing_the_position(simulated):
+def test_closing_during_a_push_stops_without_losing_the_position(simulated):
     pusher = Grbl(simulated.port)
     pusher.connect()
     drive(pusher, lambda: not pusher.busy)
@@ -695,7 +695,7 @@ def test_leaving_in_mid_push_stops_without_losing_the_position(simulated):
     pusher.close()
 
 
-def test_a_lost_ok_is_not_waited_for_for_ever(simulated):
+def test_waiting_for_a_lost_ok_ends(simulated):
     pusher = Grbl(simulated.port)
     pusher.connect()
     drive(pusher, lambda: not pusher.busy)
@@ -708,8 +708,8 @@ def test_a_lost_ok_is_not_waited_for_for_ever(simulated):
     pusher.close()
 
 
-def test_a_homing_that_is_stopped_was_not_silent(monkeypatch):
-    """Questions stay unanswered while GRBL homes, for longer than is allowed at any other time."""
+def test_a_homing_can_be_stopped_after_a_long_silence(monkeypatch):
+    """GRBL answers no status queries while it homes, for longer than is allowed at any other time."""
     monkeypatch.setattr("pushfric_ros.pushers.grbl.SILENCE", 1.0)
     with SimulatedGrbl(lambda: 0.0, homing=True) as simulated:
         pusher = Grbl(simulated.port, home=True)
@@ -733,7 +733,7 @@ class Terminal:
         self.wait_for("help]")
 
     def wait_for(self, text: str, meanwhile: Callable[[], None] = lambda: None) -> str:
-        """All that was printed, up to the end of the line with this text."""
+        """Everything printed up to the end of the line with this text."""
         deadline = time.monotonic() + 5
         while (found := self._heard.find(text)) < 0 or (end := self._heard.find("\n", found)) < 0:
             assert time.monotonic() < deadline, f"{text!r} not heard, but {self._heard!r}"
@@ -758,7 +758,7 @@ class Terminal:
 
 @pytest.fixture
 def clock() -> list[float]:
-    """Time that only the test moves [s]."""
+    """A clock that only the test advances [s]."""
     return [100.0]
 
 
@@ -786,7 +786,7 @@ def test_the_firmware_answers_as_grbl_does(terminal, line, answer):
     terminal[1].type(line, answer)
 
 
-def test_the_firmware_moves_in_trapezoids_of_the_clock(terminal, clock):
+def test_the_firmware_moves_with_trapezoidal_speed(terminal, clock):
     simulated, terminal = terminal
     terminal.type("G1 X40 F3000", "ok")  # 50 mm/s, reached in 0.5 s over 12.5 mm
     for seconds, millimetres, rate in ((0.0, 0.0, 0), (0.5, 12.5, 3000), (0.7, 22.5, 3000), (1.05, 36.875, 1500)):
@@ -817,7 +817,7 @@ def test_the_offset_and_the_overrides_come_now_and_then(terminal):
     assert [i for i, report in enumerate(reports) if "|Ov:100,100,100>" in report] == [1, 11]
 
 
-def test_a_reset_in_motion_costs_an_alarm_at_rest_nothing(terminal, clock):
+def test_a_reset_in_motion_causes_an_alarm_and_at_rest_none(terminal, clock):
     simulated, terminal = terminal
     terminal.type("G1 X40 F3000", "ok")
     clock[0] += 0.5
@@ -847,7 +847,7 @@ def test_the_end_of_the_travel_is_a_hard_limit(terminal, clock):
     clock[0] += 60
     assert "Reset to continue" in terminal.wait_for("]")
     heard = terminal.press(b"?$X\n\x18", "unlock]")
-    assert "<" not in heard  # deaf to all but the reset
+    assert "<" not in heard  # only a reset is accepted now
     assert "ok" not in heard
     assert "<Alarm|MPos:" in (report := terminal.press(b"?", ">"))
     assert "|Pn:X" in report
@@ -874,7 +874,7 @@ def test_homing_and_soft_limits(clock):
         terminal.close()
 
 
-def test_a_power_failure_in_mid_push_is_noticed(simulated):
+def test_a_power_failure_during_a_push_is_noticed(simulated):
     pusher = Grbl(simulated.port)
     pusher.connect()
     drive(pusher, lambda: not pusher.busy)
