@@ -24,14 +24,14 @@ def test_a_flat_bottom_presses_parabolically_on_an_ellipse(name):
     known = TABLE_1[name]
     shape = np.sum((known.support.points / (0.0415, 0.0255)) ** 2, axis=1)
     assert shape.max() < 1
-    # a tilt along x is all that the weight on top adds
+    # the weight on top adds only a tilt along x
     tilt = known.support.weights / (1 - shape)
     slope, level = np.polyfit(known.support.points[:, 0], tilt, 1)
     assert np.allclose(tilt, level + slope * known.support.points[:, 0])
     assert (slope > 1e-6) == (name == "delrin_rect_right")
 
 
-def test_the_smallest_objects_are_seen_worst():
+def test_the_smallest_objects_have_the_largest_errors():
     assert {name for name, known in TABLE_1.items() if known.noise is FLAT} == {"delrin_rect_center", "delrin_rect_right"}
     assert pytest.approx((1e-4, np.deg2rad(0.12))) == FEET
     assert pytest.approx((3.5e-4, np.deg2rad(0.45))) == FLAT

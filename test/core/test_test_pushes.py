@@ -29,8 +29,8 @@ def chosen(ranked):
 
 
 def test_the_next_push_halves_the_region_across():
-    """A region of 40 x 60 mm at the left: halved from below and above at x = -40 mm, from the sides at y = 0. The margin makes
-    cuts across the longer side the better ones: 2 mm are left of 60 mm, not of 40 mm."""
+    """A region of 40 x 60 mm at the left is halved from below and above at x = -40 mm, and from the sides at y = 0. With a
+    margin, cuts across the longer side are better: the extra 2 mm are small compared with 60 mm."""
     half_planes = HalfPlanes(PLATE, margin=0.002)
     half_planes.add([HalfPlane((-1.0, 0.0), 0.022)])  # x <= -22 mm, and its margin
     ranked = next_pushes(half_planes)
@@ -38,7 +38,7 @@ def test_the_next_push_halves_the_region_across():
     assert [one.expected_area for one in ranked] == pytest.approx([0.04 * 0.032, 0.04 * 0.032, 0.022 * 0.06, 0.022 * 0.06])
 
 
-def test_without_a_margin_too_the_longer_side_comes_first():
+def test_without_a_margin_the_longer_side_comes_first_too():
     ranked = next_pushes(HalfPlanes(PLATE))
     assert chosen(ranked) == [(0, 0.0, 0.0), (2, 0.0, 0.0), (1, 0.0, 0.0), (3, 0.0, 0.0)]
     assert [one.expected_area for one in ranked] == pytest.approx([0.0036] * 4)
@@ -68,7 +68,7 @@ def best_order(pushes):
 
 
 def test_a_plan_cuts_in_both_directions():
-    """Of a square without a margin: halves, quarters, then the strips of one direction and of the other."""
+    """A square without a margin: first halves, then quarters, then strips in one direction and in the other."""
     plan = planned_pushes(HalfPlanes(Outline.rectangle(0.08, 0.08)), 6)
     assert best_order([one.push for one in plan]) == [(0, 0.0), (1, 0.0), (0, 0.02), (0, 0.02), (1, 0.02), (1, 0.02)]
     assert {one.push.offset for one in plan} == {0.0, 0.02, -0.02}
@@ -76,8 +76,8 @@ def test_a_plan_cuts_in_both_directions():
     assert [one.expected_area / 0.0064 for one in plan] == pytest.approx([1 / 2, 1 / 4, 3 / 16, 1 / 8, 3 / 32, 1 / 16])
 
 
-def test_a_plan_promises_what_it_leaves_on_average(rng):
-    """Against the regions that noiseless outcomes leave of p_CF here and there, each cut out one by one."""
+def test_a_plan_predicts_the_mean_area_it_leaves(rng):
+    """Compared with the regions that noiseless outcomes leave for p_CF at many places, each region cut out by itself."""
     plan = planned_pushes(HalfPlanes(ELL, margin=0.003), 5)
     hull = HalfPlanes(ELL).region().polygon
     places = [place for place in rng.uniform(0, 0.1, (3000, 2)) if shapely.contains_xy(hull, *place)]
@@ -103,7 +103,7 @@ def test_a_plan_promises_what_it_leaves_on_average(rng):
 
 @pytest.mark.parametrize("make", [four_feet, flat_bar])
 def test_the_next_push_shrinks_faster_than_a_plan_and_a_plan_faster_than_even_pushes(make):
-    """Not so on three feet, where one of the even pushes happens to point exactly at p_CF."""
+    """This does not hold on three feet, where one of the even pushes happens to point exactly at p_CF."""
     problem = make()
     outline, support = problem.outline, problem.truth
     count = 8
@@ -131,14 +131,14 @@ def test_the_next_push_shrinks_faster_than_a_plan_and_a_plan_faster_than_even_pu
     assert plan < evenly
 
 
-def test_a_collapsed_region_asks_for_no_push():
+def test_a_collapsed_region_has_no_next_push():
     half_planes = HalfPlanes(PLATE)
     half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
     assert next_pushes(half_planes) == []
     assert planned_pushes(half_planes, 3) == []
 
 
-def test_a_mere_point_is_planned_for_without_harm():
+def test_a_region_of_a_single_point_can_be_planned_for():
     half_planes = HalfPlanes(PLATE)
     half_planes.add(line_of_motion(Observation((0.02, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.0))))
     half_planes.add(line_of_motion(Observation((-0.06, 0.01), (-1.0, 0.0), Twist(0.02, 0.0, 0.0))))

@@ -14,7 +14,7 @@ class PlannedPush(NamedTuple):
     """One push against an edge of the outline."""
 
     edge: int  # index; edge i runs counter-clockwise from vertex i to vertex i + 1
-    offset: float  # contact from the middle of the edge, along it [m]
+    offset: float  # of the contact from the middle of the edge, along the edge [m]
     angle: float = 0.0  # direction of the push against the inward normal, counter-clockwise [rad]
 
 

@@ -26,7 +26,7 @@ class RankedPush(NamedTuple):
     """A test push and what it promises."""
 
     push: PlannedPush
-    expected_area: float  # of the region after it, were p_CF equally likely anywhere in the present one [m^2]
+    expected_area: float  # of the region after the push, if p_CF is equally likely anywhere in the present region [m^2]
 
 
 def next_pushes(half_planes: HalfPlanes) -> list[RankedPush]:

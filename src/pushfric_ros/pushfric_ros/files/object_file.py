@@ -251,7 +251,7 @@ def read_points(path: pathlib.Path) -> Array:
     """Support points (n, 2) [m] from a CSV file with columns x,y.
 
     Raises:
-        InvalidInput: names the file, the line, and what was expected there.
+        InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
         reader = csv.DictReader(stream, skipinitialspace=True)

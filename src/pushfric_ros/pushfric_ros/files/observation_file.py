@@ -22,7 +22,7 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
         outline: of the object; contacts must lie on it.
 
     Raises:
-        InvalidInput: names the file, the line, and what was expected there.
+        InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
         reader = csv.DictReader(stream)
