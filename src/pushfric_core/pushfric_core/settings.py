@@ -128,12 +128,12 @@ def plain_value(value: Any) -> Any:
 
 def expected(hint: Any) -> str:
     """What a value of a field with this type must be, in words."""
-    if _is_optional(hint):
-        return f"{AUTO} or {expected(_written(hint))}"
+    if is_optional(hint):
+        return f"{AUTO} or {expected(written(hint))}"
     if typing.get_origin(hint) is tuple:
         items = typing.get_args(hint)
         count = "" if items[-1] is Ellipsis else f"{len(items)} "
-        return f"a list of {count}{_PLURAL[_written(items[0])]}"
+        return f"a list of {count}{_PLURAL[written(items[0])]}"
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
         return f"one of {', '.join(str(member.value) for member in hint)}"
     return _SINGULAR[hint]
@@ -167,8 +167,8 @@ def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
 
 def _convert(hint: Any, value: Any, infinite: bool) -> Any:
     """A value as a field of this type has it; ValueError or OverflowError where it is none."""
-    if _is_optional(hint):
-        return None if value is None or value == AUTO else _convert(_written(hint), value, infinite)
+    if is_optional(hint):
+        return None if value is None or value == AUTO else _convert(written(hint), value, infinite)
     if typing.get_origin(hint) is tuple:
         return _convert_items(typing.get_args(hint), value, infinite)
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
@@ -194,17 +194,18 @@ def _convert_items(hints: tuple[Any, ...], value: Any, infinite: bool) -> tuple[
     if isinstance(value, str | bytes) or not isinstance(value, Sequence):
         raise ValueError
     if hints[-1] is Ellipsis:
-        return tuple(_convert(_written(hints[0]), item, infinite) for item in value)
+        return tuple(_convert(written(hints[0]), item, infinite) for item in value)
     if len(value) != len(hints):
         raise ValueError
     return tuple(_convert(hint, item, infinite) for hint, item in zip(hints, value, strict=True))
 
 
-def _is_optional(hint: Any) -> bool:
+def is_optional(hint: Any) -> bool:
+    """Whether a setting of this type may be AUTO."""
     return type(None) in typing.get_args(hint)
 
 
-def _written(hint: Any) -> Any:
+def written(hint: Any) -> Any:
     """Of a union, the type that can be written in a file: neither None nor a class of one's own objects."""
     return next((kind for kind in typing.get_args(hint) if kind in _SINGULAR), hint)
 

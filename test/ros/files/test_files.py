@@ -1,18 +1,22 @@
 """Input files: objects, observations, support points, plans, cells."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
+import yaml
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
 from pushfric_core.push_plan import PlannedPush
+from pushfric_core.settings import key_of
 from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.files.cell_file import SECTIONS, driver_kinds, load_cell
 from pushfric_ros.files.object_file import load_object, read_points, save_object
 from pushfric_ros.files.observation_file import read_observations
 from pushfric_ros.files.plan_file import load_plan, save_plan
+from pushfric_ros.graph import graph
 
 TRIANGLE = "name: triangle\noutline: [[0, 0], [0.15, 0], [0, 0.15]]\n"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
@@ -242,6 +246,21 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
         (CELL.replace("stroke: 0.06", "stroke: -1"), r"pusher: stroke must lie in \[0.001, 10.0\], got -1.0$"),
         (CELL.replace("{calib", "{threshold: 256, calib"), r"camera: threshold must lie in \[0, 255\], got 256$"),
         (CELL.replace("{port", "{home: maybe, port"), "pusher: home must be true or false, got 'maybe'$"),
+        (CELL.replace("tip_radius: 0.003", "tip_radius: 0.5"), r"pusher: tip_radius must lie in \[0.0, 0.1\], got 0.5$"),
+        (CELL.replace("max_speed: 0.1", "max_speed: 50"), r"pusher: max_speed must lie in \[0.0001, 10.0\], got 50.0$"),
+        (CELL.replace("{port", "{axis: Q, port"), "pusher: axis must be X, Y, Z, A, B or C, .* minus sign, got 'Q'$"),
+        (CELL.replace("[0, 1]", "[0, 0]"), r"pusher: line_direction must have a length, got \(0, 0\)"),
+        (CELL.replace("[0, 1]", "[0, up]"), r"pusher: line_direction must be a list of 2 finite numbers, got \[0, 'up'\]$"),
+        (
+            CELL.replace("{calib", "{tracker: fiducial, calib"),
+            "camera: fiducials must name the YAML file .*, got ''$",
+        ),
+        (CELL + "namespace: my cell", "yaml: namespace must be like /cell or /hall/cell_2, got 'my cell'$"),
+        (CELL + "recorder: {topics: [tf]}", r"recorder: topics must be 'name .*', got 'tf'$"),
+        (CELL + "simulation: {noise: 0}", r"simulation: noise must lie in \[0.5, 100.0\], got 0.0$"),
+        (CELL + "plan:", "yaml: plan must be keys with values, got nothing$"),
+        ("- 1", r"yaml: a cell's file must be keys with values, got \[1\]$"),
+        ("object: rubber_rect4", "camera: calibration must be given: path of the camera's calibration YAML"),
         (CELL + "table: 3", "yaml: expected any of namespace, object, camera, .*, simulation, got table$"),
         (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: give a plan's file or choose, not both, got 'plan.yaml' and 5$"),
     ],
@@ -249,6 +268,41 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
 def test_bad_cells_are_refused(write, text, error):
     with pytest.raises(InvalidInput, match=error):
         load_cell(write(text, "cell.yaml"))
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_every_range_holds_in_a_cell_as_in_the_node(write, section):
+    path = write(CELL, "cell.yaml")
+    content = yaml.safe_load(CELL)
+    fields = [field for config in (*SECTIONS[section], *driver_kinds(section, {})) for field in dataclasses.fields(config)]
+    limited = [field for field in fields if field.metadata["high"] not in (None, math.inf)]
+    assert limited or section == "recorder"
+    for field in limited:
+        beyond, name = 2 * field.metadata["high"], key_of(field)
+        path.write_text(yaml.safe_dump(content | {section: content.get(section, {}) | {name: beyond}}))
+        with pytest.raises(InvalidInput) as refusal:
+            load_cell(path)
+        assert str(refusal.value).startswith(f"{path}: {section}: {name} must lie in [")
+        assert str(refusal.value).endswith(f", got {beyond}")
+
+
+def test_every_setting_of_a_cell_reaches_its_node(write):
+    text = CELL + "plan: {still: 2}\nrecorder: {topics: [tf tf2_msgs/msg/TFMessage reliable]}\nestimator: {stride: 3}\n"
+    cell = load_cell(write(text.replace("{port", "{poll_rate: 40, port"), "cell.yaml"))
+    nodes = {spec.name: spec.parameters for spec in graph.cell(cell, "bag", 4)}
+    assert nodes["actuator"]["poll_rate"] == 40.0
+    assert (nodes["experiment"]["still"], nodes["experiment"]["start"]) == (2.0, 4)
+    assert nodes["estimator"]["stride"] == 3
+    assert nodes["recorder"]["topics"][-1] == "tf tf2_msgs/msg/TFMessage reliable"
+    for name, section in {"tracker": "camera", "actuator": "pusher", "experiment": "plan", "recorder": "recorder"}.items():
+        kinds = [*SECTIONS[section], *driver_kinds(section, {"tracker": "contour"})]
+        assert {field.name for kind in kinds for field in dataclasses.fields(kind)} <= set(nodes[name])
+
+
+def test_a_topic_of_the_cell_cannot_be_recorded_twice(write):
+    cell = load_cell(write(CELL + "recorder: {topics: [observation std_msgs/msg/String reliable]}\n", "cell.yaml"))
+    with pytest.raises(InvalidInput, match=r"recorder: topics must name each topic once, got object_pose, .*, observation$"):
+        graph.cell(cell, "bag")
 
 
 def test_a_cells_estimator_section_becomes_parameters(write):

@@ -7,12 +7,13 @@ import re
 
 import numpy as np
 import pytest
+import yaml
 from problems import observations_of
 from typer.testing import CliRunner
 
 from pushfric_core.support import friction_directions
 from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.commands import doctor
+from pushfric_ros.commands import cell_docs, doctor
 from pushfric_ros.commands.cli import app
 from pushfric_ros.commands.doctor import Check, Level
 from pushfric_ros.files.cell_file import load_cell
@@ -108,3 +109,18 @@ def test_the_example_of_a_cell_is_valid(monkeypatch, tmp_path):
 def test_the_example_of_a_cell_is_the_documented_one():
     text = (EXAMPLE / "cell.yaml").read_text()
     assert f"```yaml\n{text}```" in (ROOT / "docs/cell.md").read_text()
+
+
+def test_the_tables_of_keys_are_those_of_the_settings():
+    text = (ROOT / "docs/cell.md").read_text()
+    assert cell_docs.written(text) == text, f"stale; update it with: {cell_docs.COMMAND}"
+
+
+def test_the_tables_name_every_key_of_the_example_and_mark_the_required_ones():
+    (text,) = re.findall(f"{cell_docs.BEGIN}(.*){cell_docs.END}", (ROOT / "docs/cell.md").read_text(), re.DOTALL)
+    for name, section in yaml.safe_load((EXAMPLE / "cell.yaml").read_text()).items():
+        assert f"| `{name}` |" in text or f"### `{name}`" in text
+        assert all(f"| `{key}` |" in text for key in (section if isinstance(section, dict) else ()))
+    required = re.findall(r"^\| `(\w+)` \| [^|]* \| \*required\*", text, re.MULTILINE)
+    stage = ["line_origin", "line_direction", "tip_radius", "stroke", "max_speed"]
+    assert required == ["object", "calibration", *stage, "port"]

@@ -22,6 +22,7 @@ from pushfric_core.settings import AUTO
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.commands.markdown import table
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.qos import RELIABLE
 from pushfric_ros.node_kit.parameters import REQUIRED
@@ -218,8 +219,6 @@ def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
 def _setting(parameter: Parameter, default: Any, descriptor: ParameterDescriptor) -> Setting:
     required = descriptor.additional_constraints.startswith(REQUIRED)
     kind = parameter.type_.name.lower().replace("_array", "[]")
-    if parameter.value is None:  # an empty list
-        kind = descriptor.additional_constraints
     if default == AUTO and descriptor.dynamic_typing:
         kind = "double or string"
     shown = "*required*" if required else f"`{_shown(default)}`"
@@ -250,15 +249,10 @@ def section(described: Description) -> str:
     return "\n".join(
         (
             f"## {described.node}\n\n{described.summary}\n",
-            _table(("", "name", "type", "QoS", "when"), topics),
-            _table(("parameter", "type", "default", "range", "what"), settings),
+            table(("", "name", "type", "QoS", "when"), topics),
+            table(("parameter", "type", "default", "range", "what"), settings),
         )
     )
-
-
-def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    lines = [head, ("---",) * len(head), *rows]
-    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ that the file is refused where the node would be, in the same words.
 
 import pathlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,7 +32,26 @@ class NamespaceConfig:
 
 ROOT = (NamespaceConfig, ObjectConfig)
 ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in fields_of(config))
-SECTIONS = ("camera", "pusher", "plan", "estimator", "recorder", "simulation")
+SECTIONS: dict[str, tuple[type, ...]] = {
+    "camera": (CameraConfig,),
+    "pusher": (PusherConfig,),
+    "plan": (PlanConfig,),
+    "estimator": EstimatorSettings.PARTS,
+    "recorder": (RecorderConfig,),
+    "simulation": (SimulationConfig,),
+}
+"""The settings of each section; those of the camera's tracker and the pusher's driver come on top."""
+
+
+def driver_kinds(section: str, values: Mapping[str, Any]) -> list[Any]:
+    """The settings classes of the drivers that a section asks for.
+
+    Raises:
+        ValueError: there is no such driver.
+    """
+    if section == "camera":
+        return tracker_kinds(values.get("tracker", CameraConfig.tracker))
+    return [plugin(PUSHERS, values.get("driver", PusherConfig.driver))] if section == "pusher" else []
 
 
 @dataclass(frozen=True)
@@ -67,22 +86,15 @@ def load_cell(path: pathlib.Path) -> CellFile:
 def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     whole = _mapping("a cell's file", content)
 
-    def section(name: str, kinds: Callable[[Mapping[str, Any]], Sequence[type]]) -> tuple[Any, ...]:
+    def section(name: str) -> tuple[Any, ...]:
         values = _mapping(name, whole.pop(name, {}))
         try:
-            configs = kinds(values)
+            configs = [*SECTIONS[name], *driver_kinds(name, values)]
             return read(_beside(values, folder, configs), *configs, keys=True)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    camera, *trackers = section(
-        "camera", lambda given: [CameraConfig, *tracker_kinds(given.get("tracker", CameraConfig.tracker))]
-    )
-    pusher, driver = section("pusher", lambda given: [PusherConfig, plugin(PUSHERS, given.get("driver", PusherConfig.driver))])
-    (plan,) = section("plan", lambda _: [PlanConfig])
-    estimator = section("estimator", lambda _: EstimatorSettings.PARTS)
-    (recorder,) = section("recorder", lambda _: [RecorderConfig])
-    (simulation,) = section("simulation", lambda _: [SimulationConfig])
+    (camera, *trackers), (pusher, driver), (plan,), estimator, (recorder,), (simulation,) = map(section, SECTIONS)
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, pushed = read(_beside(whole, folder, ROOT), *ROOT)

@@ -35,8 +35,8 @@ class CameraConfig:
     time_offset: float = setting(0.0, "added to the stamps of the images [s]", -10.0, 10.0)
     tracker: str = setting(
         AUTO,
-        "what finds the object: an entry point of the group pushfric.trackers, such as contour or fiducial; "
-        f"{AUTO}: fiducial where fiducials is given, else contour",
+        "what finds the object: contour, fiducial, or another entry point of the group pushfric.trackers; "
+        f"{AUTO}: fiducial if fiducials is given, else contour",
     )
 
     def __post_init__(self) -> None:

@@ -68,11 +68,16 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         file: the cell.
         bag: folder of the bag to record.
         start: number of the push of the plan to begin with.
+    Raises:
+        InvalidInput: the file names a topic to record that is recorded anyway.
     """
     topics = [*TOPICS, *[WRENCH] * file.estimator.with_forces]
-    recorded = [*(" ".join(topic) for topic in topics), *file.recorder.topics]
+    try:
+        recorder = replace(file.recorder, topics=(*(" ".join(topic) for topic in topics), *file.recorder.topics))
+    except ValueError as error:
+        raise InvalidInput(f"recorder: {error}") from error
     return [
-        NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(replace(file.recorder, topics=tuple(recorded)))}),
+        NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(recorder)}),
         NodeSpec("estimator", {"object": file.object, **file.estimator.parameters()}),
         NodeSpec("tracker", {"object": file.object, **plain(file.camera), **plain(file.tracker)}, respawn=True),
         # a new one does not know where the pusher stands, unless it homes

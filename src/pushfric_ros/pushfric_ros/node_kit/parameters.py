@@ -17,10 +17,14 @@ REQUIRED = "required"
 """Additional constraint of a parameter without a default."""
 
 
+EMPTY = {int: Parameter.Type.INTEGER_ARRAY, float: Parameter.Type.DOUBLE_ARRAY, str: Parameter.Type.STRING_ARRAY}
+"""Type of an empty list of these."""
+
+
 def declare(node: Node, config_class: type[Config]) -> Any:
     """Declare every field of a config dataclass as a read-only parameter of `node`; return the config with its values.
 
-    A field that may be None takes the text auto for it; a tuple that is empty by default has no value by default.
+    A field that may be None takes the text auto for it.
 
     Raises:
         InvalidInput: one that is required is not given, or `pushfric_core.settings.read` refuses the values.
@@ -42,6 +46,10 @@ def declare(node: Node, config_class: type[Config]) -> Any:
     for field in fields:
         if type(plain.get(field.name)) is float and type(given[field.name]) is not float:  # 1 may be given for 1.0
             node.set_parameters([Parameter(field.name, value=plain[field.name])])
+        elif field.name not in plain:
+            # an empty list: left unset, it would hide all others from `ros2 param dump`
+            kind = EMPTY[settings.written(typing.get_args(hints[field.name])[0])]
+            node.set_parameters([Parameter(field.name, kind, [])])
         descriptor = _descriptor(field, hints[field.name])
         descriptor.type = node.get_parameter(field.name).type_.value
         node.set_descriptor(field.name, descriptor)
@@ -62,7 +70,7 @@ def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:
         description=field.metadata.get("description", ""), additional_constraints="; ".join(constraints), read_only=True
     )
     if hint not in (bool, int, float, str):
-        # a text has no range, and an empty list no type: the dataclass sees to both
+        # a text has no range, and an empty list that is given no type: the dataclass sees to both
         descriptor.dynamic_typing = True
         return descriptor
     low, high = field.metadata.get("low"), field.metadata.get("high")

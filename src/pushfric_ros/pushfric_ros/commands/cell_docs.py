@@ -1,0 +1,80 @@
+"""Writes the tables of docs/cell.md: every key of a cell's file, from the settings classes themselves."""
+
+import pathlib
+import sys
+import typing
+from collections.abc import Iterable
+from typing import Any
+
+from pushfric_core import settings
+from pushfric_ros.commands.markdown import table
+from pushfric_ros.files.cell_file import ROOT, SECTIONS, driver_kinds
+
+COMMAND = "python -m pushfric_ros.commands.cell_docs docs/cell.md"
+
+BEGIN = f"<!-- The tables below are written by `{COMMAND}`. -->\n"
+END = "<!-- End of these tables. -->\n"
+
+HEAD = ("key", "type", "default", "range", "what")
+
+TYPES = {bool: "true or false", int: "whole number", float: "number", str: "text"}
+
+
+def tables() -> str:
+    """A table for each section."""
+    parts = [table(HEAD, _rows(ROOT))]
+    for name, configs in SECTIONS.items():
+        parts.append(f"### `{name}`\n\n{table(HEAD, _rows([*configs, *driver_kinds(name, {})]))}")
+    return "\n".join(parts)
+
+
+def written(text: str) -> str:
+    """The document with its tables replaced."""
+    before, rest = text.split(BEGIN)
+    return f"{before}{BEGIN}\n{tables()}\n{END}{rest.split(END)[1]}"
+
+
+def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for config in configs:
+        hints = typing.get_type_hints(config)
+        for field in settings.fields_of(config):
+            default = "*required*" if settings.is_required(field) else f"`{_shown(settings.plain_value(field.default))}`"
+            what = field.metadata["description"]
+            rows.append((f"`{settings.key_of(field)}`", _kind(hints[field.name]), default, _range(field), what))
+    return rows
+
+
+def _kind(hint: Any) -> str:
+    if settings.is_optional(hint):
+        return f"`{settings.AUTO}` or {_kind(settings.written(hint))}"
+    if typing.get_origin(hint) is tuple:
+        items = typing.get_args(hint)
+        count = "" if items[-1] is Ellipsis else f"{len(items)} "
+        return f"list of {count}{TYPES[settings.written(items[0])]}s"
+    return TYPES.get(hint) or f"one of {', '.join(f'`{member.value}`' for member in hint)}"
+
+
+def _range(field: Any) -> str:
+    low, high = field.metadata["low"], field.metadata["high"]
+    return "" if low is None else f"{_end(low)} to {'any' if high is None else _end(high)}"
+
+
+def _end(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
+
+
+def _shown(value: Any) -> str:
+    """As YAML has it."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value if value and not value[0].isdigit() else f'"{value}"'
+    return ".inf" if value == float("inf") else str(value)
+
+
+if __name__ == "__main__":
+    path = pathlib.Path(sys.argv[1])
+    path.write_text(written(path.read_text(encoding="utf-8")), encoding="utf-8")

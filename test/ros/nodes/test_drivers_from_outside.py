@@ -1,0 +1,260 @@
+"""A pusher and a tracker of another package in the real nodes, chosen by name in a cell's file, without an edit in pushfric."""
+
+import array
+import importlib
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image
+
+from pushfric_core.errors import InvalidInput
+from pushfric_msgs.action import Push
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.commands import doctor
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, SENSOR_QUEUE
+from pushfric_ros.nodes.actuator import ActuatorNode
+from pushfric_ros.nodes.tracker import TrackerNode
+from pushfric_ros.vision.camera import Camera, save_camera
+
+MODULE = '''
+"""A crane that pushes with its hook, and a tracker that takes the bright spot for the object."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from pushfric_core.planar import Pose
+from pushfric_core.settings import REQUIRED, setting
+from pushfric_ros.pushers.check import Check, Level
+from pushfric_ros.pushers.pusher import Limits, Mode, PusherReport
+from pushfric_ros.vision.sighting import NotSeen, Sighting
+
+
+@dataclass(frozen=True)
+class CraneConfig:
+    rope: float = setting(REQUIRED, "length of the rope [m]", 0.5, 20.0)
+
+    def open_pusher(self, config):
+        return Crane(self.rope)
+
+    def absence(self):
+        return None
+
+    def checks(self, config, distance, speed):
+        yield Check("rope", Level.OK, f"{self.rope:g} m hold {config.stroke:g} m of stroke")
+
+
+class Crane:
+    def __init__(self, rope):
+        self.name, self.limits, self._rope = f"a crane with {rope:g} m of rope", Limits(), rope
+        self._connected, self._from, self._to, self._speed, self._began, self._asked = False, 0.0, 0.0, 1.0, 0.0, None
+
+    def _position(self):
+        way = self._to - self._from
+        gone = self._speed * (time.monotonic() - self._began)
+        return self._to if gone >= abs(way) else self._from + gone * (1 if way > 0 else -1)
+
+    @property
+    def busy(self):
+        return self._position() != self._to
+
+    @property
+    def mode(self):
+        if not self._connected:
+            return Mode.DISCONNECTED
+        return Mode.RUNNING if self.busy else Mode.IDLE
+
+    def connect(self):
+        self._connected, self._asked = True, None
+
+    def close(self):
+        self.stop()
+        self._connected = False
+
+    def recover(self):
+        pass
+
+    def move_to(self, position, speed):
+        self._from, self._to, self._speed, self._began = self._position(), position, speed, time.monotonic()
+
+    def stop(self):
+        self._to = self._from = self._position()
+
+    def ask(self, stamp):
+        self._asked = stamp
+
+    def poll(self):
+        stamp, self._asked = self._asked, None
+        if stamp is None:
+            return None
+        return PusherReport(self._position(), self._speed if self.busy else 0.0, self.mode, stamp)
+
+
+@dataclass(frozen=True)
+class SpotConfig:
+    level: int = setting(128, "what is brighter belongs to the spot", 1, 254)
+
+    def open_tracker(self, camera, model, height):
+        return SpotTracker(camera, height, self.level)
+
+    def absence(self):
+        return None
+
+
+class SpotTracker:
+    def __init__(self, camera, height, level):
+        self._camera, self._height, self._level = camera, height, level
+
+    def track(self, image, expected=None):
+        rows, columns = np.nonzero(image > self._level)
+        if not len(rows):
+            raise NotSeen("no spot")
+        ((x, y),) = self._camera.unproject(np.array([(columns.mean(), rows.mean())]), self._height)
+        return Sighting(Pose(float(x), float(y), 0.0), 0.0, 1.0, 1, np.diag((1e-8, 1e-8, 1e-4)))
+'''
+ENTRY_POINTS = "[pushfric.pushers]\ncrane = {0}:CraneConfig\n[pushfric.trackers]\nspot = {0}:SpotConfig\n"
+CAMERA = Camera.looking_down(320, 240, (0.0, 0.06), 0.001)
+CELL = {
+    "object": "rubber_rect4",
+    "camera": {"source": "topic", "calibration": "camera.yaml", "tracker": "spot", "level": 200},
+    "pusher": {
+        "driver": "crane",
+        "rope": 2.5,
+        "line_origin": [0.1, 0.0],
+        "line_direction": [0.0, 1.0],
+        "tip_radius": 0.003,
+        "stroke": 0.06,
+        "max_speed": 0.1,
+    },
+}
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """Installs the package as pip does, where only this test finds it."""
+    name, site = "crane_and_spot", tmp_path / "site"
+    info = site / f"{name}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (site / f"{name}.py").write_text(MODULE)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(ENTRY_POINTS.format(name))
+    monkeypatch.syspath_prepend(site)
+    importlib.invalidate_caches()
+    yield name
+    sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def write(tmp_path):
+    save_camera(CAMERA, tmp_path / "camera.yaml")
+
+    def write(**changes):
+        content = CELL | {name: CELL[name] | section for name, section in changes.items()}
+        (tmp_path / "cell.yaml").write_text(yaml.safe_dump(content))
+        return tmp_path / "cell.yaml"
+
+    return write
+
+
+def overrides(cell, name) -> list[Parameter]:
+    """What the graph gives a node of this name."""
+    (spec,) = [spec for spec in graph.cell(cell, "bag") if spec.name == name]
+    return [Parameter(key, value=value) for key, value in spec.parameters.items()]
+
+
+def test_a_pusher_from_outside_pushes(ros, package, write):
+    cell = load_cell(write())
+    peer, states = ros.node("peer", namespace="/cell"), []
+    peer.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    client = ActionClient(peer, Push, "push")
+    node = ros.compose(ActuatorNode(namespace="/cell", parameter_overrides=overrides(cell, "actuator")))
+    assert node.get_parameter("rope").value == 2.5
+    ros.wait_for(lambda: states and states[-1].mode == PusherState.MODE_IDLE, what="a pusher that is ready")
+    ros.wait_for(client.server_is_ready, what="the action server")
+    answer = client.send_goal_async(Push.Goal(push_id=3, distance=0.03, speed=0.06))
+    ros.wait_for(answer.done, what="the answer to the goal")
+    result = answer.result().get_result_async()
+    ros.wait_for(result.done, what="the end of the push")
+    assert result.result().status == GoalStatus.STATUS_SUCCEEDED
+    assert result.result().result.travelled == pytest.approx(0.03, abs=0.003)  # as last reported
+    ros.wait_for(lambda: states[-1].position == pytest.approx(0.03), what="a report from the end of the stroke")
+    assert (states[-1].tip.x, states[-1].tip.y) == pytest.approx((0.1, 0.03))
+    assert 3 in {state.push_id for state in states}
+
+
+def test_a_tracker_from_outside_finds_its_object(ros, package, write):
+    cell = load_cell(write())
+    peer, poses = ros.node("peer", namespace="/cell"), []
+    heard = peer.create_subscription(PoseWithCovarianceStamped, "object_pose", poses.append, SENSOR_QUEUE)
+    images = peer.create_publisher(Image, "image_raw", SENSOR_DATA)
+    ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides(cell, "tracker")))
+    ros.wait_for(lambda: heard.get_publisher_count() and images.get_subscription_count(), what="the tracker")
+    picture = np.full((240, 320), 190, np.uint8)
+    ((u, v),) = CAMERA.project(np.array([(0.03, 0.05)])).round().astype(int)
+    picture[v - 2 : v + 3, u - 2 : u + 3] = 255
+    msg = Image(height=240, width=320, encoding="mono8", step=320, data=array.array("B", picture.tobytes()))
+    msg.header.stamp = stamp_to_msg(10**18)
+    images.publish(msg)
+    ros.wait_for(lambda: poses, what="a pose")
+    place = poses[0].pose.pose.position
+    assert (place.x, place.y) == pytest.approx((0.03, 0.05), abs=6e-4)
+
+
+def test_the_doctor_asks_the_driver(package, write):
+    cell = load_cell(write())
+    checks = list(cell.driver.checks(cell.pusher, cell.plan.distance, cell.plan.speed))
+    assert checks == [doctor.Check("rope", doctor.Level.OK, "2.5 m hold 0.06 m of stroke")]
+
+
+@pytest.mark.parametrize(
+    ("changes", "node", "error"),
+    [
+        ({"pusher": {"rope": 0.1}}, ActuatorNode, r"rope must lie in \[0.5, 20.0\], got 0.1$"),
+        (
+            {"pusher": {"driver": "crab"}},
+            ActuatorNode,
+            r"driver must be an entry point of pushfric.pushers \(crane, grbl\), got 'crab'$",
+        ),
+        ({"camera": {"level": "high"}}, TrackerNode, r"level must be a whole number, got 'high'$"),
+        (
+            {"camera": {"tracker": "eye"}},
+            TrackerNode,
+            r"tracker must be an entry point .*\(contour, fiducial, spot\), got 'eye'$",
+        ),
+    ],
+)
+def test_a_file_is_refused_in_the_words_of_the_node(ros, package, write, changes, node, error):
+    good = load_cell(write())
+    name = "actuator" if node is ActuatorNode else "tracker"
+    path = write(**changes)
+    with pytest.raises(InvalidInput, match=error) as refusal:
+        load_cell(path)
+    (section,) = changes
+    assert str(refusal.value).startswith(f"{path}: {section}: ")
+    words = str(refusal.value).removeprefix(f"{path}: {section}: ")
+    given = {parameter.name: parameter for parameter in overrides(good, name)}
+    given |= {key: Parameter(key, value=value) for key, value in changes[section].items()}
+    with pytest.raises(InvalidInput) as refusal:
+        node(namespace="/cell", parameter_overrides=list(given.values()))
+    assert str(refusal.value).endswith(words)
+
+
+def test_a_setting_of_another_driver_is_unknown(package, write):
+    with pytest.raises(InvalidInput, match=r"pusher: expected any of line_origin, .*, autostart, rope, got port$"):
+        load_cell(write(pusher={"port": "/dev/ttyUSB0"}))
+
+
+def test_a_package_that_cannot_be_imported_is_told(package, write, tmp_path):
+    (tmp_path / "site" / f"{package}.py").write_text("import nothing_of_this_name")
+    with pytest.raises(InvalidInput, match=f"tracker 'spot' cannot be loaded from {package}:SpotConfig: No module named"):
+        load_cell(write())
