@@ -61,3 +61,18 @@ def test_a_refused_node_leaves_no_other_node_behind(ros, specs, tmp_path):
         compose(broken, graph.NAMESPACE)
     assert not (tmp_path / "pusher").is_symlink()
     assert Bag(tmp_path / "bag").summary.message_count == 0
+
+
+def test_two_simulated_cells_keep_their_own_time(ros, tmp_path):
+    (tmp_path / "plan.yaml").write_text(PLAN)
+    node = ros.node("peer")
+    for name in ("/left", graph.NAMESPACE):
+        (tmp_path / name[1:]).mkdir()
+        cell = dataclasses.replace(demo_cell("wood_rect4", tmp_path / name[1:]), namespace=name)
+        specs = graph.simulated_cell(cell, str(tmp_path / name[1:] / "bag"), seed=3, speed=1.0)
+        ros.compose(*compose([spec for spec in specs if spec.name in ("simulated_cell", "estimator")], name))
+    for clock, namespace in (("/left/clock", "/left"), ("/clock", graph.NAMESPACE)):
+        ros.wait_for(lambda clock=clock: len(node.get_publishers_info_by_topic(clock)) == 1, what=f"a publisher of {clock}")
+        ros.wait_for(lambda clock=clock: len(node.get_subscriptions_info_by_topic(clock)) >= 1, what=f"a listener to {clock}")
+        for endpoint in (*node.get_publishers_info_by_topic(clock), *node.get_subscriptions_info_by_topic(clock)):
+            assert endpoint.node_namespace == namespace

@@ -26,7 +26,9 @@ def compose(specs: Sequence[NodeSpec], namespace: str, **kwargs: Any) -> list[No
             module = importlib.import_module(f"{PACKAGE}.nodes.{spec.name}")
             node_class = getattr(module, "".join(word.capitalize() for word in spec.executable.split("_")))
             overrides = [Parameter(name, value=value) for name, value in spec.parameters.items()]
-            nodes.append(node_class(namespace=namespace, parameter_overrides=overrides, **kwargs))
+            remaps = [part for name, other in spec.remappings.items() for part in ("-r", f"{name}:={other}")]
+            arguments = ["--ros-args", *remaps] if remaps else None
+            nodes.append(node_class(namespace=namespace, parameter_overrides=overrides, cli_args=arguments, **kwargs))
     except BaseException:
         for node in nodes:
             node.destroy_node()

@@ -1,6 +1,6 @@
 """The node graph, defined once: the supervisor, in-process composition and the launch files all start from here."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -15,6 +15,8 @@ from pushfric_ros.pushers.grbl_config import GrblConfig
 PACKAGE = "pushfric_ros"
 NAMESPACE = CellFile.namespace
 
+CLOCK = "/clock"
+
 PATIENCE = 10.0
 """A simulated object is given up when unseen for this long, of wall time [s], or longer where the cell's file says so."""
 
@@ -25,6 +27,7 @@ class NodeSpec:
 
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    remappings: Mapping[str, str] = field(default_factory=dict)  # full names of topics -> what they are called instead
     respawn: bool = False  # started again when it dies; only nodes that lose nothing by it
     ends_run: bool = False  # the run is over when it has done its work
 
@@ -108,7 +111,8 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
     }
     # at a multiple of real time, a busy machine is no lost object yet
     patient = replace(file, plan=replace(file.plan, lost_object=max(file.plan.lost_object, PATIENCE)))
-    return [NodeSpec("simulated_cell", simulation), *map(with_simulated_time, cell(patient, bag))]
+    specs = [NodeSpec("simulated_cell", simulation), *map(with_simulated_time, cell(patient, bag))]
+    return with_own_clock(specs, file.namespace)
 
 
 def replay(
@@ -135,9 +139,19 @@ def replay(
     playing = {"bag": bag, "partial": partial, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}
     player = NodeSpec("player", playing, ends_run=True)
     live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **settings.parameters()})
-    return [with_simulated_time(live), player]
+    return with_own_clock([with_simulated_time(live), player], source.namespace)
 
 
 def with_simulated_time(spec: NodeSpec) -> NodeSpec:
     """The same node on the clock of /clock."""
     return replace(spec, parameters={**spec.parameters, "use_sim_time": True})
+
+
+def with_own_clock(specs: Sequence[NodeSpec], namespace: str) -> list[NodeSpec]:
+    """The same nodes on the clock of their cell: /clock, as tools expect, for the cell named by default; its own for any other.
+
+    Two simulated cells of one ROS domain would otherwise set each other's time.
+    """
+    if namespace == NAMESPACE:
+        return list(specs)
+    return [replace(spec, remappings={CLOCK: f"{namespace}{CLOCK}", **spec.remappings}) for spec in specs]

@@ -48,6 +48,7 @@ def _node(spec: NodeSpec, namespace: str) -> Node:
         name=spec.name,
         namespace=namespace,
         parameters=[dict(spec.parameters)],
+        remappings=list(spec.remappings.items()),
         respawn=spec.respawn,
         respawn_delay=RESPAWN_DELAY,
         # a node that may not die alone takes the others with it, as under the supervisor

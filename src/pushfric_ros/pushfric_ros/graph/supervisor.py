@@ -164,7 +164,7 @@ def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
     # JSON is YAML without aliases, which rcl does not read
     parameters.write_text(json.dumps({"/**": {"ros__parameters": dict(spec.parameters)}}))
     executable = pathlib.Path(get_package_prefix(PACKAGE)) / "lib" / PACKAGE / spec.executable
-    remaps = [f"__node:={spec.name}", f"__ns:={namespace}"]
+    remaps = [f"__node:={spec.name}", f"__ns:={namespace}", *(f"{name}:={other}" for name, other in spec.remappings.items())]
     return [
         sys.executable,
         str(executable),
