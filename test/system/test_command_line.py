@@ -77,7 +77,7 @@ def call(monkeypatch, capsys):
         ),
         (
             ["estimate", "empty", "--object", "rubber_rect4"],
-            "empty: is not a bag, expected metadata.yaml or an .mcap file in it",
+            "empty: is not a bag, expected metadata.yaml, or an .mcap or .db3 file in it",
         ),
         (
             ["estimate", "data.csv", "--object", "rubber_rect4", "--half-width", "-1"],
@@ -140,7 +140,7 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call,
     [
         ({"source": "/nowhere/video.mp4"}, "no camera at '/nowhere/video.mp4'"),
         ({"calibration": "none.yaml"}, "none.yaml"),
-        ({"port": "/dev/pushfric-none"}, "pusher.port: no serial port at /dev/pushfric-none"),
+        ({"port": "/dev/pushfric-none"}, "pusher: no serial port at /dev/pushfric-none"),
     ],
 )
 def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
@@ -169,11 +169,26 @@ def test_an_existing_bag_is_not_overwritten(tmp_path, call):
     assert (tmp_path / "metadata.yaml").read_text() == "precious"
 
 
-@pytest.mark.parametrize(
-    "command",
-    [[], ["demo"], ["run"], ["replay"], ["estimate"], ["region"], ["import"], ["doctor"], ["recognize"], ["calibrate"]],
-)
-def test_help_shows_how_to_begin(call, command):
-    run = call(*command, "--help")
-    assert run.returncode == 0
-    assert "Usage" in run.stdout
+LIST_AND_LOADED = """
+import sys
+from pushfric_ros.commands import cli
+sys.argv[1:] = ["--help"]
+try:
+    cli.main()
+finally:
+    print(*sys.modules)
+"""
+
+
+def test_the_list_of_commands_loads_none_of_them():
+    run = subprocess.run([sys.executable, "-c", LIST_AND_LOADED], capture_output=True, text=True, timeout=60)
+    assert all(f"│ {name} " in run.stdout for name in cli.COMMANDS)
+    loaded = run.stdout.splitlines()[-1].split()
+    assert "typer" in loaded
+    assert not {"rclpy", "numpy", "matplotlib", "numba", "scipy", "cv2", "pydantic"} & {*loaded}
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_every_command_says_first_what_the_list_says_of_it(call, name):
+    said = " ".join(call(name, "--help").stdout.replace("│", "").split())
+    assert cli.COMMANDS[name] in said

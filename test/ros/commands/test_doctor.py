@@ -151,7 +151,7 @@ def test_the_lock_of_the_cell_is_given_back(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("level", "code"), [(OK, 0), (WARNING, 0), (FAILED, 1)])
 def test_the_exit_code_says_whether_a_check_failed(monkeypatch, capsys, level, code):
-    monkeypatch.setattr(cli, "examine", lambda *_: [Check("port", level, "as it is")])
+    monkeypatch.setattr(doctor, "examine", lambda *_: [Check("port", level, "as it is")])
     monkeypatch.setattr(sys, "argv", ["pushfric", "doctor", "--json"])
     with pytest.raises(SystemExit) as ended:
         cli.main()

@@ -4,9 +4,9 @@ import pathlib
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.console import console
 from pushfric_ros.nodes.tracker import TOPICS
 from pushfric_ros.vision.board import Board
 from pushfric_ros.vision.board_pdf import save_board
@@ -18,8 +18,7 @@ from pushfric_ros.vision.calibration import (
 )
 from pushfric_ros.vision.camera import load_lens, save_camera
 
-app = typer.Typer(help="Calibrate the camera: print a board, learn the lens, then where the table is.", no_args_is_help=True)
-console = Console(stderr=True, soft_wrap=True, highlight=False)
+app = typer.Typer(add_completion=False, no_args_is_help=True)
 
 Source = Annotated[str, typer.Argument(help="Camera's index, URL, video file or folder of pictures.", show_default=False)]
 Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]

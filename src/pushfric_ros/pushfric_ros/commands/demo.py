@@ -1,33 +1,33 @@
-"""The demonstration: the whole graph on a simulated cell, then a summary beside the truth."""
+"""The command `demo`: the whole graph on a simulated cell, then a summary next to the truth."""
 
-import contextlib
 import dataclasses
 import pathlib
 import tempfile
-from collections.abc import Callable, Sequence
+import time
+from typing import Annotated
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimate import Estimate
-from pushfric_core.estimator import Estimator
-from pushfric_core.observation import Observation
 from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.bags import data_points
-from pushfric_ros.commands.interrupt import end_at_once
-from pushfric_ros.commands.watch import Monitor
+from pushfric_ros.commands.console import console, fail
+from pushfric_ros.commands.inputs import HeadlessFlag
+from pushfric_ros.commands.recorded_run import RUNS, course_of, telling_what_is_left
+from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.cell_file import CellFile
-from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig
-from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel, load_object
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.supervisor import Ended, Supervisor
+from pushfric_ros.graph.supervisor import Ended
 from pushfric_ros.pushers.grbl_config import GrblConfig
 from pushfric_ros.pushers.pusher import PusherConfig
+from pushfric_ros.report.report import report, to_json, truth
 from pushfric_ros.vision.camera import Camera, save_camera
 from pushfric_ros.vision.tracker_settings import ContourConfig
 
@@ -35,6 +35,54 @@ SPEED: float = SimulatedRunConfig.speed
 """Multiple of real time at which the simulated cell runs."""
 
 FIGURE = "figure.png"
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def demo(
+    headless: HeadlessFlag = False,
+    json: Annotated[
+        pathlib.Path | None, typer.Option("--json", help="Write the result there as JSON.", show_default=False)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the camera's noise and the operator's hand.", min=0, max=2**31)] = 0,
+    object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
+    bag: Annotated[
+        pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
+    ] = None,
+    plan: Annotated[pathlib.Path | None, typer.Option(help="Push plan YAML.", show_default="the paper's pushes")] = None,
+    choose: Annotated[
+        int,
+        typer.Option(
+            help="Instead, choose this many pushes one by one, to shrink the region of p_CF fastest.", min=0, max=1000
+        ),
+    ] = 0,
+) -> None:
+    if object_name not in TABLE_1:
+        raise InvalidInput(f"no object {object_name!r} in the simulated cell; expected one of {', '.join(TABLE_1)}")
+    bag = bag or RUNS / time.strftime("demo-%Y%m%d-%H%M%S")
+    if json is not None and not json.parent.is_dir():
+        raise InvalidInput(f"{json}: its folder does not exist")
+    if json is not None and json.is_dir():
+        raise InvalidInput(f"{json}: is a folder; expected the name of a file to write")
+    if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
+        raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
+    if plan is not None and choose:
+        raise InvalidInput("give --plan or --choose, not both")
+    pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
+    load_plan(pushes.plan, load_object(object_name))  # what is wrong with it is said before all starts
+    with telling_what_is_left(bag):
+        last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
+    if ended.code or last is None:
+        fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
+    print_summary(console, object_name, last)
+    if json is not None:
+        json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
+    from pushfric_ros.report.figures import summary_figure  # not before: matplotlib would wait in memory for the run to end
+
+    figure = bag / FIGURE
+    summary_figure(figure, TABLE_1[object_name].outline, *course_of(bag), TABLE_1[object_name])
+    console.print(f"figure: {figure}\nbag:    {bag}", markup=False)
 
 
 def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
@@ -69,77 +117,8 @@ def run_demo(
     return last, ended
 
 
-def watch(
-    console: Console,
-    specs: list[graph.NodeSpec],
-    namespace: str,
-    what: str,
-    live: bool,
-    replayed: Sequence[Observation] | None = None,
-    unfinished: Callable[[int], None] | None = None,
-) -> tuple[Ended, FrictionEstimate | None]:
-    """Run a graph under the eyes of a monitor until it ends and its last estimate is there; Ctrl-C after it ends the process.
-
-    Args:
-        specs: the nodes.
-        namespace: of all of them.
-        what: is going on, for people.
-        live: with a display that is drawn anew in place.
-        replayed: the data points that a bag holds, where one is played.
-        unfinished: an operator watches, who is prompted; told with which push of the plan to go on, if the run ends before.
-    """
-    steps = None if replayed is None else len({observation.push_id for observation in replayed})
-
-    def say(name: str, line: str) -> None:
-        # a node's information is for its log; what it warns of, and the one line of a failed start, is for the operator
-        if "[INFO]" not in line and "[DEBUG]" not in line:
-            console.print(f"{name}: {line}", highlight=False, markup=False)
-
-    def watched(supervisor: Supervisor) -> tuple[Ended, FrictionEstimate | None]:
-        def all_replayed() -> bool:
-            return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
-
-        # here, where the supervisor holds signals back, none interrupts its making or its end
-        with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
-            try:
-                return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
-            finally:
-                if unfinished is not None and monitor.next_push is not None:
-                    unfinished(monitor.next_push)
-
-    try:
-        with Supervisor(specs, namespace, say) as supervisor:
-            return watched(supervisor)
-    finally:
-        end_at_once()
-
-
-def left_behind(bag: pathlib.Path, warn: data_points.Warn) -> str:
-    """What a run that was interrupted has left, for people."""
-    if not bag.exists() or not any(bag.iterdir()):
-        return "interrupted before there was a bag"
-    try:
-        _, _, data = _recorded(bag, warn)
-    except InvalidInput as error:
-        return f"bag left in {bag}, which gives no estimate: {error}"
-    return f"bag left in {bag} (pushes: {len({point.push_id for point in data})}); ./pushfric estimate {bag} reads it"
-
-
-def course_of(bag: pathlib.Path, warn: data_points.Warn) -> tuple[list[Estimate], tuple[Observation, ...]]:
-    """The estimates after each data point, and the data points, from what the bag recorded; for figures."""
-    model, settings, data = _recorded(bag, warn)
-    estimator = Estimator(model.support_points, settings.estimator)
-    return list(data_points.taken(estimator.add, data, warn)), estimator.observations
-
-
-def _recorded(bag: pathlib.Path, warn: data_points.Warn) -> tuple[ObjectModel, EstimatorSettings, list[Observation]]:
-    """Of a bag: its object, how the estimator estimated, and the data points."""
-    model, settings = load_object(str(bag / OBJECT_FILE)), data_points.recorded_settings(bag)
-    return model, settings, data_points.observations(bag, model, settings, warn)
-
-
 def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
-    """The last estimate beside the truth of a simulated object."""
+    """The last estimate next to the truth of a simulated object."""
     known = TABLE_1[name]
     size, true = known.outline.size, known.support.center_of_friction
     center = (msg.center_of_friction.x, msg.center_of_friction.y)

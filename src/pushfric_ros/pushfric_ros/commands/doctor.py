@@ -13,16 +13,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import cv2
 import numpy as np
-import rclpy
+import typer
 from ament_index_python.packages import get_package_share_directory
 from packaging.requirements import Requirement
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.utilities import get_rmw_implementation_identifier
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 from sensor_msgs.msg import CompressedImage
@@ -30,6 +28,9 @@ from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands import discovery
+from pushfric_ros.commands.console import console
+from pushfric_ros.commands.inputs import JsonFlag
+from pushfric_ros.commands.recorded_run import RUNS
 from pushfric_ros.files.cell_file import CellFile, load_cell
 from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
@@ -37,9 +38,11 @@ from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit.visit import middleware, visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
 from pushfric_ros.pushers.check import Check, Level
 from pushfric_ros.pushers.pusher import PusherConfig
+from pushfric_ros.report.report import to_json
 from pushfric_ros.vision.camera import Camera, Image, load_camera
 from pushfric_ros.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_ros.vision.frame_source import Device
@@ -146,7 +149,7 @@ def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[C
 
 def check_ros() -> Check:
     """Python, ROS 2 and its middleware."""
-    distro, rmw = os.environ.get("ROS_DISTRO", ""), get_rmw_implementation_identifier()
+    distro, rmw = os.environ.get("ROS_DISTRO", ""), middleware()
     finding = f"Python {sys.version.split()[0]}, ROS 2 {distro or 'of unknown distribution'}, {rmw}"
     if distro not in TRIED_DISTROS or rmw != TRIED_RMW:
         advice = f"it may well work; tried were {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW}"
@@ -336,22 +339,13 @@ def _watch_topic(source: str, namespace: str) -> list[Frame]:
             return
         frames.append(Frame(stamp_from_msg(msg.header.stamp), arrival, image))
 
-    context = rclpy.Context()
-    rclpy.init(context=context, args=[])
-    node = Node("doctor", namespace=namespace, context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        node.create_subscription(ImageMsg if source == "topic" else CompressedImage, TOPICS[source], take, IMAGE_QUEUE)
+    with visit("doctor", namespace) as here:
+        here.node.create_subscription(ImageMsg if source == "topic" else CompressedImage, TOPICS[source], take, IMAGE_QUEUE)
         deadline = time.monotonic() + PATIENCE
         while len(frames) < FRAMES and not problems and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.1)
+            here.spin_once(0.1)
             if len(frames) == 1:
                 deadline = min(deadline, time.monotonic() + WATCHED)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)
     if problems:
         raise InvalidInput(f"{TOPICS[source]}: {problems[0]}")
     return frames
@@ -491,3 +485,26 @@ def table(checks: list[Check]) -> Table:
 def findings(checks: list[Check]) -> dict[str, Any]:
     """The checks as one JSON object."""
     return {"passed": passed(checks), "checks": [check._asdict() | {"level": check.level.value} for check in checks]}
+
+
+# The command
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def doctor(
+    cell: Annotated[
+        pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is looked at.", show_default=False)
+    ] = None,
+    json: JsonFlag = False,
+) -> None:
+    """Exit code 0: nothing failed; 1: a check failed; 2: wrong input, such as a cell file that cannot be read or is invalid."""
+    with console.status("") as status:
+        checks = list(examine(cell, RUNS, lambda what: status.update(f"looking at the {what}")))
+    if json:
+        print(to_json(findings(checks)))
+    else:
+        Console().print(table(checks))
+    if not passed(checks):
+        sys.exit(1)

@@ -3,29 +3,20 @@
 import inspect
 import pathlib
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import rclpy
-from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import get_action_client_names_and_types_by_node, get_action_server_names_and_types_by_node
-from rclpy.node import Node
-from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
-from std_msgs.msg import Empty
 
 from pushfric_core import settings
-from pushfric_core.settings import AUTO
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.markdown import table
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.qos import RELIABLE
-from pushfric_ros.node_kit.parameters import REQUIRED
+from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode
@@ -51,38 +42,16 @@ the recorder subscribes to those it is told of. The fields of all types of `push
 OF_THE_BAG = "std_msgs/msg/Empty"
 """Type of a topic that only the bag has."""
 
-LARGEST = 2**62
-"""Integer ranges end here where they have no end."""
+EMPTY = bytes((0, 1, 0, 0, 0))
+"""A message of that type, in CDR: little-endian, and one byte that stands for no field."""
 
 
 class Start(NamedTuple):
     """How a node is started."""
 
-    kind: type[Node]
+    kind: type
     required: dict[str, Any]  # parameters
     variants: dict[str, dict[str, Any]]  # parameters with which it has other topics, by how they are written
-
-
-ROLES = ("publishes", "subscribes", "serves", "calls")
-
-
-class Endpoint(NamedTuple):
-    """A topic, service or action of a node."""
-
-    role: str  # one of ROLES
-    name: str
-    type: str
-    qos: str
-
-
-class Setting(NamedTuple):
-    """A parameter of a node."""
-
-    name: str
-    type: str
-    default: str
-    range: str
-    description: str
 
 
 class Description(NamedTuple):
@@ -100,14 +69,10 @@ def document() -> str:
 
 
 def describe() -> list[Description]:
-    """Start every node in each variant, in a context of its own, and ask it."""
-    context = rclpy.Context()
-    rclpy.init(context=context, args=[])
-    try:
-        with tempfile.TemporaryDirectory(prefix="pushfric-interfaces-") as folder:
-            return [_describe(start, context) for start in _starts(pathlib.Path(folder))]
-    finally:
-        rclpy.try_shutdown(context=context)
+    """Start every node in each variant, and ask it."""
+    asked = Introspection(NAMESPACE)
+    with tempfile.TemporaryDirectory(prefix="pushfric-interfaces-") as folder:
+        return [_describe(start, asked) for start in _starts(pathlib.Path(folder))]
 
 
 def _starts(folder: pathlib.Path) -> Iterator[Start]:
@@ -118,7 +83,7 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     cv2.imwrite(str(picture), np.zeros((480, 640), np.uint8))
     with BagWriter(bag) as writer:
         writer.add_topic(f"{NAMESPACE}/anything", OF_THE_BAG, [OfferedQos.of(RELIABLE)])
-        writer.write(f"{NAMESPACE}/anything", 1, serialize_message(Empty()))
+        writer.write(f"{NAMESPACE}/anything", 1, EMPTY)
     sources: dict[str, dict[str, Any]] = {
         "`source: compressed`": {"source": "compressed"},
         "a device as `source`": {"source": f"{folder}/*.png"},
@@ -137,75 +102,14 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     yield Start(SimulatedCellNode, {"object": name, "port_link": pusher["port"], **camera, **stage}, {})
 
 
-def _describe(start: Start, context: rclpy.Context) -> Description:
-    plain = Node("plain", namespace=NAMESPACE, context=context)
-    common, common_parameters = set(_endpoints(plain)), plain.get_parameters_by_prefix("")
-    plain.destroy_node()
-    found: dict[str, list[Endpoint]] = {}
-    for label, parameters in {"": {}, **start.variants}.items():
-        overrides = [Parameter(name, value=value) for name, value in (start.required | parameters).items()]
-        node = _remembering(start.kind)(namespace=NAMESPACE, parameter_overrides=overrides, context=context)
-        try:
-            found[label] = [endpoint for endpoint in _endpoints(node) if endpoint not in common and endpoint.type != OF_THE_BAG]
-            name = node.get_name()
-            if not label:
-                declared = [
-                    _setting(node.get_parameter(parameter), default, node.describe_parameter(parameter))
-                    for parameter, default in node.defaults.items()
-                    if parameter not in common_parameters and not parameter.startswith("qos_overrides.")  # of topics of the bag
-                ]
-        finally:
-            node.destroy_node()
-    all_found = sorted(
-        {endpoint for label in found for endpoint in found[label]}, key=lambda found: (ROLES.index(found.role), found)
-    )
-    endpoints = {endpoint._replace(name=endpoint.name.replace("~", name)): _when(endpoint, found) for endpoint in all_found}
-    return Description(name, " ".join((inspect.getdoc(start.kind) or "").split()), endpoints, declared)
-
-
-def _remembering(kind: type[Node]) -> type[Node]:
-    """The same node, but it keeps in `defaults` what each parameter is by default."""
-
-    class Remembering(kind):  # type: ignore[misc, valid-type]
-        defaults: dict[str, Any] = {}  # noqa: RUF012 - each class has one instance
-
-        def declare_parameter(self, name: str, value: Any = None, *rest: Any) -> Parameter:
-            self.defaults[name] = value
-            return super().declare_parameter(name, value, *rest)
-
-    return Remembering
-
-
-def _endpoints(node: Node) -> list[Endpoint]:
-    here = node.get_name(), node.get_namespace()
-    topics = [("publishes", out.topic_name, out) for out in node.publishers]
-    topics += [("subscribes", into.topic_name, into) for into in node.subscriptions]
-    made = [Endpoint(role, name, _type_name(of.msg_type), _qos(of.qos_profile)) for role, name, of in topics]
-    services = [(node.resolve_service_name(service.srv_name), service.srv_type) for service in node.services]
-    made += [Endpoint("serves", name, _type_name(kind), "service") for name, kind in services]
-    for role, actions in (
-        ("serves", get_action_server_names_and_types_by_node(node, *here)),
-        ("calls", get_action_client_names_and_types_by_node(node, *here)),
-    ):
-        made += [Endpoint(role, name, types[0], "action") for name, types in actions]
-    return [endpoint._replace(name=_relative(endpoint.name, here[0])) for endpoint in made]
-
-
-def _relative(name: str, node: str) -> str:
-    """Without the cell's namespace, and with ~ for the node, so that nodes can be compared."""
-    name = name.removeprefix(f"{NAMESPACE}/")
-    return f"~/{name.removeprefix(f'{node}/')}" if name.startswith(f"{node}/") else name
-
-
-def _type_name(kind: type) -> str:
-    package, folder, *_ = kind.__module__.split(".")
-    return f"{package}/{folder}/{kind.__name__}"
-
-
-def _qos(qos: QoSProfile) -> str:
-    words = ["reliable" if qos.reliability == ReliabilityPolicy.RELIABLE else "best effort"]
-    words += ["transient local"] * (qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-    return ", ".join([*words, f"depth {qos.depth}"])
+def _describe(start: Start, asked: Introspection) -> Description:
+    told = {label: asked.ask(start.kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
+    found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in told.items()}
+    every = sorted({endpoint for label in found for endpoint in found[label]}, key=lambda one: (ROLES.index(one.role), one))
+    plain = told[""]
+    endpoints = {one._replace(name=one.name.replace("~", plain.name)): _when(one, found) for one in every}
+    declared = [one for one in plain.settings if not one.name.startswith("qos_overrides.")]  # of topics of the bag
+    return Description(plain.name, " ".join((inspect.getdoc(start.kind) or "").split()), endpoints, declared)
 
 
 def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
@@ -214,31 +118,6 @@ def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
         return f"with {', '.join(having)}"
     lacking = [label for label in found if label not in having]
     return f"not with {', '.join(lacking)}" if lacking else ""
-
-
-def _setting(parameter: Parameter, default: Any, descriptor: ParameterDescriptor) -> Setting:
-    required = descriptor.additional_constraints.startswith(REQUIRED)
-    kind = parameter.type_.name.lower().replace("_array", "[]")
-    if default == AUTO and descriptor.dynamic_typing:
-        kind = "double or string"
-    shown = "*required*" if required else f"`{_shown(default)}`"
-    spans = [*descriptor.integer_range, *descriptor.floating_point_range]
-    limits = ", ".join(f"{_end(span.from_value)} to {_end(span.to_value)}" for span in spans)
-    return Setting(parameter.name, kind, shown, limits, descriptor.description)
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "[]"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return f"[{', '.join(map(_shown, value))}]"
-    return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
-
-
-def _end(value: float) -> str:
-    if abs(value) >= LARGEST:
-        return "any"
-    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def section(described: Description) -> str:

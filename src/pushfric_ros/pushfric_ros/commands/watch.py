@@ -1,26 +1,73 @@
-"""The operator's view of a running graph: a node of the command line that keeps the last estimate of every push."""
+"""Runs a graph and shows it to the operator: the last estimate of every push, and how far the plan has come."""
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
-from std_srvs.srv import SetBool
 
-from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
+from pushfric_core.observation import Observation
+from pushfric_msgs.msg import FrictionEstimate, PlanProgress
+from pushfric_ros.commands.interrupt import end_at_once
+from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
-from pushfric_ros.node_kit.qos import LATCHED
+from pushfric_ros.node_kit.visit import Visit
+from pushfric_ros.nodes.monitor import MonitorNode
 
 PATIENCE = 10.0
 """How long, after the end of a run, its last estimate is waited for [s]."""
+
+
+def watch(
+    console: Console,
+    specs: Sequence[NodeSpec],
+    namespace: str,
+    what: str,
+    live: bool,
+    replayed: Sequence[Observation] | None = None,
+    unfinished: Callable[[int], None] | None = None,
+) -> tuple[Ended, FrictionEstimate | None]:
+    """Run a graph under the eyes of a monitor until it ends and its last estimate is there; Ctrl-C after it ends the process.
+
+    Args:
+        specs: the nodes.
+        namespace: of all of them.
+        what: is going on, for people.
+        live: with a table that is redrawn in place; otherwise a line for each push.
+        replayed: the data points that a bag holds, where one is played.
+        unfinished: prompts an operator; called with the push of the plan to go on with, if the run ends before the plan does.
+    """
+    steps = None if replayed is None else len({observation.push_id for observation in replayed})
+
+    def say(name: str, line: str) -> None:
+        # a node's information is for its log; what it warns of, and the one line of a failed start, is for the operator
+        if "[INFO]" not in line and "[DEBUG]" not in line:
+            console.print(f"{name}: {line}", highlight=False, markup=False)
+
+    def watched(supervisor: Supervisor) -> tuple[Ended, FrictionEstimate | None]:
+        def all_replayed() -> bool:
+            return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
+
+        # here, where the supervisor holds signals back, none interrupts its making or its end
+        with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
+            try:
+                return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
+            finally:
+                if unfinished is not None and monitor.next_push is not None:
+                    unfinished(monitor.next_push)
+
+    try:
+        with Supervisor(specs, namespace, say) as supervisor:
+            return watched(supervisor)
+    finally:
+        end_at_once()
 
 
 class Monitor:
@@ -30,8 +77,8 @@ class Monitor:
         namespace: of the cell.
         what: is going on, for the progress bar.
         steps: pushes awaited; None where the plan's progress tells.
-        live: a table that is drawn anew in place; otherwise a line for each push.
-        prompts: without the table, tell the operator what is awaited; with it, he sees it anyway.
+        live: a table that is redrawn in place; otherwise a line for each push.
+        prompts: without the table, tell the operator what is awaited; the table shows it anyway.
     """
 
     def __init__(
@@ -52,24 +99,13 @@ class Monitor:
         self._task = self._progress.add_task(what, total=steps or 1)
         self._message = ""
         self._finished: int | None = None  # when the plan was [ns]
-        self._settled = self._newest = -1  # what the estimator has dealt with, and its newest data point [ns]
         self._plan_leads = steps is None
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, args=[])
-        self._node = Node("monitor", namespace=namespace, context=self._context)
-        self._estimates = self._node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED)
-        self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, LATCHED)
-        self._node.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
-        # a player waits: before the two have found each other, which may take seconds, estimates would go unseen
-        self._pause = None if steps is None else self._node.create_client(SetBool, "player/pause")
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        make = partial(MonitorNode, self._on_estimate, self._on_progress, starts_player=steps is not None, namespace=namespace)
+        self._visit = Visit(make)
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        self._visit.close()
 
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, wait on until `done`, but not for ever."""
@@ -77,10 +113,7 @@ class Monitor:
         deadline = 0.0
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
             while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
-                self._executor.spin_once(timeout_sec=0.05)
-                if self._pause is not None and self._estimates.get_publisher_count() and self._pause.service_is_ready():
-                    self._pause.call_async(SetBool.Request(data=False))
-                    self._pause = None
+                self._visit.spin_once(0.05)
                 view.update(self._view())
                 now = supervisor.poll()  # to the very end: Ctrl-C, and an estimator that dies before its last word
                 if now is not None and (ended is None or now.code):
@@ -91,9 +124,9 @@ class Monitor:
 
     def settled(self) -> bool:
         """Whether the estimator has dealt with all that was seen until the plan was finished."""
-        if self._finished is None or self._settled < self._finished:
+        if self._finished is None or self._visit.node.settled < self._finished:
             return False
-        return self._newest in (0, None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp))
+        return self._visit.node.newest in (0, None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp))
 
     def _on_estimate(self, msg: FrictionEstimate) -> None:
         if msg.status == FrictionEstimate.STATUS_NO_DATA:
@@ -115,9 +148,6 @@ class Monitor:
         self.next_push = None if finished else msg.push_id + 1
         if self._plan_leads:
             self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else msg.push_id)
-
-    def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
-        self._settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)

@@ -2,6 +2,7 @@
 
 import math
 import typing
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -61,6 +62,11 @@ def _default(field: Any) -> Any:
         return None
     value = settings.plain_value(field.default)
     return None if value == [] else value  # of what an empty list is one, ROS cannot tell
+
+
+def overrides(values: Mapping[str, Any]) -> list[Parameter]:
+    """Values of parameters, as a node's constructor takes them."""
+    return [Parameter(name, value=value) for name, value in values.items()]
 
 
 def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:

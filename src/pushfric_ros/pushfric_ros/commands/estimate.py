@@ -1,0 +1,59 @@
+"""The command `estimate`."""
+
+import pathlib
+from collections import deque
+from typing import Annotated
+
+import typer
+
+from pushfric_core.estimator import Estimator
+from pushfric_ros.bags import data_points
+from pushfric_ros.commands.console import warn
+from pushfric_ros.commands.inputs import (
+    GridOption,
+    Input,
+    JsonFlag,
+    ObjectOption,
+    PartialFlag,
+    SupportPointsOption,
+    object_of,
+    with_support,
+)
+from pushfric_ros.commands.result import print_result
+from pushfric_ros.commands.settings_options import with_settings
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.messages.conversions import estimate_to_msg
+from pushfric_ros.report.report import report
+
+
+def estimate(
+    source: Input,
+    settings: EstimatorSettings,
+    object_name: ObjectOption = "",
+    grid: GridOption = None,
+    support_points: SupportPointsOption = None,
+    figure: Annotated[
+        pathlib.Path | None, typer.Option(help="Draw pushes, w, mu_c and p_CF there (.png, .svg, .pdf).", show_default=False)
+    ] = None,
+    partial: PartialFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    model, _ = object_of(source, object_name)
+    model = with_support(model, grid, support_points)
+    data = data_points.observations(source, model, settings, warn, partial)
+    estimator = Estimator(model.support_points, settings.estimator)
+    # only the figure shows how the last estimate came about
+    course = deque(data_points.taken(estimator.add, data, warn), maxlen=None if figure is not None else 1)
+    result = data_points.last(course)
+    if result.contradiction is not None:
+        warn(result.contradiction)
+    if figure is not None:
+        from pushfric_ros.report.figures import summary_figure  # matplotlib takes longer to load than most bags to estimate
+
+        summary_figure(figure, model.outline, course, estimator.observations, None, settings.slipping)
+    slipping = [observation.push_id in settings.slipping for observation in estimator.observations]
+    print_result(report(estimate_to_msg(result, model.name, slipping)), json, settings.estimator.loss)
+
+
+app = typer.Typer(add_completion=False)
+app.command()(with_settings(estimate))

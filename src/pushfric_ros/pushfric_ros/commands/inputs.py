@@ -1,0 +1,66 @@
+"""What several commands are given: a bag or a CSV, an object, its support points."""
+
+import pathlib
+from typing import Annotated
+
+import typer
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.table_1 import TABLE_1
+from pushfric_ros.bags import data_points
+from pushfric_ros.files.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
+
+Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
+ObjectOption = Annotated[
+    str,
+    typer.Option(
+        "--object",
+        help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may bring its own as object.yaml.",
+        show_default=False,
+    ),
+]
+GridOption = Annotated[
+    tuple[int, int] | None,
+    typer.Option("--grid", help="Support points: a grid of NX by NY over the object.", metavar="NX NY", show_default=False),
+]
+SupportPointsOption = Annotated[
+    pathlib.Path | None,
+    typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
+]
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+PartialFlag = Annotated[bool, typer.Option("--partial", help="Make do with a damaged bag, of which messages are missing.")]
+HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display: a line for each push.")]
+
+
+def object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
+    """The object given, or the one next to the bag; and where it came from.
+
+    Args:
+        path: the bag or the CSV.
+        name: of the object, or path of its YAML; empty: not given.
+    Raises:
+        InvalidInput: neither is there, or the object's file is not one.
+    """
+    data_points.check_source(path)
+    beside = data_points.object_beside(path)
+    if not name and beside is None:
+        raise InvalidInput(f"{path} does not say of what object it is; give --object OBJ.yaml or one of {', '.join(TABLE_1)}")
+    where = name or str(beside)
+    return load_object(where), where
+
+
+def with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> ObjectModel:
+    """The object on other support points, where some are given; hypotheses that bring their own keep them.
+
+    Raises:
+        InvalidInput: both a grid and a file are given, or one of them is unusable.
+    """
+    if file is not None and grid is not None:
+        raise InvalidInput("give --grid or --support-points, not both")
+    if file is not None:
+        support, where = SupportFile(points=[(x, y) for x, y in read_points(file).tolist()]), str(file)
+    elif grid is not None:
+        support, where = SupportFile(grid=grid, inset=model.file.support.inset), "--grid"
+    else:
+        return model
+    return make_object(model.file.model_copy(update={"support": support}), where)

@@ -1,0 +1,61 @@
+"""The command `recognize`."""
+
+from typing import Any
+
+import typer
+from rich.console import Console
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.recognition import Recognizer
+from pushfric_ros.bags import data_points
+from pushfric_ros.commands.console import warn
+from pushfric_ros.commands.inputs import (
+    GridOption,
+    Input,
+    JsonFlag,
+    ObjectOption,
+    PartialFlag,
+    SupportPointsOption,
+    object_of,
+    with_support,
+)
+from pushfric_ros.commands.settings_options import with_settings
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.messages.conversions import recognition_to_msg
+from pushfric_ros.report.report import recognition_report, to_json
+
+
+def recognize(
+    source: Input,
+    settings: EstimatorSettings,
+    object_name: ObjectOption = "",
+    grid: GridOption = None,
+    support_points: SupportPointsOption = None,
+    partial: PartialFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    model, where = object_of(source, object_name)
+    if not model.hypotheses:
+        raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
+    model = with_support(model, grid, support_points)
+    data = data_points.observations(source, model, settings, warn, partial)
+    ranking = data_points.recognize(Recognizer(model.hypotheses, settings.estimator), data, warn)
+    for ranked in ranking.hypotheses:
+        if ranked.contradiction is not None:
+            warn(f"{ranked.name}: {ranked.contradiction}")
+    _print(recognition_report(recognition_to_msg(ranking)), json)
+
+
+app = typer.Typer(add_completion=False)
+app.command()(with_settings(recognize, without=("tie_break",)))
+
+
+def _print(figures: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print(to_json(figures))
+        return
+    output = Console(highlight=False, markup=False)
+    for hypothesis in figures["hypotheses"]:
+        fit = f"fit {hypothesis['fit_error']:.4g}, ratio {hypothesis['ratio']:.3f}"
+        output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")
+    output.print(f"best: {figures['best'] or 'none is feasible'}")

@@ -1,0 +1,43 @@
+"""The command `replay`."""
+
+import pathlib
+from typing import Annotated
+
+import typer
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.bags import data_points
+from pushfric_ros.commands.console import console, fail, warn
+from pushfric_ros.commands.inputs import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag, object_of
+from pushfric_ros.commands.result import print_result
+from pushfric_ros.commands.watch import watch
+from pushfric_ros.graph import graph
+from pushfric_ros.report.report import report
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def replay(
+    bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.", show_default=False)],
+    object_name: ObjectOption = "",
+    rate: Annotated[float, typer.Option(help="Multiple of the recorded speed.")] = 1.0,
+    partial: PartialFlag = False,
+    json: JsonFlag = False,
+    headless: HeadlessFlag = False,
+) -> None:
+    if not 0.01 <= rate <= 1000:
+        raise InvalidInput(f"--rate must lie in [0.01, 1000], got {rate:g}")
+    model, object_file = object_of(bag, object_name)
+    settings = data_points.recorded_settings(bag)
+    data = data_points.observations(bag, model, settings, warn, partial)
+    source = data_points.source_of(bag, settings.with_forces)
+    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial)
+    live = console.is_terminal and not headless
+    ended, last = watch(console, specs, source.namespace, f"replaying {bag.name}", live, replayed=data)
+    if ended.code:
+        fail(ended.reason, ended.code)
+    if last is None or last.data_points < len(data):
+        arrived = 0 if last is None else last.data_points
+        fail(f"the live graph made {arrived} data points of the {len(data)} in the bag; try a lower --rate", 1)
+    print_result(report(last), json, settings.estimator.loss)

@@ -1,0 +1,45 @@
+"""The command `run`."""
+
+import pathlib
+import time
+from typing import Annotated
+
+import typer
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.console import console, fail
+from pushfric_ros.commands.inputs import HeadlessFlag
+from pushfric_ros.commands.recorded_run import RUNS, telling_what_is_left
+from pushfric_ros.commands.watch import watch
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.graph import graph
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def run(
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
+    bag: Annotated[
+        pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")
+    ] = None,
+    start: Annotated[int, typer.Option(help="Push of the plan to begin with, to go on with one.", min=1)] = 1,
+    headless: HeadlessFlag = False,
+) -> None:
+    file = load_cell(cell)
+    model = load_object(file.object)
+    bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
+    if (absence := file.driver.absence()) is not None:
+        raise InvalidInput(f"{cell}: pusher: {absence}")
+    specs = graph.cell(file, str(bag), start)
+
+    def go_on(push: int) -> None:
+        console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}", markup=False)
+
+    live = console.is_terminal and not headless
+    with telling_what_is_left(bag):
+        ended, last = watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
+    if ended.code:
+        fail(ended.reason, ended.code)
+    console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it", markup=False)

@@ -1,0 +1,146 @@
+"""What a node offers, asks for and can be set to, told by the node itself."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import get_action_client_names_and_types_by_node, get_action_server_names_and_types_by_node
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from pushfric_core.settings import AUTO
+from pushfric_ros.node_kit.parameters import REQUIRED, overrides
+from pushfric_ros.node_kit.visit import Visit
+
+LARGEST = 2**62
+"""Integer ranges end here where they have no end."""
+
+ROLES = ("publishes", "subscribes", "serves", "calls")
+
+
+class Endpoint(NamedTuple):
+    """A topic, service or action of a node."""
+
+    role: str  # one of ROLES
+    name: str
+    type: str
+    qos: str
+
+
+class Setting(NamedTuple):
+    """A parameter of a node."""
+
+    name: str
+    type: str
+    default: str
+    range: str
+    description: str
+
+
+class Told(NamedTuple):
+    """What a node told of itself."""
+
+    name: str
+    endpoints: list[Endpoint]  # names relative to the namespace, with ~ for the node
+    settings: list[Setting]
+
+
+class Introspection:
+    """Starts nodes one at a time and asks them; what every node has is left out.
+
+    Args:
+        namespace: of the nodes.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        self._namespace = namespace
+        with Visit(partial(Node, "plain", namespace=namespace)) as plain:
+            self._common = {*_endpoints(plain.node, namespace)}
+            self._common_parameters = plain.node.get_parameters_by_prefix("").keys()
+
+    def ask(self, kind: type[Node], parameters: Mapping[str, Any]) -> Told:
+        """Start a node of this class with these parameters, and ask it."""
+        given = overrides(parameters)
+        with Visit(partial(_remembering(kind), namespace=self._namespace, parameter_overrides=given)) as visit:
+            node = visit.node
+            settings = [
+                _setting(node.get_parameter(name), default, node.describe_parameter(name))
+                for name, default in node.defaults.items()
+                if name not in self._common_parameters
+            ]
+            endpoints = [endpoint for endpoint in _endpoints(node, self._namespace) if endpoint not in self._common]
+            return Told(node.get_name(), endpoints, settings)
+
+
+def _remembering(kind: type[Node]) -> Any:
+    """The same node, but it keeps in `defaults` what each parameter is by default."""
+
+    class Remembering(kind):  # type: ignore[misc, valid-type]
+        defaults: dict[str, Any] = {}  # noqa: RUF012 - each class has one instance
+
+        def declare_parameter(self, name: str, value: Any = None, *rest: Any) -> Parameter:
+            self.defaults[name] = value
+            return super().declare_parameter(name, value, *rest)
+
+    return Remembering
+
+
+def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
+    here = node.get_name(), node.get_namespace()
+    topics = [("publishes", out.topic_name, out) for out in node.publishers]
+    topics += [("subscribes", into.topic_name, into) for into in node.subscriptions]
+    made = [Endpoint(role, name, _type_name(of.msg_type), _qos(of.qos_profile)) for role, name, of in topics]
+    services = [(node.resolve_service_name(service.srv_name), service.srv_type) for service in node.services]
+    made += [Endpoint("serves", name, _type_name(kind), "service") for name, kind in services]
+    for role, actions in (
+        ("serves", get_action_server_names_and_types_by_node(node, *here)),
+        ("calls", get_action_client_names_and_types_by_node(node, *here)),
+    ):
+        made += [Endpoint(role, name, types[0], "action") for name, types in actions]
+    return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in made]
+
+
+def _relative(name: str, namespace: str, node: str) -> str:
+    """Without the cell's namespace, and with ~ for the node, so that nodes can be compared."""
+    name = name.removeprefix(f"{namespace}/")
+    return f"~/{name.removeprefix(f'{node}/')}" if name.startswith(f"{node}/") else name
+
+
+def _type_name(kind: type) -> str:
+    package, folder, *_ = kind.__module__.split(".")
+    return f"{package}/{folder}/{kind.__name__}"
+
+
+def _qos(qos: QoSProfile) -> str:
+    words = ["reliable" if qos.reliability == ReliabilityPolicy.RELIABLE else "best effort"]
+    words += ["transient local"] * (qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+    return ", ".join([*words, f"depth {qos.depth}"])
+
+
+def _setting(parameter: Parameter, default: Any, descriptor: ParameterDescriptor) -> Setting:
+    required = descriptor.additional_constraints.startswith(REQUIRED)
+    kind = parameter.type_.name.lower().replace("_array", "[]")
+    if default == AUTO and descriptor.dynamic_typing:
+        kind = "double or string"
+    shown = "*required*" if required else f"`{_shown(default)}`"
+    spans = [*descriptor.integer_range, *descriptor.floating_point_range]
+    limits = ", ".join(f"{_end(span.from_value)} to {_end(span.to_value)}" for span in spans)
+    return Setting(parameter.name, kind, shown, limits, descriptor.description)
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "[]"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(_shown, value))}]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
+def _end(value: float) -> str:
+    if abs(value) >= LARGEST:
+        return "any"
+    return str(value) if isinstance(value, int) else f"{value:g}"

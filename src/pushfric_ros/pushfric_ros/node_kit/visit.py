@@ -1,0 +1,63 @@
+"""A node in a process that is not its own, such as the command line."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from rclpy.utilities import get_rmw_implementation_identifier
+
+AnyNode = TypeVar("AnyNode", bound=Node)
+
+
+class Visit(Generic[AnyNode]):
+    """A node in a context of its own, which takes no signals and is spun by hand; a context manager.
+
+    Args:
+        make: makes the node; called with the keyword argument `context`.
+    """
+
+    def __init__(self, make: Callable[..., AnyNode]) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, args=[])
+        try:
+            self.node = make(context=self._context)
+            self._executor = SingleThreadedExecutor(context=self._context)
+            self._executor.add_node(self.node)
+        except BaseException:
+            rclpy.try_shutdown(context=self._context)
+            raise
+
+    def spin_once(self, seconds: float) -> None:
+        """Let the node do one thing; wait at most this long [s] for it."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def spin_until(self, future: Future, seconds: float) -> bool:
+        """Spin for at most this long [s]; returns whether the future is done."""
+        self._executor.spin_until_future_complete(future, timeout_sec=seconds)
+        return future.done()
+
+    def close(self) -> None:
+        """Destroy the node and leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def __enter__(self) -> "Visit[AnyNode]":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+
+def visit(name: str, namespace: str = "") -> Visit[Node]:
+    """A visit by a node with nothing of its own."""
+    return Visit(partial(Node, name, namespace=namespace))
+
+
+def middleware() -> str:
+    """Name of the RMW implementation in use."""
+    return get_rmw_implementation_identifier()

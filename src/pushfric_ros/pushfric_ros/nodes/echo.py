@@ -1,0 +1,24 @@
+"""The echo node: answers calls, so that the doctor can see whether messages reach another process."""
+
+import sys
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from pushfric_ros.node_kit.process import run_node
+
+
+class EchoNode(Node):
+    """Serves ~/answer until it is asked to stop; prints a line once it does."""
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.create_service(Trigger, "~/answer", lambda _, response: response)
+        # rclpy can miss a signal that comes just before it waits; it looks again after this
+        self.create_timer(0.1, lambda: None)
+        print("ready", flush=True)
+
+
+if __name__ == "__main__":
+    run_node(lambda: EchoNode(sys.argv[1]))

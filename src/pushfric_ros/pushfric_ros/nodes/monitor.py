@@ -1,0 +1,50 @@
+"""The monitor node: what the command line hears of a running cell."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
+from pushfric_ros.messages.conversions import stamp_from_msg
+from pushfric_ros.node_kit.qos import LATCHED
+
+LOOK_PERIOD = 0.05
+"""Between two looks for the player [s] of wall time."""
+
+
+class MonitorNode(Node):
+    """Hands on estimates and the plan's progress, and keeps how far the estimator has come.
+
+    Args:
+        on_estimate: gets every friction_estimate.
+        on_progress: gets every plan_progress.
+        starts_player: resume a paused player once the estimates are heard: discovery may take seconds, in which estimates would
+            go unseen.
+    """
+
+    def __init__(
+        self,
+        on_estimate: Callable[[FrictionEstimate], None],
+        on_progress: Callable[[PlanProgress], None],
+        starts_player: bool,
+        **kwargs: Any,
+    ) -> None:
+        super().__init__("monitor", **kwargs)
+        self.settled = self.newest = -1  # what the estimator has dealt with, and its newest data point [ns]
+        self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED)
+        self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED)
+        self.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
+        if starts_player:
+            self._pause = self.create_client(SetBool, "player/pause")
+            self._look = self.create_timer(LOOK_PERIOD, self._start_player, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _start_player(self) -> None:
+        if self._estimates.get_publisher_count() and self._pause.service_is_ready():
+            self._pause.call_async(SetBool.Request(data=False))
+            self._look.cancel()
+
+    def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
+        self.settled, self.newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
