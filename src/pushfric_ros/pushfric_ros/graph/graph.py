@@ -1,6 +1,7 @@
 """The node graph, defined once: the supervisor, in-process composition and the launch files all start from here."""
 
-from collections.abc import Mapping, Sequence
+import pathlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -34,6 +35,14 @@ class NodeSpec:
     @property
     def executable(self) -> str:
         return f"{self.name}_node"
+
+
+class Launchable(NamedTuple):
+    """A graph that `ros2 launch` can start."""
+
+    arguments: Mapping[str, tuple[str | None, str]]  # name -> (default, description); without a default it must be given
+    graph: Callable[[Mapping[str, str], pathlib.Path], tuple[str, Sequence[NodeSpec]]]
+    """From the values of the arguments, and a folder for files of the run, the namespace and the nodes."""
 
 
 class Topic(NamedTuple):

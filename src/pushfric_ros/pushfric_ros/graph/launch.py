@@ -4,39 +4,32 @@ import atexit
 import contextlib
 import pathlib
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
-from pushfric_ros.graph.graph import PACKAGE, NodeSpec
+from pushfric_ros.graph.graph import PACKAGE, Launchable, NodeSpec
 from pushfric_ros.graph.lock import lock
 from pushfric_ros.graph.supervisor import RESPAWN_DELAY
 
-Graph = Callable[[Mapping[str, str], pathlib.Path], tuple[str, Sequence[NodeSpec]]]
-"""Gets the values of the launch arguments and a folder for files of the run; returns the namespace and the nodes."""
 
-
-def launch_description(arguments: Mapping[str, tuple[str | None, str]], graph: Graph) -> LaunchDescription:
-    """Declare the arguments, and launch the graph that they make; the cell's name is locked until the launch ends.
-
-    Args:
-        arguments: name -> (default, description); a default of None makes the argument obligatory.
-        graph: makes the nodes.
-    """
+def launch_description(launchable: Launchable) -> LaunchDescription:
+    """Declare the arguments, and launch the graph that they make; the cell's name is locked until the launch ends."""
 
     def nodes(context: LaunchContext) -> list[Node]:
         leaving = contextlib.ExitStack()
         atexit.register(leaving.close)  # the launch ends after its processes
         folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
-        namespace, specs = graph({name: context.launch_configurations[name] for name in arguments}, folder)
+        namespace, specs = launchable.graph(
+            {name: context.launch_configurations[name] for name in launchable.arguments}, folder
+        )
         leaving.enter_context(lock(namespace))
         return [_node(spec, namespace) for spec in specs]
 
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, (default, description) in arguments.items()
+        for name, (default, description) in launchable.arguments.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
 

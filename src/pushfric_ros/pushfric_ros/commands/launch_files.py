@@ -1,0 +1,62 @@
+"""What the launch files of this package start."""
+
+import dataclasses
+import pathlib
+from collections.abc import Mapping, Sequence
+
+from pushfric_ros.bags import data_points
+from pushfric_ros.commands.demo import SPEED, demo_cell
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.graph import Launchable, NodeSpec
+
+
+def _cell(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
+    file = load_cell(pathlib.Path(values["cell"]))
+    return file.namespace, graph.cell(file, values["bag"], int(values["start"]))
+
+
+def _demo(values: Mapping[str, str], folder: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
+    cell = dataclasses.replace(demo_cell(values["object"], folder), namespace=values["namespace"])
+    return cell.namespace, graph.simulated_cell(cell, values["bag"], int(values["seed"]), float(values["speed"]))
+
+
+def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
+    bag = pathlib.Path(values["bag"])
+    settings = data_points.recorded_settings(bag)
+    source = data_points.source_of(bag, settings.with_forces)
+    object_name = values["object"] or str(data_points.object_beside(bag))
+    return source.namespace, graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
+
+
+CELL = Launchable(
+    {
+        "cell": (None, "path of the cell's YAML file"),
+        "bag": (None, "folder of the bag to record"),
+        "start": ("1", "push of the plan to begin with"),
+    },
+    _cell,
+)
+"""The real cell: carry out its push plan, estimate, record."""
+
+DEMO = Launchable(
+    {
+        "bag": (None, "folder of the bag to record"),
+        "object": ("rubber_rect4", "an object of Table 1"),
+        "seed": ("0", "of the camera's noise and the operator's hand"),
+        "speed": (str(SPEED), "multiple of real time"),
+        "namespace": (graph.NAMESPACE, "of the cell"),
+    },
+    _demo,
+)
+"""The whole graph on a simulated cell."""
+
+REPLAY = Launchable(
+    {
+        "bag": (None, "path of the bag"),
+        "object": ("", "name of an object of Table 1, or path of an object YAML; empty: the bag's own object.yaml"),
+        "rate": ("1.0", "multiple of the recorded speed"),
+    },
+    _replay,
+)
+"""A bag played into a live estimator."""

@@ -1,0 +1,37 @@
+"""What the launch files start, up to ROS 2's own launch."""
+
+import pathlib
+
+import pytest
+
+from pushfric_ros.commands.launch_files import CELL, DEMO, REPLAY
+
+ROOT = pathlib.Path(__file__).parents[3]
+
+
+def started(launchable, folder, **given):
+    """The namespace and the nodes, by name, of what a launch file starts with some of its arguments given."""
+    defaults = {name: default for name, (default, _) in launchable.arguments.items() if default is not None}
+    assert set(launchable.arguments) <= set(defaults) | set(given)
+    namespace, specs = launchable.graph({**defaults, **given}, folder)
+    return namespace, {spec.name: spec for spec in specs}
+
+
+@pytest.mark.parametrize("namespace", ["/cell", "/left"])
+def test_the_demo_starts_under_any_name(tmp_path, namespace):
+    found, nodes = started(DEMO, tmp_path, bag=str(tmp_path / "bag"), namespace=namespace)
+    assert found == namespace
+    assert set(nodes) == {"simulated_cell", "recorder", "estimator", "tracker", "actuator", "experiment"}
+    assert nodes["recorder"].parameters["bag"] == str(tmp_path / "bag")
+    assert nodes["simulated_cell"].remappings == ({} if namespace == "/cell" else {"/clock": "/left/clock"})
+
+
+def test_a_cell_starts_where_its_plan_was_left(tmp_path):
+    _, nodes = started(CELL, tmp_path, cell=str(ROOT / "docs/example_cell/cell.yaml"), bag="bag", start="3")
+    assert nodes["experiment"].parameters["start"] == 3
+
+
+def test_a_bag_is_replayed_with_its_own_object(tmp_path):
+    _, nodes = started(REPLAY, tmp_path, bag=str(ROOT / "bags/rubber_rect4"))
+    assert nodes["estimator"].parameters["object"] == str(ROOT / "bags/rubber_rect4/object.yaml")
+    assert nodes["player"].parameters["rate"] == 1.0
