@@ -143,7 +143,7 @@ _SINGULAR = {
     bool: "true or false",
     int: "a whole number",
     float: "a finite number",
-    str: "a text, in quotes where it looks like a number",
+    str: "a text, in quotes if it looks like a number",
 }
 _PLURAL = {bool: "true or false", int: "whole numbers", float: "finite numbers", str: "texts"}
 

@@ -84,7 +84,7 @@ def test_an_object_survives_its_file(write, tmp_path):
         ("name: x\noutline: [[0, 0], [1, 2 cm], [0, 1]]", "file.yaml: outline.1.1: expected a number, got '2 cm'$"),
         ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
         ("name: x\noutline: [[0, 0], [1, .nan], [0, 1]]", "outline.1.1: expected a finite number, got nan$"),
-        (TRIANGLE.replace("triangle", "5"), "name: expected a text, in quotes where it looks like a number, got 5$"),
+        (TRIANGLE.replace("triangle", "5"), "name: expected a text, in quotes if it looks like a number, got 5$"),
         (TRIANGLE.replace("triangle", "''"), "name: expected a text that is not empty, got ''$"),
         (TRIANGLE + "height:", "height: expected a number, got nothing$"),
         (TRIANGLE + "height: -1", "height: expected at least 0, got -1$"),

@@ -1,1 +1,1 @@
-"""What people hand in: object, cell, push plan, observations and estimator settings."""
+"""Input files: object, cell, push plan, observations and estimator settings."""

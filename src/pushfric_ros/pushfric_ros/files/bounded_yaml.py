@@ -6,26 +6,26 @@ from typing import Any
 import yaml
 
 TEXT_LIMIT = 4 * 2**20
-"""Characters of one text."""
+"""Most characters of a text."""
 
 DEPTH_LIMIT = 30
-"""Lists and mappings within each other."""
+"""Most levels of nested lists and mappings."""
 
 NODE_LIMIT = 200_000
-"""Scalars, lists and mappings of one text, each alias counted as all that it stands for."""
+"""Most scalars, lists and mappings of a text; an alias counts as everything that it stands for."""
 
 SCALAR_LIMIT = 100_000
-"""Characters of one scalar."""
+"""Most characters of a scalar."""
 
 INTEGER_LIMIT = 2**63
-"""Whole numbers are smaller than this in size."""
+"""Integers must be smaller than this in magnitude."""
 
-# libyaml parses ten times as fast; PyYAML is built with it everywhere but on exotic machines
+# libyaml parses ten times as fast; PyYAML has it on all but exotic machines
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _BoundedLoader(_Loader):
-    """Refuses integers that no field of any file takes; Python could not even print some of them."""
+    """A loader that refuses huge integers: no field takes them, and Python could not even print some of them."""
 
     def _integer(self, node: yaml.ScalarNode) -> int:
         value = self.construct_yaml_int(node)
@@ -38,10 +38,10 @@ _BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader._integer)
 
 
 def load_yaml(text: str) -> Any:
-    """What a YAML text holds: dicts, lists, texts, numbers, booleans, dates and None.
+    """The content of a YAML text: dicts, lists, texts, numbers, booleans, dates and None.
 
     Raises:
-        ValueError: it is not YAML or breaks a limit; the text says in one line what and where.
+        ValueError: it is not YAML or exceeds a limit; one line says what is wrong, and where.
     """
     if len(text) > TEXT_LIMIT:
         raise ValueError(f"expected at most {TEXT_LIMIT} characters, got {len(text)}")
@@ -56,8 +56,8 @@ def load_yaml(text: str) -> Any:
 
 
 def _check_structure(text: str) -> None:
-    """Check the limits on parser events, which come before anything is built."""
-    sizes = [0]  # nodes in each collection that is open
+    """Check the limits on the events of the parser, before anything is built."""
+    sizes = [0]  # number of nodes in each open collection
     open_anchors: list[str | None] = []
     anchored: dict[str, int] = {}
     events: Iterable[Any] = yaml.parse(text, Loader=_Loader)
@@ -68,14 +68,14 @@ def _check_structure(text: str) -> None:
             raise ValueError(f"{where}: expected plain values, got the tag {tag[:40]!r}")
         if isinstance(event, yaml.CollectionStartEvent):
             if len(sizes) > DEPTH_LIMIT:
-                raise ValueError(f"{where}: expected at most {DEPTH_LIMIT} lists and mappings within each other")
+                raise ValueError(f"{where}: expected at most {DEPTH_LIMIT} levels of lists and mappings")
             sizes.append(1)
             open_anchors.append(event.anchor)
             continue
         if isinstance(event, yaml.CollectionEndEvent):
             anchor, size = open_anchors.pop(), sizes.pop()
         elif isinstance(event, yaml.AliasEvent):
-            if event.anchor not in anchored:  # also within what it names: an endless structure
+            if event.anchor not in anchored:  # also for an alias within its own anchor, which would be an endless structure
                 raise ValueError(f"{where}: the alias {event.anchor!r} names nothing that is complete")
             anchor, size = None, anchored[event.anchor]
         elif isinstance(event, yaml.ScalarEvent):

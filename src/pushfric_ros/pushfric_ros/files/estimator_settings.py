@@ -1,4 +1,4 @@
-"""How a cell estimates, as one set of values: in its file, as the estimator's parameters, and in the bag for its replay."""
+"""All settings of an estimate as one record: in the cell's file, as the estimator's parameters, and in the bag for a replay."""
 
 import dataclasses
 import json
@@ -16,7 +16,7 @@ TOPIC = "estimator_settings"
 
 @dataclass(frozen=True)
 class PushesConfig:
-    """What is known of single pushes."""
+    """What is known about single pushes."""
 
     exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
     slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
@@ -24,36 +24,36 @@ class PushesConfig:
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """All that decides which estimate comes of given poses, except the object. Section `estimator`."""
+    """Everything, except the object, that decides which estimate follows from given poses. Section `estimator`."""
 
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
-    excluded: tuple[int, ...] = ()  # pushes whose data points are left out
+    excluded: tuple[int, ...] = ()  # ids of pushes whose data points are left out
     region: RegionConfig = field(default_factory=RegionConfig)
-    slipping: tuple[int, ...] = ()  # pushes whose contact is known to slip
+    slipping: tuple[int, ...] = ()  # ids of pushes whose contact is known to slip
 
     PARTS: ClassVar = (EstimatorConfig, TrajectoryConfig, RegionConfig, PushesConfig)
-    """The dataclasses whose fields are its parameters."""
+    """The dataclasses whose fields are the parameters."""
 
     @classmethod
     def of(
         cls, estimator: EstimatorConfig, trajectory: TrajectoryConfig, region: RegionConfig, pushes: PushesConfig
     ) -> "EstimatorSettings":
-        """From its PARTS."""
+        """The settings made of instances of PARTS."""
         return cls(estimator, trajectory, pushes.exclude_pushes, region, pushes.slipping_pushes)
 
     @property
     def with_forces(self) -> bool:
-        """Whether one of the terms needs measured forces."""
+        """Whether a term needs measured forces."""
         return self.estimator.needs_force
 
     def without(self, pushes: Iterable[int]) -> "EstimatorSettings":
-        """The same, with these pushes left out as well."""
+        """The same settings, with these pushes left out as well."""
         return dataclasses.replace(self, excluded=tuple(sorted({*self.excluded, *pushes})))
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "EstimatorSettings":
-        """From node parameters, any of them; `auto` stands for None.
+        """The settings that some parameters of the node give; the others have their defaults. `auto` stands for None.
 
         Raises:
             ValueError: one is unknown, of another type or out of range.
@@ -61,19 +61,19 @@ class EstimatorSettings:
         return cls.of(*read(values, *cls.PARTS))
 
     def parameters(self) -> dict[str, Any]:
-        """As a node's parameters are: a list for a tuple, left out where empty, and `auto` for None."""
+        """The parameters of the node: a list for a tuple (left out if empty), and `auto` for None."""
         return merged((self.estimator, self.trajectory, self.region, PushesConfig(self.excluded, self.slipping)))
 
     def to_text(self) -> str:
-        """As the estimator publishes them."""
+        """The text that the estimator publishes."""
         return json.dumps(self.parameters())
 
     @classmethod
     def from_text(cls, text: str) -> "EstimatorSettings":
-        """What `to_text` wrote.
+        """The settings that `to_text` wrote.
 
         Raises:
-            ValueError: it did not.
+            ValueError: it did not write this text.
         """
         values = json.loads(text)
         if not isinstance(values, dict):

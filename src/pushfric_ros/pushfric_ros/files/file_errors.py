@@ -1,4 +1,4 @@
-"""A file that cannot be read ends with one line that names it once."""
+"""One line of error for a file that cannot be read, which names it once."""
 
 import contextlib
 import csv
@@ -10,7 +10,7 @@ from pushfric_core.errors import InvalidInput
 
 @contextlib.contextmanager
 def reading(path: pathlib.Path) -> Iterator[None]:
-    """Within, a file is opened, decoded, and taken apart where it is a CSV.
+    """A context in which a file is opened, decoded, and parsed as CSV.
 
     Raises:
         InvalidInput: one of these fails.

@@ -1,4 +1,4 @@
-"""What is known of an object before it is pushed: its outline and hypothesised supports, from a YAML file or from Table 1."""
+"""What is known about an object before it is pushed: outline and hypothesised supports, from a YAML file or Table 1."""
 
 import csv
 import math
@@ -19,13 +19,13 @@ from pushfric_ros.files.file_errors import reading
 
 Point = tuple[float, float]
 OBJECT_FILE = "object.yaml"
-"""A bag's folder may say under this name of what object it is."""
+"""Name of the file in a bag's folder that describes its object."""
 
 Model = TypeVar("Model", bound=pydantic.BaseModel)
 
 
 class Strict(pydantic.BaseModel):
-    """A part of a YAML file: unknown keys and numbers that are not finite are refused."""
+    """A part of a YAML file. It refuses unknown keys, and numbers that are not finite."""
 
     model_config = pydantic.ConfigDict(frozen=True, allow_inf_nan=False)
 
@@ -45,7 +45,7 @@ class SupportFile(Strict):
     grid: tuple[int, int] | None = None  # columns and rows over the bounding box shrunk by inset
     inset: float = 0.002  # [m]
     points: Annotated[list[Point], pydantic.Field(min_length=1)] | None = None  # [m]
-    spacing: float | None = None  # [m], of a grid as close to it as fits the bounding box
+    spacing: float | None = None  # of a grid [m]; adjusted slightly to fit the bounding box
 
     @pydantic.model_validator(mode="after")
     def _one_way(self) -> "SupportFile":
@@ -71,16 +71,20 @@ class HypothesisFile(Strict):
 
     name: Annotated[str, pydantic.Field(min_length=1)]
     center_of_friction: Point | None = None  # [m]
-    support: SupportFile | None = None  # the object's, where there is none
-    rotation_deg: float = 0.0  # of both about the centroid of the outline, counter-clockwise
+    support: SupportFile | None = None  # None: that of the object
+    rotation_deg: float = 0.0  # rotation of both about the centroid of the outline, counter-clockwise
 
     def over(self, outline: Outline, support_points: Array) -> Hypothesis:
-        """The hypothesis; `support_points` are those of the object.
+        """The hypothesis as the core takes it.
 
-        All turns that make an outline look the same leave its centroid where it is, wherever the object frame has its origin.
+        It is rotated about the centroid of the outline, because every rotation after which an outline looks the same leaves
+        the centroid where it is, wherever the origin of the object frame is.
 
+        Args:
+            outline: of the object.
+            support_points: (n, 2) those of the object [m].
         Raises:
-            ValueError: its own support points make no sense.
+            ValueError: its own support points are impossible.
         """
         try:
             points = support_points if self.support is None else self.support.points_over(outline)
@@ -111,21 +115,21 @@ class ObjectFile(Strict):
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """An object as the cell knows it, in the object frame."""
+    """An object as the cell knows it; all positions are in the object frame."""
 
     name: str
     outline: Outline
-    support_points: Array  # (n, 2) hypothesised [m]
+    support_points: Array  # (n, 2) hypothesised support points [m]
     height: float  # of the outline the camera sees, over the table [m]
-    hypotheses: tuple[Hypothesis, ...]  # to be told apart; often none
-    file: ObjectFile  # what it was made from
+    hypotheses: tuple[Hypothesis, ...]  # to be told apart; often empty
+    file: ObjectFile  # the file it was made from
 
 
 def load_object(name_or_path: str) -> ObjectModel:
     """An object of Table 1 by name, or one from a YAML file.
 
     Raises:
-        InvalidInput: neither, or the file does not describe an object.
+        InvalidInput: there is no such object or file, or the file does not describe an object.
     """
     if name_or_path in TABLE_1:
         known = TABLE_1[name_or_path]
@@ -140,10 +144,10 @@ def load_object(name_or_path: str) -> ObjectModel:
 
 
 def make_object(file: ObjectFile, where: str) -> ObjectModel:
-    """The object a file describes; `where` names the file in errors.
+    """The object that a file describes; `where` names the file in errors.
 
     Raises:
-        InvalidInput: the outline or some support points make no sense.
+        InvalidInput: the outline or some support points are impossible.
     """
     try:
         outline = Outline(np.array(file.outline))
@@ -155,7 +159,7 @@ def make_object(file: ObjectFile, where: str) -> ObjectModel:
 
 
 def _table_1_hypotheses(name: str) -> list[HypothesisFile]:
-    """What the paper tells an object of Table 1 from: others, or its own orientations, that look the same."""
+    """The hypotheses that the paper compares for an object of Table 1: other objects, or orientations, that look the same."""
     if name in LOOKALIKES:
         return [HypothesisFile(name=other, center_of_friction=center) for other, center in LOOKALIKES.items()]
     feet = SupportFile(points=_points(TABLE_1[name].support.points))
@@ -170,16 +174,21 @@ def _points(xy: Array) -> list[Point]:
 
 
 def save_object(model: ObjectModel, path: pathlib.Path) -> None:
-    """Write the object's YAML file."""
+    """Write the YAML file of an object.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     content = model.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     path.write_text(yaml.safe_dump(content, sort_keys=False))
 
 
 def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
-    """A YAML file as a pydantic model.
+    """Read a YAML file as a pydantic model.
 
     Raises:
-        InvalidInput: cannot be read, is not YAML, or does not fit the model; one line naming file, field and expectation.
+        InvalidInput: it cannot be read, is not YAML, or does not fit the model; one line names the file, the field, and what
+            was expected there.
     """
     content = yaml_content(path)
     try:
@@ -189,10 +198,10 @@ def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
 
 
 def yaml_content(path: pathlib.Path) -> Any:
-    """What a YAML file holds.
+    """The content of a YAML file.
 
     Raises:
-        InvalidInput: cannot be read, or is not YAML.
+        InvalidInput: it cannot be read, or is not YAML.
     """
     with reading(path):
         text = path.read_text(encoding="utf-8")
@@ -207,7 +216,7 @@ EXPECTED = {
     "dict_type": "keys with values",
     "list_type": "a list",
     "tuple_type": "a list",
-    "string_type": "a text, in quotes where it looks like a number",
+    "string_type": "a text, in quotes if it looks like a number",
     "bool_type": "true or false",
     "bool_parsing": "true or false",
     "int_type": "a whole number",
@@ -223,14 +232,14 @@ EXPECTED = {
     "too_long": "a list of at most {max_length}",
     "string_too_short": "a text that is not empty",
 }
-"""What pydantic's types of errors mean to who wrote the file."""
+"""What pydantic's types of errors mean to the author of the file."""
 
 LONGEST = 80
-"""So much of a wrong value is shown."""
+"""Number of characters of a wrong value that are shown."""
 
 
 def complaint(error: pydantic.ValidationError) -> str:
-    """The first thing amiss in what was read, on one line: the path of its key, what was expected there, what was got."""
+    """The first error in what was read, on one line: the path of the key, what was expected there, and what was found."""
     first = error.errors()[0]
     kind, got = first["type"], "nothing" if first["input"] is None else repr(first["input"])
     where = list(map(str, first["loc"]))
@@ -238,7 +247,7 @@ def complaint(error: pydantic.ValidationError) -> str:
         expected, got = "expected a value", f"only {', '.join(map(str, first['input'])) or 'an empty part'}"
     elif kind == "missing":
         expected = "expected a longer list"
-        where.pop()  # the index of the item that is not there
+        where.pop()  # the index of the missing item
     elif kind == "value_error":
         expected = str(first["ctx"]["error"])
     else:

@@ -1,4 +1,4 @@
-"""Observations as a CSV file: SI units, object frame, one data point a row."""
+"""Observations as a CSV file: SI units, object frame, one data point in each row."""
 
 import csv
 import math
@@ -15,12 +15,11 @@ OPTIONAL = ("half_width", "force_x", "force_y")
 
 
 def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]:
-    """The data points of a CSV file, in its order. Columns other than REQUIRED and OPTIONAL are ignored.
+    """The data points of a CSV file, in its order. Columns other than `REQUIRED` and `OPTIONAL` are ignored.
 
     Args:
         path: the file.
         outline: of the object; contacts must lie on it.
-
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """

@@ -14,31 +14,31 @@ from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.object_file import ObjectModel, Strict, read_yaml
 
 EDGE_PUSHES = 5
-"""Pushes along each edge where no plan is given."""
+"""Number of pushes along each edge if no plan is given."""
 
 ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
-"""Whether a push can be placed does not depend on the line."""
+"""Any line; whether a push can be placed does not depend on it."""
 
 
 class PushEntry(Strict):
     """One push against an edge."""
 
     edge: int
-    offset: float = 0.0  # from the middle of the edge, along it [m]
-    angle_deg: float = 0.0  # against the inward normal, counter-clockwise
+    offset: float = 0.0  # of the contact from the middle of the edge, along the edge [m]
+    angle_deg: float = 0.0  # of the direction from the inward normal, counter-clockwise
 
 
 class PlanFile(Strict):
-    """Which pushes, in which order."""
+    """The pushes, in order."""
 
     pushes: list[PushEntry] = pydantic.Field(min_length=1)
 
 
 def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
-    """The pushes of a plan file; without a path, the paper's for an object of Table 1 and else a few along each edge.
+    """The pushes of a plan file; without a path, the paper's for an object of Table 1, otherwise a few along each edge.
 
     Raises:
-        InvalidInput: the file is no plan, or names an edge or offset the object does not have.
+        InvalidInput: the file is not a plan, or names an edge or offset that the object does not have.
     """
     if not path:
         known = TABLE_1.get(model.name)

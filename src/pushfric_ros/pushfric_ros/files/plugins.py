@@ -1,4 +1,4 @@
-"""Pushers and trackers, found by entry point: those that come along and those of other packages alike."""
+"""Pushers and trackers, found by entry point, both those of this package and those of other packages."""
 
 import importlib.metadata
 from collections.abc import Sequence
@@ -14,10 +14,10 @@ TRACKERS = "pushfric.trackers"
 
 
 def plugin(group: str, name: str) -> Any:
-    """The settings class that some installed package registered in a group under a name.
+    """The settings class that an installed package registered in a group under a name.
 
     Raises:
-        ValueError: there is none, two packages claim the name, or it cannot be imported.
+        ValueError: no package or more than one registered the name, or the class cannot be imported.
     """
     found = importlib.metadata.entry_points(group=group)
     named = {entry.value: entry for entry in found if entry.name == name}
@@ -25,7 +25,7 @@ def plugin(group: str, name: str) -> Any:
         known = ", ".join(sorted({entry.name for entry in found})) or "none is installed"
         raise ValueError(f"{_WHAT[group]} must be an entry point of {group} ({known}), got {name!r}")
     if len(named) > 1:
-        raise ValueError(f"{_WHAT[group]} must be of one package, but {name!r} is {' and '.join(sorted(named))}")
+        raise ValueError(f"{_WHAT[group]} must be registered by one package, but {name!r} is {' and '.join(sorted(named))}")
     (entry,) = named.values()
     try:
         return entry.load()
@@ -34,19 +34,19 @@ def plugin(group: str, name: str) -> Any:
 
 
 def tracker_kinds(name: str) -> list[Any]:
-    """The settings classes that the setting `tracker` asks for: one by name, or those that AUTO chooses from.
+    """The settings classes that the setting `tracker` asks for: the one it names, or those that AUTO chooses from.
 
     Raises:
-        ValueError: as `plugin`.
+        ValueError: as for `plugin`.
     """
     return [plugin(TRACKERS, one) for one in (AUTOMATIC if name == AUTO else (name,))]
 
 
 def chosen_tracker(configs: Sequence[Any]) -> Any:
-    """Of the settings of `tracker_kinds`, the first that lacks nothing.
+    """The first of the settings of `tracker_kinds` that is complete.
 
     Raises:
-        ValueError: there is none; says what the last one lacks.
+        ValueError: none is; the text says what the last one lacks.
     """
     for config in configs:
         if (absence := config.absence()) is None:
@@ -55,7 +55,7 @@ def chosen_tracker(configs: Sequence[Any]) -> Any:
 
 
 AUTOMATIC = ("fiducial", "contour")
-"""What AUTO chooses from: an object is seen by its markers where it bears any."""
+"""What AUTO chooses from, in this order: if an object has markers, it is seen by them."""
 
 _WHAT = {PUSHERS: "driver", TRACKERS: "tracker"}
-"""The setting that names one of a group."""
+"""The setting that chooses from each group."""

@@ -16,7 +16,7 @@ def compose(specs: Sequence[NodeSpec], namespace: str, **kwargs: Any) -> list[An
         namespace: of all of them.
         kwargs: for every node, such as a context.
     Raises:
-        InvalidInput: a node refuses its parameters; those made before are destroyed.
+        InvalidInput: a node refuses its parameters; the nodes made before are destroyed.
     """
     nodes: list[Any] = []
     try:

@@ -19,7 +19,7 @@ NAMESPACE = CellFile.namespace
 CLOCK = "/clock"
 
 PATIENCE = 10.0
-"""A simulated object is given up when unseen for this long, of wall time [s], or longer where the cell's file says so."""
+"""Least time for which a simulated object must be unseen before its push is given up, in wall time [s]."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class NodeSpec:
 
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    remappings: Mapping[str, str] = field(default_factory=dict)  # full names of topics -> what they are called instead
-    respawn: bool = False  # started again when it dies; only nodes that lose nothing by it
-    ends_run: bool = False  # the run is over when it has done its work
+    remappings: Mapping[str, str] = field(default_factory=dict)  # full names of topics -> their names instead
+    respawn: bool = False  # start it again when it dies; only for nodes that lose nothing by it
+    ends_run: bool = False  # the run ends when this node has done its work
 
     @property
     def executable(self) -> str:
@@ -67,10 +67,10 @@ TOPICS = (
     Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
     Topic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
 )
-"""What a cell records: all but the images."""
+"""The topics that a cell records: all except images."""
 
 WRENCH = Topic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
-"""Recorded as well where the estimate rests on measured forces."""
+"""Recorded as well if the estimate uses measured forces."""
 
 
 def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
@@ -81,7 +81,7 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         bag: folder of the bag to record.
         start: number of the push of the plan to begin with.
     Raises:
-        InvalidInput: the file names a topic to record that is recorded anyway.
+        InvalidInput: the file names a topic that is recorded anyway.
     """
     topics = [*TOPICS, *[WRENCH] * file.estimator.with_forces]
     try:
@@ -92,20 +92,20 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(recorder)}),
         NodeSpec("estimator", {"object": file.object, **file.estimator.parameters()}),
         NodeSpec("tracker", {"object": file.object, **plain(file.camera), **plain(file.tracker)}, respawn=True),
-        # a new one does not know where the pusher stands, unless it homes
+        # a new actuator does not know where the pusher stands, unless it homes
         NodeSpec("actuator", {**plain(file.pusher), **plain(file.driver)}, respawn=file.pusher.home),
         NodeSpec("experiment", {"object": file.object, "start": start, **plain(file.plan)}, ends_run=True),
     ]
 
 
 def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[NodeSpec]:
-    """The same cell, with the simulated one behind its camera and serial port.
+    """The nodes of a cell whose camera and serial port are simulated.
 
     Args:
-        file: its camera source must be `topic`; its port is where the simulated one appears.
+        file: the cell; its camera source must be `topic`, and its port is where the simulated controller appears.
         bag: folder of the bag to record.
         seed: of the simulation.
-        speed: multiple of real time.
+        speed: of the simulated clock, as a multiple of real time.
     """
     if not isinstance(file.driver, GrblConfig):
         raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
@@ -118,7 +118,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         **plain(file.pusher.stage),
         **plain(file.simulation),
     }
-    # at a multiple of real time, a busy machine is no lost object yet
+    # at a multiple of real time, the object may be unseen only because the machine is busy
     patient = replace(file, plan=replace(file.plan, lost_object=max(file.plan.lost_object, PATIENCE)))
     specs = [NodeSpec("simulated_cell", simulation), *map(with_simulated_time, cell(patient, bag))]
     return with_own_clock(specs, file.namespace)
@@ -133,16 +133,16 @@ def replay(
     paused: bool = False,
     partial: bool = False,
 ) -> list[NodeSpec]:
-    """A bag played into a live estimator.
+    """The nodes that play a bag into a live estimator.
 
     Args:
         bag: path of the bag.
-        object_name: of what object it is.
-        source: what its data points come from.
+        object_name: name or file of the object.
+        source: where the data points come from.
         rate: multiple of the recorded speed.
-        settings: how it is estimated.
-        paused: whoever watches lets the player begin.
-        partial: play a damaged bag all the same.
+        settings: of the estimator.
+        paused: the player waits until it is resumed.
+        partial: play a damaged bag, too.
     """
     topics = list(source.topics)
     playing = {"bag": bag, "partial": partial, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}
@@ -152,14 +152,14 @@ def replay(
 
 
 def with_simulated_time(spec: NodeSpec) -> NodeSpec:
-    """The same node on the clock of /clock."""
+    """The same node, with its time from /clock."""
     return replace(spec, parameters={**spec.parameters, "use_sim_time": True})
 
 
 def with_own_clock(specs: Sequence[NodeSpec], namespace: str) -> list[NodeSpec]:
-    """The same nodes on the clock of their cell: /clock, as tools expect, for the cell named by default; its own for any other.
+    """The same nodes, with the clock of their cell: /clock for the default name of a cell, as tools expect; its own for others.
 
-    Two simulated cells of one ROS domain would otherwise set each other's time.
+    Otherwise two simulated cells in one ROS domain would set each other's time.
     """
     if namespace == NAMESPACE:
         return list(specs)

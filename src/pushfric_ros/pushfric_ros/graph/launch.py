@@ -1,4 +1,4 @@
-"""The node graph as a ROS 2 launch description; needs launch and launch_ros, which come with an installed ROS 2."""
+"""The node graph as a ROS 2 launch description; needs launch and launch_ros, which are part of an installed ROS 2."""
 
 import atexit
 import contextlib
@@ -19,7 +19,7 @@ def launch_description(launchable: Launchable) -> LaunchDescription:
 
     def nodes(context: LaunchContext) -> list[Node]:
         leaving = contextlib.ExitStack()
-        atexit.register(leaving.close)  # the launch ends after its processes
+        atexit.register(leaving.close)  # at exit, as the launch ends after its processes
         folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
         namespace, specs = launchable.graph(
             {name: context.launch_configurations[name] for name in launchable.arguments}, folder
@@ -44,7 +44,7 @@ def _node(spec: NodeSpec, namespace: str) -> Node:
         remappings=list(spec.remappings.items()),
         respawn=spec.respawn,
         respawn_delay=RESPAWN_DELAY,
-        # a node that may not die alone takes the others with it, as under the supervisor
+        # the end of a node that is not started again ends the others, as under the supervisor
         on_exit=None if spec.respawn else [Shutdown(reason=f"{spec.name} has ended")],
         output="screen",
     )

@@ -13,11 +13,11 @@ from pushfric_core.errors import InvalidInput
 
 @contextlib.contextmanager
 def lock(namespace: str) -> Iterator[None]:
-    """Claim a cell's name on this machine's ROS domain; the claim ends with the process, if not before.
+    """Claim a cell's name on this machine's ROS domain, for the time of the context; the claim also ends with the process.
 
     Raises:
-        InvalidInput: another run holds it (two would mistake each other's messages for their own), or the lock file cannot
-            be made safely.
+        InvalidInput: another run holds the name (two would mistake each other's messages for their own), or the lock file
+            cannot be made safely.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     while True:
@@ -25,7 +25,7 @@ def lock(namespace: str) -> Iterator[None]:
         try:
             file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         except FileNotFoundError:
-            continue  # another run, which ends, has just removed the folder
+            continue  # another run has just ended and removed the folder
         except OSError as error:
             raise InvalidInput(f"{path}: cannot be made a lock file: {error.strerror}") from error
         try:
@@ -37,13 +37,13 @@ def lock(namespace: str) -> Iterator[None]:
             ) from None
         if _is_at(path, file):
             break
-        os.close(file)  # the run that held it has just removed it: what is locked here is a file without a name
+        os.close(file)  # the run that held it has just removed the file, so the locked one has no name any more
     try:
         yield
     finally:
         os.unlink(path)
         os.close(file)
-        with contextlib.suppress(OSError):  # not empty: another cell runs
+        with contextlib.suppress(OSError):  # it is not empty while another cell runs
             path.parent.rmdir()
 
 
@@ -55,10 +55,10 @@ def _is_at(path: pathlib.Path, file: int) -> bool:
 
 
 def _runtime_folder() -> pathlib.Path:
-    """The folder for this user's lock files: in XDG_RUNTIME_DIR where that is set, else in the system's temporary folder.
+    """The folder for this user's lock files: in XDG_RUNTIME_DIR if that is set, otherwise in the system's temporary folder.
 
     Raises:
-        InvalidInput: the folder cannot be made, or somebody else could put files there.
+        InvalidInput: the folder cannot be made, or others could write into it.
     """
     above = os.environ.get("XDG_RUNTIME_DIR")
     folder = pathlib.Path(above) / "pushfric" if above else pathlib.Path(tempfile.gettempdir()) / f"pushfric-{os.getuid()}"

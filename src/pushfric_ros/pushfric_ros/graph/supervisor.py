@@ -1,4 +1,4 @@
-"""Runs the processes of a node graph: starts them, restarts what may be restarted, and leaves none behind."""
+"""Runs the processes of a node graph: starts them, restarts those that may be restarted, and leaves none behind."""
 
 import contextlib
 import ctypes
@@ -21,35 +21,35 @@ from pushfric_ros.graph.graph import PACKAGE, NodeSpec
 from pushfric_ros.graph.lock import lock
 
 PATIENCE = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
-"""How a process is asked to end, and for how long it is waited for each time [s]; a SIGINT would print what it interrupts."""
+"""The signals that ask a process to end, and how long to wait after each [s]; SIGINT would print what it interrupts."""
 
 RESPAWN_DELAY = 1.0
-"""A node that ended is restarted after this long [s]."""
+"""A node that has died is started again after this long [s]."""
 
 DEATHS, DEATHS_WITHIN = 3, 30.0
-"""A node that dies so many times within so long [s] is not restarted any more."""
+"""A node that dies this many times within this time [s] is not started again."""
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 class Ended(NamedTuple):
-    """How a run came to its end."""
+    """How a run ended."""
 
     code: int  # exit code for the command line
     reason: str
 
 
 class Supervisor:
-    """The processes of one graph, each a group of its own; use as a context manager and call `poll` often.
+    """The processes of a graph, each in a process group of its own; use it as a context manager and call `poll` often.
 
-    Within it SIGINT and SIGTERM interrupt nothing but `poll`.
+    Inside the context, SIGINT and SIGTERM interrupt only `poll`.
 
     Args:
         specs: the nodes.
-        namespace: of all of them.
-        say: gets (node name, line) for all they print; called from threads.
+        namespace: namespace of all nodes.
+        say: called from threads with (node name, line) for each line that a node prints.
     Raises:
-        InvalidInput: on entry; a cell of this name runs already.
+        InvalidInput: on entry, if a cell of this name is already running.
     """
 
     def __init__(self, specs: Sequence[NodeSpec], namespace: str, say: Callable[[str, str], None]) -> None:
@@ -59,11 +59,11 @@ class Supervisor:
         self._due: dict[str, float] = {}  # when a node is started again
         self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
         self._interrupted = False
-        self._leaving = contextlib.ExitStack()  # undoes, last first, what was done on entry
+        self._leaving = contextlib.ExitStack()  # undoes what was done on entry, in reverse order
 
     def __enter__(self) -> "Supervisor":
         with self._leaving as leaving:
-            # an exception could strike anywhere, even in a fork: a flag waits for `poll`
+            # set a flag for `poll`, as an exception could strike anywhere, even in a fork
             for caught in (signal.SIGINT, signal.SIGTERM):
                 leaving.callback(signal.signal, caught, signal.signal(caught, self._on_signal))
             leaving.enter_context(lock(self._namespace))
@@ -78,7 +78,7 @@ class Supervisor:
         self._leaving.close()
 
     def poll(self) -> Ended | None:
-        """Look after the processes; returns how the run ended once a node that may end it has.
+        """Restart processes that have died; return how the run ended, once it has.
 
         Raises:
             KeyboardInterrupt: SIGINT or SIGTERM came since the start.
@@ -95,7 +95,7 @@ class Supervisor:
                     self._start(spec)
             elif code == 0 and spec.ends_run:
                 return Ended(0, f"{spec.name} has finished")
-            elif spec.respawn and code not in (0, 2):  # 2: unusable input, which a restart does not mend
+            elif spec.respawn and code not in (0, 2):  # 2: unusable input, with which it would only end again
                 if self._keeps_dying(spec.name):
                     reason = f"{spec.name} {describe(code)}, {DEATHS} times within {DEATHS_WITHIN:g} s"
                     return Ended(code if code > 0 else 1, reason)
@@ -106,13 +106,13 @@ class Supervisor:
         return None
 
     def _keeps_dying(self, name: str) -> bool:
-        """Count a death."""
+        """Count a death; return whether there were too many."""
         deaths = self._deaths[name]
         deaths.append(time.monotonic())
         return len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN
 
     def _end_all(self) -> None:
-        """The first node last, as the others may rest upon it."""
+        """End all processes, the first one last, as the others may depend on it."""
         started = [self._processes[spec.name] for spec in self._specs if spec.name in self._processes]
         for processes in (started[1:], started[:1]):
             _end(processes)
@@ -130,7 +130,7 @@ class Supervisor:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            start_new_session=True,  # the terminal's Ctrl-C reaches the supervisor alone, which then ends them in order
+            start_new_session=True,  # the terminal's Ctrl-C reaches only the supervisor, which then ends the nodes in order
             preexec_fn=_die_with_parent,
         )
         self._processes[spec.name] = process
@@ -146,7 +146,7 @@ class Supervisor:
 
 
 def _end(processes: Sequence["subprocess.Popen[str]"]) -> None:
-    """Asked politely first, by force last."""
+    """End a process: ask first, and kill it at last."""
     for number, seconds in PATIENCE:
         alive = [process for process in processes if process.poll() is None]
         for process in alive:
@@ -159,7 +159,7 @@ def _end(processes: Sequence["subprocess.Popen[str]"]) -> None:
 
 
 def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
-    """The command line of a node; its parameters go into a file in `folder`."""
+    """The command line of a node; writes its parameters to a file in `folder`."""
     parameters = folder / f"{spec.name}.yaml"
     # JSON is YAML without aliases, which rcl does not read
     parameters.write_text(json.dumps({"/**": {"ros__parameters": dict(spec.parameters)}}))
@@ -176,12 +176,12 @@ def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
 
 
 def describe(code: int) -> str:
-    """How a process ended, for people."""
+    """How a process ended, in words."""
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
 
 
 def _die_with_parent() -> Any:
-    """Even a supervisor that is killed leaves nothing running: the kernel then asks the node to end."""
+    """Have the kernel ask the node to end if the supervisor is killed, so that it leaves nothing running."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Core types <-> ROS messages, one pair of functions each; no rclpy."""
+"""Conversions between core types and ROS messages, without rclpy."""
 
 import math
 from collections.abc import Sequence
@@ -37,10 +37,10 @@ TABLE = "table"
 OBJECT = "object"
 
 BIN_WIDTH = 0.05
-"""Of the histogram of lower bounds on mu_c; about that of Figures 7 and 8."""
+"""Width of the bins of the histogram of lower bounds on mu_c, about that of Figures 7 and 8."""
 
 BINS = 41
-"""The last one counts what lies beyond 2."""
+"""Number of bins; the last one counts all bounds beyond 2."""
 
 STATUS_TO_MSG = {
     Status.OPTIMAL: FrictionEstimate.STATUS_OPTIMAL,
@@ -50,24 +50,24 @@ STATUS_TO_MSG = {
 
 
 def stamp_to_msg(nanoseconds: int) -> Time:
-    """Time since the epoch, or of the simulation."""
+    """A time [ns], since the epoch or of the simulation, as a message."""
     seconds, rest = divmod(nanoseconds, 10**9)
     return Time(sec=seconds, nanosec=rest)
 
 
 def stamp_from_msg(stamp: Time) -> int:
-    """[ns]"""
+    """The time of a message [ns]."""
     return int(stamp.sec * 10**9 + stamp.nanosec)
 
 
 def pose_to_msg(pose: Pose) -> PoseMsg:
-    """A planar pose at z = 0."""
+    """A planar pose as a message, at z = 0."""
     half = pose.theta / 2
     return PoseMsg(position=Point(x=pose.x, y=pose.y), orientation=Quaternion(z=math.sin(half), w=math.cos(half)))
 
 
 def pose_from_msg(msg: PoseMsg) -> Pose:
-    """The planar part of a pose: position and the rotation about z; theta in (-pi, pi].
+    """The planar part of a pose: its position and its rotation about z, with theta in (-pi, pi].
 
     Raises:
         ValueError: a value is not finite, or the quaternion has no length.
@@ -83,12 +83,16 @@ def pose_from_msg(msg: PoseMsg) -> Pose:
 
 
 def pose_sample_from_msg(msg: PoseWithCovarianceStamped) -> PoseSample:
-    """Raises ValueError where the pose is not finite."""
+    """The stamp [ns] and the planar pose in a message.
+
+    Raises:
+        ValueError: as for `pose_from_msg`.
+    """
     return PoseSample(stamp_from_msg(msg.header.stamp), pose_from_msg(msg.pose.pose))
 
 
 def pusher_sample_from_msg(msg: PusherState) -> PusherSample:
-    """The pushing line runs through the reported tip; its origin is where the stroke position is 0.
+    """The state of a pusher; its line runs through the reported tip, and its origin is at stroke position 0.
 
     Raises:
         ValueError: a value is not finite, or the direction is not a unit vector.
@@ -99,7 +103,7 @@ def pusher_sample_from_msg(msg: PusherState) -> PusherSample:
         raise ValueError(f"a pusher state must be finite, got {numbers}")
     if abs(math.hypot(*direction) - 1) > 1e-6:
         raise ValueError(f"the direction of the pushing line must have length 1, got {direction}")
-    # rounded to a nanometre: the same line in every state, whatever the position
+    # rounded to a nanometre, so that the line is the same in every state, whatever the position
     origin = tuple(round(tip - msg.position * along, 9) for tip, along in zip((msg.tip.x, msg.tip.y), direction, strict=True))
     line = PushingLine((origin[0], origin[1]), direction, msg.tip_radius)
     push_id = None if msg.push_id == PusherState.NO_PUSH else msg.push_id
@@ -121,7 +125,7 @@ def force_sample_from_msg(msg: WrenchStamped) -> ForceSample:
 
 
 def observation_to_msg(observation: Observation, object_name: str) -> ObservationMsg:
-    """A data point for the topic `observation`."""
+    """A data point as a message for the topic `observation`."""
     msg = ObservationMsg(object=object_name, push_id=observation.push_id)
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(observation.stamp), OBJECT
     msg.contact_point = _point(observation.contact_point)
@@ -136,7 +140,11 @@ def observation_to_msg(observation: Observation, object_name: str) -> Observatio
 
 
 def observation_from_msg(msg: ObservationMsg) -> Observation:
-    """Raises ValueError or UninformativePush where the message is no data point (see Observation)."""
+    """The data point in a message.
+
+    Raises:
+        ValueError, UninformativePush: the message is not a data point, as for `Observation`.
+    """
     return Observation(
         contact_point=(msg.contact_point.x, msg.contact_point.y),
         contact_normal=(msg.contact_normal.x, msg.contact_normal.y),
@@ -151,18 +159,18 @@ def observation_from_msg(msg: ObservationMsg) -> Observation:
 
 
 def histogram(lower_bounds: npt.ArrayLike) -> np.ndarray:
-    """How many lower bounds on mu_c (m,) lie in each bin; (BINS,)."""
+    """Number of lower bounds on mu_c (m,) in each bin: (BINS,)."""
     bins = np.minimum(np.asarray(lower_bounds, dtype=float) / BIN_WIDTH, BINS - 1)
     return np.bincount(bins.astype(int), minlength=BINS)
 
 
 def estimate_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[bool] = ()) -> FrictionEstimate:
-    """An estimate that rests on at least one data point.
+    """An estimate as a message.
 
     Args:
-        estimate: of all data points.
-        object_name: of the object.
-        slipping: of each data point, whether its contact is known to have slipped; empty: of none.
+        estimate: from at least one data point.
+        object_name: name of the object.
+        slipping: for each data point, whether its contact is known to have slipped; empty: for none.
     """
     msg = FrictionEstimate(object=object_name)
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
@@ -191,7 +199,7 @@ def estimate_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[boo
 
 
 def nothing_known(object_name: str) -> FrictionEstimate:
-    """What stands for an estimate while there is none: no weights, and NaN for every number."""
+    """The message while there is no estimate: no weights, and NaN for every number."""
     msg = FrictionEstimate(object=object_name, status=FrictionEstimate.STATUS_NO_DATA)
     msg.header.frame_id = OBJECT
     msg.support_friction = SupportFriction(header=msg.header, object=object_name)
@@ -201,7 +209,7 @@ def nothing_known(object_name: str) -> FrictionEstimate:
 
 
 def recognition_to_msg(ranking: Ranking) -> Recognition:
-    """A ranking that rests on at least one data point."""
+    """A ranking, from at least one data point, as a message."""
     msg = Recognition(best=ranking.best or "")
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(ranking.stamp), OBJECT
     msg.hypotheses = [
@@ -212,13 +220,13 @@ def recognition_to_msg(ranking: Ranking) -> Recognition:
 
 
 def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int, object_name: str) -> CenterOfFrictionRegion:
-    """Where p_CF can lie.
+    """The region in which p_CF can lie, as a message.
 
     Args:
         region: after some data points, or before the first one.
-        next_pushes: what shrinks it, best first; none once it has collapsed.
+        next_pushes: pushes that shrink it, best first; empty once it has collapsed.
         stamp: of the newest data point [ns]; 0 before the first one.
-        object_name: of the object.
+        object_name: name of the object.
     """
     msg = CenterOfFrictionRegion(object=object_name, area=region.area, collapsed=region.collapsed, violation=region.violation)
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), OBJECT

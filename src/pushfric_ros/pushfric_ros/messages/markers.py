@@ -1,4 +1,4 @@
-"""An estimate as markers for RViz and Foxglove, drawn on the object; no rclpy."""
+"""An estimate as markers on the object for RViz and Foxglove, without rclpy."""
 
 import math
 from collections.abc import Iterable
@@ -24,24 +24,24 @@ GREEN = ColorRGBA(r=0.2, g=0.6, b=0.3, a=1.0)
 YELLOW = ColorRGBA(r=0.85, g=0.65, b=0.1, a=1.0)
 
 DISC_SHARE = 0.1
-"""The discs of all support points together cover this much of the outline's area."""
+"""Area of the discs of all support points together, as a fraction of the outline's area."""
 
 STEEPEST = 1e3
-"""A friction cone as wide as the half plane: a mu_c that is not known to be smaller."""
+"""Larger values of mu_c are drawn as this one, whose friction cone is almost the half-plane."""
 
-LINE, DOT, SYMBOL, TEXT = 0.008, 0.01, 0.06, 0.08  # sizes, of the outline's diameter
-CIRCLE = 36  # corners of a circle
+LINE, DOT, SYMBOL, TEXT = 0.008, 0.01, 0.06, 0.08  # sizes as fractions of the outline's diameter
+CIRCLE = 36  # number of corners of a circle
 
 
 def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Observation) -> MarkerArray:
-    """The object with all that is known of its friction, in its own frame; it replaces all markers published before.
+    """The object with everything known about its friction, in the object frame; it replaces all markers published before.
 
-    Their namespaces: outline; support_points, and of those that bear weight support_friction, discs of an area proportional
-    to w; center_of_friction, and confidence where it was computed; contact, contact_normal and friction_cone (of the pusher's
-    forces that mu_c, 90 %, allows) at the newest data point; mu_c, a text.
+    The namespaces are: outline; support_points; support_friction, discs with an area proportional to w; center_of_friction;
+    confidence, if it was computed; contact, contact_normal and friction_cone (the pusher's forces that mu_c, 90 %, allows) at
+    the newest data point; and mu_c, a text.
 
     Args:
-        estimate: rests on at least one data point.
+        estimate: from at least one data point.
         outline: of the object.
         newest: its last data point.
     """
@@ -69,14 +69,14 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
 
 
 def region_to_markers(region: CenterOfFrictionRegion, outline: Outline) -> list[Marker]:
-    """Where p_CF can lie, and the push that would shrink that most, to be shown beside the markers of an estimate.
+    """The region in which p_CF can lie, and the push that would shrink it most, to be shown with the markers of an estimate.
 
-    Their namespaces: center_of_friction_region, its border; next_push, an arrow that ends at its contact. There are none once
-    the region has collapsed.
+    The namespaces are: center_of_friction_region, its border; and next_push, an arrow that ends at the contact. Once the region
+    has collapsed, there are no such markers.
 
     Args:
         region: of the object.
-        outline: the same.
+        outline: of the object.
     """
     size = float(np.hypot(*outline.size))
     corners = [(point.x, point.y) for point in region.polygon.polygon.points]
@@ -90,12 +90,12 @@ def region_to_markers(region: CenterOfFrictionRegion, outline: Outline) -> list[
 def _on_object(markers: list[Marker], header: Header) -> list[Marker]:
     for marker in markers:
         marker.header = header
-        marker.frame_locked = True  # a viewer moves them with the object, which does not lie still after the data point
+        marker.frame_locked = True  # so that a viewer moves them with the object, which moves on after the data point
     return markers
 
 
 def _discs(points: Array, weights: Iterable[float], area: float, smallest: float) -> list[Marker]:
-    """A flat cylinder for each support point (n, 2) whose share of the area [m^2] is not smaller than its dot."""
+    """A flat cylinder for each support point (n, 2) whose share of the area [m^2] is at least as large as its dot."""
     diameters = np.sqrt(np.asarray(weights) * area * 4 / math.pi)
     return [
         _at(
@@ -119,7 +119,7 @@ def _at(
 
 
 def _arrow(namespace: str, ends: npt.ArrayLike, size: float, color: ColorRGBA) -> Marker:
-    """From the first of its ends (2, 2) to the second, on an object of this diameter [m]."""
+    """An arrow from the first of its ends (2, 2) to the second, on an object of this diameter [m]."""
     scale = Vector3(x=LINE * size, y=3 * LINE * size)
     return Marker(ns=namespace, type=Marker.ARROW, points=_points(ends), scale=scale, color=color)
 

@@ -12,7 +12,7 @@ class Reliability(StrEnum):
 
 
 class Durability(StrEnum):
-    """Whether a late subscriber gets what was published before it came."""
+    """Whether a late subscriber gets messages that were published before it came."""
 
     VOLATILE = "volatile"
     TRANSIENT_LOCAL = "transient_local"
@@ -20,24 +20,24 @@ class Durability(StrEnum):
 
 @dataclass(frozen=True)
 class Qos:
-    """What a publisher offers or a subscriber requests; the values are spelled as rosbag2 spells them."""
+    """What a publisher offers or a subscriber requests; the values are spelled as in rosbag2."""
 
-    depth: int  # messages kept
+    depth: int  # number of messages kept
     reliability: Reliability = Reliability.RELIABLE
     durability: Durability = Durability.VOLATILE
 
 
 SENSOR_DATA = Qos(depth=10, reliability=Reliability.BEST_EFFORT)
-"""Images and poses: the newest matters more than each."""
+"""For images and poses: the newest one matters more than all of them."""
 
 SENSOR_QUEUE = Qos(depth=500, reliability=Reliability.BEST_EFFORT)
-"""Our subscribers to sensor data: deep, so that a busy moment loses nothing."""
+"""For our own subscribers to sensor data: deep, so that nothing is lost in a busy moment."""
 
 RELIABLE = Qos(depth=500)
-"""Every message counts."""
+"""For topics of which every message counts."""
 
 LATCHED = Qos(depth=1, durability=Durability.TRANSIENT_LOCAL)
-"""A late subscriber gets the last message at once."""
+"""For topics whose last message a late subscriber gets at once."""
 
 QUALITIES = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
-"""Those a publisher of the cell may have, as settings name them."""
+"""The qualities that a publisher of the cell may have, as settings name them."""

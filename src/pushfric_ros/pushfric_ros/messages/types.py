@@ -34,7 +34,7 @@ def type_hash(type_name: str) -> str:
 
 
 def definition(type_name: str) -> str:
-    """Definition of an installed message type, those of all types it refers to appended.
+    """Definition of an installed message type, followed by those of all types that it refers to.
 
     Raises:
         InvalidInput: one of them is not installed.
@@ -51,7 +51,7 @@ def _description(type_name: str) -> dict[str, Any]:
 
 
 def _share_file(type_name: str, suffix: str) -> str:
-    """Text of one of the files that rosidl installs for a type."""
+    """Text of a file that rosidl installs for a type."""
     try:
         package, kind, name = type_name.split("/")
         return (pathlib.Path(get_package_share_directory(package)) / kind / f"{name}.{suffix}").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What a node says of its own health and of what passes its topics, once a second on /diagnostics."""
+"""What a node reports about its health and its topics, once a second on /diagnostics."""
 
 import time
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from pushfric_ros.node_kit.qos import RELIABLE
 
 
 class Level(Enum):
-    """How a node is; the values are diagnostic_msgs' own."""
+    """How well a node works; the values are those of diagnostic_msgs."""
 
     OK = DiagnosticStatus.OK
     WARN = DiagnosticStatus.WARN
@@ -27,7 +27,7 @@ class Level(Enum):
 
 
 class Health(NamedTuple):
-    """One report: level, a line for people, and figures."""
+    """A report: level, a line of text, and figures."""
 
     level: Level
     message: str
@@ -35,37 +35,38 @@ class Health(NamedTuple):
 
 
 def without_publisher(node: Node) -> list[str]:
-    """The topics that a node subscribes to but that have no publisher matched with it; /clock and the like aside."""
+    """The topics that a node subscribes to without a matching publisher, except /clock and the like."""
     prefix = node.get_namespace()
     own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(prefix))
     return sorted(subscription.topic_name for subscription in own if not subscription.get_publisher_count())
 
 
 class Diagnostics:
-    """Publishes a node's health at 1 Hz of wall time, so that a stopped simulation clock shows too.
+    """Publishes a node's health at 1 Hz of wall time, so that it also shows a simulation clock that stands still.
 
-    Topics that are subscribed and advertised through it add figures of their own: messages per second of wall time since the
-    last report, messages the middleware lost, and the latency: how old, by the node's clock, the newest message was on arrival.
+    Topics that are subscribed and advertised through it add their own figures: messages per second of wall time since the last
+    report, messages that the middleware lost, and the latency, that is the age of the newest message on arrival by the node's
+    clock.
     """
 
     def __init__(self, node: Node, report: Callable[[], Health]) -> None:
         self._node, self._report = node, report
         self._inputs: dict[str, _Input] = {}
         self._outputs: dict[str, _CountingPublisher] = {}
-        self._counted: dict[str, int] = {}  # what had passed by the last report
+        self._counted: dict[str, int] = {}  # number of messages up to the last report
         self._counted_at = time.monotonic()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         node.create_timer(1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def lost(self) -> int:
-        """Messages that the middleware lost on their way here; those a full queue pushed out, it does not tell of."""
+        """Number of messages that the middleware lost on their way here; it does not report those dropped by a full queue."""
         return sum(passed.lost for passed in self._inputs.values())
 
     def subscribe(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile, raw: bool = False
     ) -> Subscription:
-        """A subscription of the node, as Node.create_subscription makes it."""
+        """Make a subscription of the node, as Node.create_subscription does."""
         passed = self._inputs[topic] = _Input()
         stamped = not raw and "header" in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
 
@@ -79,14 +80,14 @@ class Diagnostics:
         return self._node.create_subscription(kind, topic, count, qos, raw=raw, event_callbacks=events)
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile, overridable: QoSOverridingOptions | None = None) -> Publisher:
-        """A publisher of the node, as Node.create_publisher makes it; `overridable` are its QoS that parameters may change."""
+        """Make a publisher of the node, as Node.create_publisher does; parameters may change the policies in `overridable`."""
         self._outputs[topic] = self._node.create_publisher(
             kind, topic, qos, qos_overriding_options=overridable, publisher_class=_CountingPublisher
         )
         return self._outputs[topic]
 
     def publish(self) -> None:
-        """Publish now, without waiting for the next second."""
+        """Publish a report now, without waiting for the next second."""
         health = self._report()
         name = self._node.get_fully_qualified_name()
         figures = health.values | self._traffic()
@@ -113,7 +114,7 @@ class Diagnostics:
 
 
 class _Input:
-    """What came on one topic."""
+    """What came on a topic."""
 
     def __init__(self) -> None:
         self.count = self.lost = 0

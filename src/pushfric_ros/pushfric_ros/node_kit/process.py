@@ -1,4 +1,4 @@
-"""One clean way into and out of a node's process."""
+"""A clean start and end of a node's process."""
 
 import os
 import signal
@@ -15,22 +15,22 @@ from pushfric_core.errors import InvalidInput
 EXIT_INVALID_INPUT = 2
 
 LAST_RESORT = 5
-"""A process that has not ended so long [s] after it was asked to, or began to, is ended by the kernel.
+"""If a process has not ended this long [s] after it was asked to, or began to, the kernel ends it.
 
-Fast DDS may spin for ever where it is destroyed while it learns of another process's end (eProsima/Fast-DDS#6513), and keeps
-Python from running meanwhile.
+Fast DDS may spin for ever if it is destroyed while it learns of the end of another process (eProsima/Fast-DDS#6513), and it
+keeps Python from running meanwhile.
 """
 
 
 def run_node(make: Callable[[], Node]) -> None:
-    """Make a node, spin it until SIGINT, SIGTERM or its own end, destroy it and leave.
+    """Make a node, spin it until SIGINT, SIGTERM or its own end, and destroy it.
 
-    Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2. A node ends its own
-    process by raising SystemExit in a callback. Whatever hangs on the way out is ended by SIGALRM, LAST_RESORT after.
+    Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2. A node ends its process by
+    raising SystemExit in a callback. If the process hangs at its end, SIGALRM ends it after `LAST_RESORT`.
     """
-    # One thread per process: the estimates stay bit-for-bit reproducible and the tail of the update time short.
+    # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # rclpy's own handlers, which run before these, end the spinning; a KeyboardInterrupt would strike anywhere.
+    # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
     asked_to_stop: list[int] = []
 
     def stop(caught: int, _: object) -> None:
@@ -43,8 +43,8 @@ def run_node(make: Callable[[], Node]) -> None:
     code = 0
     try:
         rclpy.init()
-        if not asked_to_stop:  # otherwise it came before rclpy's handlers were there
-            executor = SingleThreadedExecutor()  # first: once a signal came, none can be made without a complaint
+        if not asked_to_stop:  # otherwise the signal came before rclpy's handlers were installed
+            executor = SingleThreadedExecutor()  # made first, because after a signal it could not be made without an error
             node = make()
             executor.add_node(node)
             executor.spin()
@@ -55,7 +55,7 @@ def run_node(make: Callable[[], Node]) -> None:
     except ExternalShutdownException:
         pass
     except rclpy_implementation.RCLError:
-        if not asked_to_stop:  # a real fault; otherwise something was made or waited for after the signal ended the context
+        if not asked_to_stop:  # a real fault; after a signal, something was made or waited for without a context
             raise
     finally:
         _limit_the_end()

@@ -7,7 +7,7 @@ from pushfric_ros.messages import qos
 
 
 def profile(quality: qos.Qos) -> QoSProfile:
-    """A quality of service as rclpy takes it."""
+    """A quality of service as an rclpy profile."""
     return QoSProfile(
         depth=quality.depth,
         reliability=ReliabilityPolicy[quality.reliability.name],
@@ -16,9 +16,9 @@ def profile(quality: qos.Qos) -> QoSProfile:
 
 
 def offered(found: QoSProfile) -> OfferedQos:
-    """What a publisher offers, as a bag keeps it."""
+    """What a publisher offers, as a record for a bag."""
 
-    # a profile made in a program says 0 for "no limit", one discovered on the network says infinite
+    # for "no limit", a profile made in a program has 0, and one discovered on the network has infinity
     return OfferedQos.of_policies(found, lambda duration: duration.nanoseconds or INFINITE_NS)
 
 

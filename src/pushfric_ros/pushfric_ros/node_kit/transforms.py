@@ -1,4 +1,4 @@
-"""Where the object lies, on /tf: for RViz and whoever else asks tf2; only where tf2_msgs is installed."""
+"""The object's pose on /tf, for RViz and other users of tf2, if tf2_msgs is installed."""
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, Transform, TransformStamped, Vector3
 from rclpy.node import Node
@@ -8,13 +8,13 @@ from pushfric_ros.node_kit.qos import RELIABLE
 
 
 class TransformBroadcaster:
-    """Publishes poses of the object as the transform to its frame; without tf2_msgs it says so once, and nothing more."""
+    """Publishes poses of the object as the transform to its frame; without tf2_msgs it only logs that once."""
 
     def __init__(self, node: Node) -> None:
         try:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
-            node.get_logger().info("tf2_msgs is not installed: where the object lies is on object_pose alone, not on /tf")
+            node.get_logger().info("tf2_msgs is not installed: the object's pose is only on object_pose, not on /tf")
             self._out = None
         else:
             self._message, self._out = TFMessage, node.create_publisher(TFMessage, "/tf", RELIABLE)
@@ -26,7 +26,7 @@ class TransformBroadcaster:
 
 
 def pose_to_transform(msg: PoseWithCovarianceStamped) -> TransformStamped:
-    """The transform from the frame of a pose to the object's."""
+    """The transform from the frame of a pose to the object frame."""
     pose = msg.pose.pose
     shift = Vector3(x=pose.position.x, y=pose.position.y, z=pose.position.z)
     return TransformStamped(
