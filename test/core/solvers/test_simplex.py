@@ -232,6 +232,52 @@ def test_degenerate_data_agree_with_highs_while_rows_come_and_go(kind, seed, n, 
     assert_optimal(simplex, list(present.values()), n)
 
 
+@pytest.mark.parametrize("soft", [(1.0, 0.0), (0.0, 1.0), (0.2, -1.0)])
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1), (2, 0, 1)])
+@pytest.mark.parametrize("every_time", [True, False])
+def test_an_equality_holds_after_its_twin_is_removed(soft, order, every_time):
+    equal = group((1.0, -1.0), np.inf, np.inf)
+    groups = [(equal, equal, group(soft))[kind] for kind in order]
+    for gone in (order.index(0), order.index(1)):
+        simplex = Simplex(2)
+        for rows in groups:
+            simplex.add(rows)
+            if every_time:
+                simplex.solve()
+        simplex.solve()
+        simplex.remove(gone)
+        assert simplex.solve().w == pytest.approx((0.5, 0.5))
+        assert simplex.solve().status is Status.OPTIMAL
+
+
+@examples(150)
+@given(SEEDS, st.integers(1, 8), st.booleans())
+def test_equalities_that_say_the_same_agree_with_highs_while_rows_come_and_go(seed, n, with_scale):
+    """Hard rows on both sides, many of them multiples of each other, most of which some w satisfies."""
+    rng = np.random.default_rng(seed)
+    truth = np.append(rng.dirichlet(np.full(n, 0.5)), [1.0] * with_scale)
+    pool = rng.normal(size=(4, n + with_scale))
+    pool -= np.outer(pool @ truth / (truth @ truth), truth) * (rng.random(4) < 0.95)[:, None]
+    pool[np.abs(pool).max(axis=1) < 1e-9] = 0.0  # rounding would be a contradiction
+    simplex, present = Simplex(n, with_scale), {}
+    for number in range(10):
+        if rng.random() < 0.5:
+            sides = rng.choice((0.0, 1.0, np.inf, np.inf), 2)
+            present[number] = group(pool[rng.integers(4)] * rng.choice((1.0, -1.0, 2.0)), *sides)
+        else:
+            present[number] = group(rng.normal(size=(2, n + with_scale)), *rng.choice((0.5, 1.0), 2))
+        simplex.add(present[number])
+        simplex.solve()
+        if len(present) > 1 and rng.random() < 0.4:
+            gone = int(rng.choice(list(present)))
+            simplex.remove(gone)
+            del present[gone]
+        if highs(stack(list(present.values()), n + with_scale), n) is None:
+            assert simplex.solve().status is Status.INFEASIBLE
+        else:
+            assert_optimal(simplex, list(present.values()), n)
+
+
 @examples(120)
 @given(SEEDS, st.integers(1, 10), st.booleans())
 def test_removing_all_data_and_adding_them_again_equals_a_fresh_program(seed, n, with_scale):

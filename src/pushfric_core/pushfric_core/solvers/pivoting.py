@@ -373,7 +373,8 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
         edge = choose(state, phase, level, flat, slopes)
         if edge < 0:
             return True
-        step = ratio_test(state, ball, place, edge, phase, slopes[phase, edge], room, ahead)
+        firm = phase == FIT and not level
+        step = ratio_test(state, ball, place, edge, phase, firm, slopes[phase, edge], room, ahead)
         if step == NO_STEP:
             return math.isinf(ball.radius)  # with no row settled, rounding alone keeps an edge from turning
         stalled = stalled + 1 if step < TIE else 0
@@ -427,7 +428,7 @@ def price(state: State, phase: int, slopes: Array) -> None:
 
 @compiled
 def ratio_test(
-    state: State, ball: Ball, place: Array, edge: int, phase: int, initial: float, room: Array, ahead: Indices
+    state: State, ball: Ball, place: Array, edge: int, phase: int, firm: bool, initial: float, room: Array, ahead: Indices
 ) -> float:
     """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step.
 
@@ -435,6 +436,7 @@ def ratio_test(
 
     Args:
         place: metric' (x - center of the ball); goes along.
+        firm: hard rows are met, and must stay so.
     """
     n, count = len(state.active), state.tally[COUNT]
     i = edge % n
@@ -447,7 +449,13 @@ def ratio_test(
     size = 0
     for k in range(count):
         approach = -state.side[k] * change[k]
-        if approach > PARALLEL:
+        if firm and approach < -PARALLEL and math.isinf(state.cost[FIT, 0 if state.side[k] > 0 else 1, k]):
+            # hard on the side it is on, and met: it is zero, and hard on the other side, too
+            ahead[size] = k
+            speed[size] = -approach
+            distance[size] = 0.0
+            size += 1
+        elif approach > PARALLEL:
             ahead[size] = k
             speed[size] = approach
             distance[size] = max(state.side[k] * state.value[k], 0.0) / approach
