@@ -1,8 +1,9 @@
-"""How far p_CF can be trusted: from the scatter of the estimates that halves of the pushes give, each by its own warm program.
+"""How far p_CF can be trusted: from the scatter of estimates from halves of the pushes, each with its own warm program.
 
-Balanced half-samples: an estimate from m of n pushes scatters about that from all of them as sqrt((n - m) / m) times the latter
-about the truth (McCarthy, "Pseudo-replication: half samples", Review of the International Statistical Institute 37, 1969). What
-all pushes have in common, as a wrong outline or camera, it cannot tell.
+The method is that of balanced half-samples. The scatter of an estimate from m of n pushes about the estimate from all of them
+is sqrt((n - m) / m) times the scatter of the latter about the truth (McCarthy, "Pseudo-replication: half samples", Review of
+the International Statistical Institute 37, 1969). It does not show errors that all pushes have in common, such as a wrong
+outline or camera.
 """
 
 import math
@@ -20,24 +21,24 @@ SHARE = 0.9
 """The truth lies within the radius this often."""
 
 SPLITS = 6
-"""Ways of halving the pushes; either half has a program of its own."""
+"""Number of ways in which the pushes are split into halves; each half has its own program."""
 
 FEWEST_PUSHES = 4
-"""Of fewer, halves say nothing."""
+"""With fewer pushes, halves say nothing."""
 
 
 class Halves:
-    """Estimates from halves of the pushes; of two pushes that follow each other, often alike, one goes into either half.
+    """Estimates from halves of the pushes. Consecutive pushes are often alike, so of each pair one goes into each half.
 
     Args:
         support_points: (n, 2) [m].
-        make: makes an empty program over them.
+        make: makes an empty program over these points.
     """
 
     def __init__(self, support_points: Array, make: Callable[[], Program]) -> None:
         self._points = support_points
         self._halves = [_Half(make()) for _ in range(2 * SPLITS)]
-        self._homes: dict[int, list[_Half]] = {}  # of each push, in order of arrival: its half of each split
+        self._homes: dict[int, list[_Half]] = {}  # for each push, in order of arrival: its half of each split
         self._pushes: dict[int, int] = {}  # of groups
 
     def add(self, group: int, push_id: int, rows: ConstraintRows) -> None:
@@ -55,12 +56,12 @@ class Halves:
             half.remove(group, push_id)
 
     def radius(self, center: Array) -> float | None:
-        """Of the circle about p_CF that holds the truth with 90 % [m]; None from fewer than FEWEST_PUSHES pushes.
+        """Radius of the circle about p_CF that contains the truth with 90 % [m]; None with fewer than FEWEST_PUSHES pushes.
 
         Args:
             center: p_CF (2,) from all pushes [m].
         """
-        pushes = sum(len(half.pushes) for half in self._halves[:2])  # any split holds them all
+        pushes = sum(len(half.pushes) for half in self._halves[:2])  # the halves of any split contain all pushes
         if pushes < FEWEST_PUSHES:
             return None
         shifts = []
@@ -70,11 +71,11 @@ class Halves:
                 shifts.append((half.center(self._points) - center) * math.sqrt(share / (1 - share)))
         scatter = np.array(shifts)
         largest = float(np.linalg.eigvalsh(scatter.T @ scatter / len(scatter))[-1])
-        # the circle about the ellipse of a normal distribution that holds so much of it
+        # the circle that contains this much of a normal distribution
         return math.sqrt(-2 * math.log(1 - SHARE) * max(largest, 0.0))
 
     def _drawn(self, number: int) -> "list[_Half]":
-        """The half of each split for a push, by its number in order of arrival."""
+        """The half of each split to which a push belongs, by its number in order of arrival."""
         pair, second = divmod(number, 2)
         swapped = np.random.default_rng(pair).integers(0, 2, SPLITS)  # a fixed choice for each pair
         return [self._halves[2 * split + (second ^ int(swap))] for split, swap in enumerate(swapped)]
@@ -86,8 +87,8 @@ class _Half:
     def __init__(self, program: Program) -> None:
         self._program = program
         self._added = 0
-        self._groups: dict[int, int] = {}  # the estimator's number of each data point -> the program's
-        self.pushes: Counter[int] = Counter()  # data points of each
+        self._groups: dict[int, int] = {}  # number of each data point in the estimator -> in the program
+        self.pushes: Counter[int] = Counter()  # number of data points of each push
         self._center: Array | None = None
 
     def add(self, group: int, push_id: int, rows: ConstraintRows) -> None:

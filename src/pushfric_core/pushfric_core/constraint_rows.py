@@ -1,4 +1,4 @@
-"""The rows of the fit error: what every constraint makes of a data point, and what every solver takes."""
+"""The rows of the fit error: every constraint makes them from a data point, and every solver takes them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class ConstraintRows(NamedTuple):
 
 
 def stack(parts: Sequence[ConstraintRows], n: int) -> ConstraintRows:
-    """The rows of several constraints as one, of n columns: those that lack the last, the scale, get zeros there."""
+    """The rows of several constraints as one record with n columns; rows without the column of the scale get zeros there."""
     a = [np.pad(part.a, ((0, 0), (0, n - part.a.shape[1]))) if part.a.shape[1] < n else part.a for part in parts]
     return ConstraintRows(
         np.concatenate([np.zeros((0, n)), *a]),

@@ -1,9 +1,9 @@
 """Observation -> rows of the fit error: the constraints of section 3 and those of measured forces, all in one shape.
 
-Every constraint bounds a linear functional of the support friction, sum_j c_j . f_j. Where the direction of f_j is known, that
-is a number times w_j. A support so near the centre of rotation that it is not known may apply any force of at most free_j w_j
-besides, which moves the functional by at most |c_j| free_j w_j to either side: each side of the constraint becomes a row of its
-own, still linear.
+Every constraint bounds a linear functional of the support friction, sum_j c_j . f_j. If the direction of f_j is known, its
+term is a number times w_j. Near the centre of rotation the direction is not known, and the support may apply any additional
+force of at most free_j w_j. This moves the functional by at most |c_j| free_j w_j to either side. Each side of the constraint
+then becomes a row of its own, still linear.
 """
 
 import math
@@ -40,7 +40,7 @@ class Constraint(ABC):
 
         Args:
             observation: the data point, object frame.
-            forces: what its motion tells about the friction forces of the supports.
+            forces: the friction forces of the supports, as far as the motion determines them.
         Returns:
             Rows of n columns, n + 1 with a scale, whose cost is in metres of moment.
         """
@@ -48,12 +48,12 @@ class Constraint(ABC):
 
 @dataclass(frozen=True)
 class Moment(Constraint):
-    """The friction force passes through the contact (eq. 4), or through its interval (eqs 5 and 6) where it has a width.
+    """The friction force passes through the contact (eq. 4), or through its interval (eqs 5 and 6) if it has a width.
 
     The rows are moments about the contact [m, unit force].
 
     Args:
-        half_width: half the contact interval of data points that bring none [m].
+        half_width: half the contact interval of data points without their own [m].
     """
 
     half_width: float = 0.0
@@ -184,16 +184,15 @@ def functional_rows(functional: Array, forces: SupportForces, above: float, belo
         functional: c, (2,) for all supports or (n, 2) for each.
         forces: of the n supports, f_j = w_j (directions_j + any force of at most free_j).
         above: cost of a unit of r > 0 [m]; infinite: r <= 0 is a hard constraint.
-        below: the same of r < 0.
+        below: the same for r < 0.
     Returns:
-        One row; where supports are free, one for each side that costs anything, after these supports have done their best to
-        lower its cost.
+        One row. If supports are free: one row for each side with a cost, which the free forces lower as far as they can.
     """
     a = np.sum(functional * forces.directions, axis=1)
     if not forces.free.any() or above == below == 0:
         return ConstraintRows(a[None], np.full(1, above), np.full(1, below))
     reach = np.hypot(functional[..., 0], functional[..., 1]) * forces.free
-    # what the free supports can take away from a cost above, and from one below
+    # by how much the free supports can lower a cost above, and one below
     sides = [(a - reach, above, 0.0)] * (above > 0) + [(a + reach, 0.0, below)] * (below > 0)
     rows, costs_above, costs_below = zip(*sides, strict=True)
     return ConstraintRows(np.array(rows), np.array(costs_above), np.array(costs_below))

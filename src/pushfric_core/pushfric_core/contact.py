@@ -19,9 +19,9 @@ class PushingLine(NamedTuple):
     tip_radius: float  # [m]
 
     def touch(self, outline: Outline, pose: Pose) -> Touch | None:
-        """Where the tip would first meet the object lying at `pose` (in the table frame); None where it passes by.
+        """Where the tip would first meet an object at `pose` (in the table frame); None if it passes by.
 
-        `distance` is the stroke position of that moment; point and normal are in the object frame.
+        `distance` is the stroke position at that moment; point and normal are in the object frame.
         """
         start = transform(inverse(pose), self.origin)
         direction = rotation(-pose.theta) @ np.asarray(self.direction)
@@ -55,7 +55,7 @@ def interval(point: npt.ArrayLike, normal: npt.ArrayLike, half_width: float) -> 
 
 
 def friction_cone(normal: npt.ArrayLike, mu: float) -> tuple[Array, Array]:
-    """Unit forces of the pusher ON the object at the edges of the friction cone, tilted towards -t and +t."""
+    """Unit forces of the pusher ON the object at the two edges of the friction cone: tilted towards -t, then towards +t."""
     inward, along = -np.asarray(normal, dtype=float), mu * tangent(normal)
     norm = np.hypot(1.0, mu)
     return (inward - along) / norm, (inward + along) / norm

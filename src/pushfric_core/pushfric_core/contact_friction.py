@@ -1,4 +1,4 @@
-"""The contact friction coefficient mu_c: a lower bound from every data point, and what they say together (section 5.1.3)."""
+"""The contact friction coefficient mu_c: a lower bound from every data point, and their percentiles (section 5.1.3)."""
 
 import math
 from typing import NamedTuple
@@ -12,12 +12,12 @@ from pushfric_core.records import comparable
 from pushfric_core.support import SupportForces
 
 TINY = 1e-300
-"""Keeps a division by no force at all defined; its quotient is not used."""
+"""Keeps the division by a force of zero defined; its quotient is not used."""
 
 
 @comparable
 class ContactForces(NamedTuple):
-    """What supports of unit weight push along the normals and tangents of m contacts."""
+    """Forces of supports of unit weight along the normals and tangents of m contacts."""
 
     normal: Array  # (m, n)
     along: Array  # (m, n)
@@ -31,9 +31,9 @@ def contact_forces(observation: Observation, forces: SupportForces) -> ContactFo
 
 
 def lower_bounds(forces: ContactForces, weights: Array) -> Array:
-    """tan(eta) = |f . t| / (f . n) of each data point (m,), infinite where f . n <= 0 (eq. 12).
+    """tan(eta) = |f . t| / (f . n) of each data point (m,), infinite if f . n <= 0 (eq. 12).
 
-    Supports whose force is not known turn f towards the normal as far as they can: what is left is still a lower bound.
+    Supports whose force is unknown turn f towards the normal as far as they can, so that the result is still a lower bound.
 
     Args:
         forces: at m contacts.

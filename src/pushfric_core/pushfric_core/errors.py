@@ -1,12 +1,12 @@
-"""What can go wrong for physical, numerical or input reasons; a plain wrong argument is a ValueError."""
+"""Errors with physical, numerical or input reasons; a wrong argument is a ValueError."""
 
 
 class PushfricError(Exception):
-    """Base of every outcome a caller may want to catch and report."""
+    """Base of all outcomes that a caller may want to catch and report."""
 
 
 class InvalidInput(PushfricError):
-    """Something a person handed in cannot be used. The text says what, where, and what was expected."""
+    """A file or value from outside cannot be used. The text says what is wrong, where, and what was expected."""
 
 
 class UninformativePush(PushfricError):
@@ -18,7 +18,7 @@ class InfeasibleProgram(PushfricError):
 
 
 class SolverFailed(PushfricError):
-    """The solver stopped without a solution it could certify."""
+    """The solver stopped without a solution that it could certify."""
 
 
 class SolverUnavailable(PushfricError):

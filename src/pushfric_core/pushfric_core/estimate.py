@@ -1,4 +1,4 @@
-"""The estimate of w, p_CF and mu_c, as the estimator hands it out."""
+"""The estimate of w, p_CF and mu_c that the estimator returns."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,13 +20,13 @@ class Estimate:
     Attributes:
         support_points: (n, 2) [m], object frame.
         solution: w with its objective and certificate: the fit error [m, unit force]; with the loss l2 [m^2, unit force^2].
-        data_points: how many it rests on.
-        pushes: how many they came from.
-        stamp: of the newest of them [ns]; 0 where unknown.
+        data_points: number of data points used.
+        pushes: number of pushes that they came from.
+        stamp: of the newest data point [ns]; 0 if unknown.
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
-        conflicts: data points whose hard constraints contradict each other; none unless the status is INFEASIBLE.
+        conflicts: data points whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
-        confidence: radius about p_CF that holds the truth with 90 % [m]; None where it is not computed, or from too few pushes.
+        confidence: the true p_CF lies within this radius with 90 % [m]; None if it is not computed, or with too few pushes.
     """
 
     support_points: Array
@@ -51,12 +51,12 @@ class Estimate:
 
     @property
     def total_friction(self) -> float | None:
-        """Support friction of the translating object [N]: times w, absolute magnitudes. None without measured forces."""
+        """Support friction of the translating object [N], so that w times it is in newtons; None without measured forces."""
         return 1 / self.solution.scale if self.solution.scale > 0 else None
 
     @property
     def contradiction(self) -> str | None:
-        """Which pushes contradict each other, in words; None where none do."""
+        """Which pushes contradict each other, in words; None if no pushes do."""
         if self.status is not Status.INFEASIBLE:
             return None
         pushes = sorted({observation.push_id for observation in self.conflicts})
@@ -72,7 +72,7 @@ class Estimate:
 
     @cached_property
     def contact_friction(self) -> Array:
-        """Lower bounds (m,) on mu_c, one per data point (eq. 12)."""
+        """Lower bounds (m,) on mu_c, one for each data point (eq. 12)."""
         return contact_friction.lower_bounds(self.contact_forces, self.w)
 
     @property

@@ -38,51 +38,56 @@ TERMS: dict[str, Callable[["EstimatorConfig"], Constraint]] = {
 """The built-in terms, in the order of their rows."""
 
 FORCE_TERMS = ("force", "force_angle")
-"""Those that need a measured force; data points without one bring no row of theirs."""
+"""The terms that need a measured force; a data point without one adds no row for them."""
 
 COR_SHARE = 0.55
-"""How far the centre of rotation wanders in a step, as a share of the support's size: docs/estimation.md has the evidence."""
+"""How far the centre of rotation wanders in a step, as a fraction of the support's size; see docs/estimation.md."""
 
 TIE_BREAK_LIMIT = 300
-"""Data points up to which ties are broken: more hardly ever leave any, and the cost of one must not grow with their number."""
+"""Number of data points up to which ties are broken; more leave hardly any, and their cost must not grow with the number."""
 
 
 @dataclass(frozen=True)
 class EstimatorConfig:
     """Which constraints make up the program; except for cor_radius, the defaults are the paper's (section 5).
 
-    `terms` takes the names of the built-in constraints, and objects of one's own subclasses of `Constraint`. A solver, a loss
-    and a term may be given by name.
+    `terms` takes the names of the built-in constraints, and objects of your own subclasses of `Constraint`. A solver and a loss
+    may be given by name, too.
     """
 
     terms: tuple[str | Constraint, ...] = setting(("moment",), f"what the fit error is made of, any of: {', '.join(TERMS)}")
-    half_width: float = setting(0.0, "half the contact interval of data points that bring none [m] (eqs 5 and 6)", 0.0, 1.0)
+    half_width: float = setting(0.0, "half the contact interval of data points without their own [m] (eqs 5 and 6)", 0.0, 1.0)
     cor_radius: float | None = setting(
         None,
-        "supports this near the centre of rotation may push any way [m]; 0: none, as in the paper; auto: the freer the nearer, "
-        f"within {COR_SHARE:g} of the rms distance of the support points from their middle",
+        "supports this near the centre of rotation may push any way [m]; 0: none, as in the paper; auto: the nearer, the "
+        f"freer, within {COR_SHARE:g} of the rms distance of the support points from their middle",
         0.0,
         1.0,
     )
     nonnegative_force: bool = setting(True, "the pusher cannot pull: f.n >= 0 (eq. 7)")
     pull_penalty: float = setting(
-        math.inf, "cost of a unit of force that pulls, beside a metre of moment [m]; inf: eq. 7 is hard", 0.0, math.inf
+        math.inf, "cost of a unit of force that pulls, as the moment that costs the same [m]; inf: eq. 7 is hard", 0.0, math.inf
     )
     mu_bound: float = setting(
-        math.inf, "known upper bound on mu_c, which the term cone needs (eqs 9 and 10); inf: none is known", 0.0, math.inf
+        math.inf, "known upper bound on mu_c, required by the term cone (eqs 9 and 10); inf: not known", 0.0, math.inf
     )
-    force_weight: float = setting(0.035, "cost of a unit of force beside a metre of moment [m]", 0.0, 100.0)
+    force_weight: float = setting(0.035, "cost of a unit of force, as the moment that costs the same [m]", 0.0, 100.0)
     force_half_angle: float = setting(
-        0.0, "half the cone about a measured force that holds the true one, for the term force_angle [rad]", 0.0, 1.5
+        0.0,
+        "half-angle of the cone about a measured force that contains the true one, for the term force_angle [rad]",
+        0.0,
+        1.5,
     )
     loss: Loss = setting(
-        Loss.L1, "l1: the sum of errors, robust; l2: the sum of their squares, for Gaussian ones (section 6.1)"
+        Loss.L1, "l1: the sum of errors, robust; l2: the sum of their squares, for Gaussian errors (section 6.1)"
     )
-    solver: Solver = setting(Solver.SIMPLEX, "simplex: exact; osqp: approximate, for comparison; l2 has its own")
+    solver: Solver = setting(
+        Solver.SIMPLEX, "simplex: exact; osqp: approximate, for comparison; the loss l2 has its own solver"
+    )
     tie_break: bool = setting(
-        True, "of equally good w, take the one nearest to equal weights; with simplex, l1, and not the term force"
+        True, "of equally good w, take the one nearest to equal weights; only with simplex and l1, and without the term force"
     )
-    confidence: bool = setting(True, "tell how far p_CF can be trusted; not with osqp, nor where p_CF is given")
+    confidence: bool = setting(True, "compute how far p_CF can be trusted; not with osqp, and not if p_CF is given")
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -103,19 +108,19 @@ class EstimatorConfig:
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
-        """What makes the rows of a data point: the built-in terms, one's own, and eq. 7."""
+        """The constraints that make the rows of a data point: built-in terms, your own ones, and eq. 7."""
         built_in = tuple(make(self) for name, make in TERMS.items() if name in self.terms)
         own = tuple(term for term in self.terms if isinstance(term, Constraint))
         return built_in + own + (NormalForce(self.pull_penalty),) * self.nonnegative_force
 
     @property
     def with_scale(self) -> bool:
-        """Whether one of the terms compares magnitudes of measured forces, which needs their scale."""
+        """Whether a term compares magnitudes of measured forces, which needs their scale."""
         return any(constraint.with_scale for constraint in self.constraints)
 
     @property
     def needs_force(self) -> bool:
-        """Whether one of the terms is about measured forces."""
+        """Whether a term needs measured forces."""
         return any(constraint.needs_force for constraint in self.constraints)
 
 
@@ -125,7 +130,7 @@ class Estimator:
     Args:
         support_points: (n, 2) hypothesised supports in the object frame [m].
         config: the constraints; EstimatorConfig() by default.
-        center_of_friction: p_CF (2,) [m] where it is known or hypothesised: a hard constraint (eq. 13).
+        center_of_friction: p_CF (2,) [m] if it is known or hypothesised; it becomes a hard constraint (eq. 13).
     Raises:
         ValueError: support_points is not (n, 2) with n >= 1, center_of_friction not (2,), or a value is not finite.
     """
@@ -146,7 +151,7 @@ class Estimator:
         self._constraints = self.config.constraints
         self._columns = len(self.support_points) + self.config.with_scale
         self._program = self._empty_program()
-        self._observations: dict[int, Observation] = {}  # by the number of their rows in the program
+        self._observations: dict[int, Observation] = {}  # by the number of its rows in the program
         self._pushes: Counter[int] = Counter()
         self._contacts = _Contacts(len(self.support_points))
         self._next = 0
@@ -166,13 +171,13 @@ class Estimator:
         return tuple(self._observations.values())
 
     def add(self, observation: Observation) -> Estimate:
-        """Take a data point and estimate anew, from the last optimum on.
+        """Take a data point and estimate again, starting from the last optimum.
 
-        Where data points contradict the nonnegative force, the status is INFEASIBLE, w violates it least, and `conflicts` names
-        them.
+        If data points contradict the nonnegative force, the status is INFEASIBLE, w violates it least, and `conflicts` names
+        these data points.
 
         Raises:
-            UninformativePush: the data point rotates exactly about a support point; the estimator is as before.
+            UninformativePush: the data point rotates exactly about a support point; the estimator stays as it was.
         """
         forces = support_forces(self.support_points, observation.twist, self._free)
         rows = stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns)
@@ -186,7 +191,7 @@ class Estimator:
         return self.estimate()
 
     def check(self, observation: Observation) -> None:
-        """Whether `add` would take a data point.
+        """Check that `add` would take a data point.
 
         Raises:
             UninformativePush: it would not.
@@ -194,7 +199,7 @@ class Estimator:
         support_forces(self.support_points, observation.twist, self._free)
 
     def exclude(self, push_id: int) -> Estimate:
-        """Take all data points of a push out again, and estimate anew, from the last optimum on (section 5.1.3).
+        """Take all data points of a push out, and estimate again, starting from the last optimum (section 5.1.3).
 
         Raises:
             ValueError: there is no data point of that push.
@@ -213,7 +218,7 @@ class Estimator:
         return self.estimate()
 
     def estimate(self) -> Estimate:
-        """The estimate from the present data points; without any, all of w is equally good."""
+        """The estimate from the present data points; without any, every w is equally good."""
         solution = self._solve()
         groups = self._program.conflicts()
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
@@ -245,7 +250,7 @@ class Estimator:
 
 
 class _Contacts:
-    """The contact forces of the present data points, in arrays with room to grow; what was handed out never changes."""
+    """The contact forces of the present data points, in arrays with room to grow; arrays that were returned never change."""
 
     def __init__(self, n: int) -> None:
         self._room = np.empty((3, 64, n))

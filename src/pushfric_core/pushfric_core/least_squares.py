@@ -1,6 +1,6 @@
-"""The fit the paper warns of: least squares by singular value decomposition, in which w may be negative (section 7, Figure 13).
+"""The fit that the paper warns of: least squares by singular value decomposition; w may be negative (section 7, Figure 13).
 
-It minimises sum_i m_c,i^2 over all w of sum 1. Shown beside the estimate, it tells what the nonnegativity of w is worth.
+It minimises sum_i m_c,i^2 over all w of sum 1. Compared with the estimate, it shows what the nonnegativity of w is worth.
 """
 
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ from pushfric_core.support import center_of_friction, check_points, support_forc
 
 @comparable
 class LeastSquaresFit(NamedTuple):
-    """The w of least squared moments, whatever its signs."""
+    """The w with the least squared moments, with any signs."""
 
     w: Array  # (n,), sum 1; a negative w_j would gain energy from friction
-    center_of_friction: Array  # p_CF (2,) [m], eq. 3; may lie outside of the support points
+    center_of_friction: Array  # p_CF (2,) [m], eq. 3; may lie outside the support points
     residuals: Array  # (m,) moments about the contacts [m, unit force]
     singular_values: Array  # (min(m, n - 1),) descending [m]; near 0: a change of w that no data point sees
 
@@ -35,9 +35,10 @@ class LeastSquaresFit(NamedTuple):
 def least_squares_fit(observations: Sequence[Observation], support_points: npt.ArrayLike) -> LeastSquaresFit:
     """Solve the moment constraints (eq. 4) and sum w = 1 (eq. 11) in the least-squares sense, without w >= 0.
 
-    The paper weights eq. 11 heavily; here it holds exactly, which is the limit of that. With A the moments and the columns of Z
-    an orthonormal basis of sum w = 0, w = 1/n + Z z, where z is the shortest that minimises |A Z z + A 1/n|, from the singular
-    value decomposition of A Z. Where the data points leave w undetermined it is thus the nearest to uniform.
+    The paper weights eq. 11 heavily; here it holds exactly, which is the limit of that. Let A be the moments, and let the
+    columns of Z be an orthonormal basis of sum w = 0. Then w = 1/n + Z z, where z is the shortest vector that minimises
+    |A Z z + A 1/n|, from the singular value decomposition of A Z. If the data points do not determine w, this is the w nearest
+    to uniform.
 
     Args:
         observations: m data points; the width of a contact interval is not used.

@@ -11,14 +11,14 @@ from pushfric_core.planar import Pose, Twist
 Vector = tuple[float, float]
 
 UNIT = 1e-3
-"""A contact normal's length may differ from 1 by this much: text files round."""
+"""The length of a contact normal may differ from 1 by this much, because text files round."""
 
 
 TINY = 1e-100
-"""Twists smaller than this, or larger than one over it, would leave the range of floating point on the way."""
+"""Twists smaller than this, or larger than 1 over this, would leave the range of floating point in the computation."""
 
 OFF_OUTLINE = 0.005
-"""A contact may lie this far from the outline [m]: outlines are drawn, poses are measured."""
+"""A contact may lie this far from the outline [m], because outlines and poses are measured."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class Observation:
         contact_point: p_c [m].
         contact_normal: n, unit, outward.
         twist: velocity of the object-frame origin [m/s, m/s, rad/s]; only its direction matters.
-        push_id: the push it belongs to.
+        push_id: number of the push that it belongs to.
         half_width: half the interval of possible contact points along the edge [m].
-        duration: time between the two poses that were differenced [s]; 0 where unknown.
-        stamp: time of the image in the middle [ns]; 0 where unknown.
-        pose: of the object in the table frame at the stamp; None where unknown.
+        duration: time between the two poses that were differenced [s]; 0 if unknown.
+        stamp: time of the middle image [ns]; 0 if unknown.
+        pose: of the object in the table frame at the stamp; None if unknown.
         force: measured force of the pusher ON the object [N]; None without a force sensor.
     Raises:
         ValueError: a value that is not finite or of another type, a normal that is not unit, a negative half-width or duration.
@@ -82,7 +82,7 @@ class Observation:
         """Refuse a contact that is not on the object.
 
         Raises:
-            ValueError: it lies further than OFF_OUTLINE from the outline.
+            ValueError: it is farther than OFF_OUTLINE from the outline.
         """
         distance = outline.distance_to(self.contact_point)
         if distance > OFF_OUTLINE:

@@ -12,10 +12,10 @@ from pushfric_core.planar import Array, cross, left_of
 from pushfric_core.records import comparable
 
 ON_OUTLINE = 1e-9
-"""Points this close to the outline [m] count as inside: a grid may touch the edges."""
+"""Points this close to the outline [m] count as inside, so that a grid may touch the edges."""
 
 LARGEST_GRID = 10_000
-"""Points; the program for w grows with the square of their number."""
+"""Largest number of points; the program for w grows with the square of their number."""
 
 
 @comparable
@@ -30,7 +30,7 @@ class Touch(NamedTuple):
 
 @comparable
 class Touches(NamedTuple):
-    """The first touches of r tips; where one passes by, the distance is infinite, and point and normal mean nothing."""
+    """The first touches of r tips. If a tip passes by, its distance is infinite, and its point and normal are undefined."""
 
     distances: Array  # (r,) [m]
     points: Array  # (r, 2) [m]
@@ -46,7 +46,7 @@ class Outline:
     Args:
         vertices: (n, 2) corners in order [m]; made counter-clockwise.
     Raises:
-        ValueError: fewer than three corners, not finite, or an outline that crosses itself or encloses no area.
+        ValueError: fewer than three corners, one that is not finite, or an outline that crosses itself or encloses no area.
     """
 
     vertices: Array
@@ -92,7 +92,7 @@ class Outline:
 
     @property
     def perimeter(self) -> float:
-        """[m]"""
+        """Length of the outline [m]."""
         return float(self.lengths.sum())
 
     @property
@@ -110,13 +110,13 @@ class Outline:
         return np.asarray(shapely.dwithin(self.polygon, shapely.points(np.asarray(points, dtype=float)), ON_OUTLINE))
 
     def distance_to(self, point: npt.ArrayLike) -> float:
-        """How far a point (2,) is from the outline itself, inside or outside [m]."""
+        """Distance of a point (2,), inside or outside, from the outline itself [m]."""
         return float(shapely.distance(self.polygon.exterior, shapely.points(np.asarray(point, dtype=float))))
 
     def grid(self, columns: int, rows: int, inset: float = 0.002) -> Array:
-        """Points (m, 2) spread evenly over the bounding box shrunk by `inset` [m], those outside the outline dropped.
+        """Points (m, 2) spaced evenly over the bounding box shrunk by `inset` [m]; points outside the outline are dropped.
 
-        A single column or row lies in the middle. Points run along x first.
+        A single column or row lies in the middle. The order is along x first.
 
         Raises:
             ValueError: no columns or rows, too many of them, an inset that leaves no box, or no point inside.
@@ -139,7 +139,7 @@ class Outline:
         return np.asarray(inside)
 
     def first_touch(self, start: npt.ArrayLike, direction: npt.ArrayLike, radius: float = 0.0) -> Touch | None:
-        """Where a round tip moving along a line first meets the outline; None where it passes by.
+        """Where a round tip that moves along a line first meets the outline; None if it passes by.
 
         Args:
             start: (2,) centre of the tip at distance 0, outside the outline and ahead of it on the line [m].

@@ -66,13 +66,13 @@ def inverse(pose: Pose) -> Pose:
 
 
 def compose(outer: Pose, inner: Pose) -> Pose:
-    """Pose of a frame that lies at `inner` in the frame that lies at `outer`. Angles add without wrapping."""
+    """Pose of a frame at `inner` in a frame that is itself at `outer`. Angles add without wrapping."""
     x, y = transform(outer, (inner.x, inner.y))
     return Pose(float(x), float(y), outer.theta + inner.theta)
 
 
 def exp(twist: Twist, duration: float = 1.0) -> Pose:
-    """Where a body moving with a constant body twist is after `duration` [s], seen from where it was."""
+    """The pose after `duration` [s] of a body that moves with a constant body twist, relative to its first pose."""
     angle = twist.omega * duration
     # sin(a)/a and (1 - cos a)/a, the latter from the half angle to keep its digits near 0
     along = np.sinc(angle / np.pi)
@@ -83,7 +83,7 @@ def exp(twist: Twist, duration: float = 1.0) -> Pose:
 
 
 def log(pose: Pose) -> Twist:
-    """The constant body twist that reaches `pose` in unit time by less than half a turn: inverse of `exp` there."""
+    """The constant body twist that reaches `pose` in unit time with less than half a turn; there, the inverse of `exp`."""
     angle = wrap(pose.theta)
     half = angle / 2
     # a/2 * cot(a/2), finite at 0

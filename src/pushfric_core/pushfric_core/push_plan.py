@@ -15,14 +15,15 @@ class PlannedPush(NamedTuple):
 
     edge: int  # index; edge i runs counter-clockwise from vertex i to vertex i + 1
     offset: float  # of the contact from the middle of the edge, along the edge [m]
-    angle: float = 0.0  # direction of the push against the inward normal, counter-clockwise [rad]
+    angle: float = 0.0  # of the push direction from the inward normal, counter-clockwise [rad]
 
 
 def even_pushes(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
     """Pushes equally spaced along each edge, perpendicular to it (section 5).
 
     Args:
-        counts: pushes for each edge.
+        outline: of the object.
+        counts: number of pushes for each edge.
     Raises:
         ValueError: not one count for each edge, or a negative one.
     """
@@ -36,7 +37,7 @@ def even_pushes(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
 
 
 def planned_contact(outline: Outline, push: PlannedPush) -> tuple[Array, Array]:
-    """The point (2,) of the outline that a push is to touch [m], and its direction (2,), a unit vector; object frame."""
+    """The point (2,) of the outline that a push is to touch [m], and the unit vector (2,) of its direction; object frame."""
     along = 0.5 + push.offset / outline.lengths[push.edge]
     point = outline.vertices[push.edge] + along * outline.edges[push.edge]
     return point, rotation(push.angle) @ -outline.normals[push.edge]

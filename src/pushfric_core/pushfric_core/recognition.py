@@ -24,9 +24,9 @@ class Hypothesis:
     """What an object may be, or how it may lie.
 
     Args:
-        name: as the ranking shall call it.
+        name: label in the ranking.
         support_points: (n, 2) hypothesised supports in the object frame [m] (section 5.2.2).
-        center_of_friction: p_CF (2,) [m] where the hypothesis says something of it (section 5.2.1).
+        center_of_friction: p_CF (2,) [m] if the hypothesis includes it (section 5.2.1).
     """
 
     name: str
@@ -34,7 +34,7 @@ class Hypothesis:
     center_of_friction: Array | None = None
 
     def turned(self, angle: float, pivot: npt.ArrayLike) -> "Hypothesis":
-        """The same of the object turned by `angle` [rad] about the point `pivot` (2,) [m]; its frame stays where it is."""
+        """The hypothesis rotated by `angle` [rad] about the point `pivot` (2,) [m]; the object frame stays where it is."""
 
         def turned(xy: Array) -> Array:
             return np.asarray((xy - np.asarray(pivot)) @ rotation(angle).T + pivot)
@@ -49,9 +49,9 @@ class Ranked:
 
     Attributes:
         name: of the hypothesis.
-        fit_error: optimum of its program [m, unit force]; infinite where no w satisfies its hard constraints.
-        ratio: of its fit error to the best one: 1 for the best and its equals; infinite beside a best one of zero.
-        contradiction: which hard constraints no w satisfies, for people; None where the hypothesis is feasible.
+        fit_error: optimum of its program [m, unit force]; infinite if no w satisfies its hard constraints.
+        ratio: its fit error divided by the best one: 1 for the best and its equals; infinite for others if the best is zero.
+        contradiction: which hard constraints no w satisfies, in words; None if the hypothesis is feasible.
     """
 
     name: str
@@ -69,9 +69,9 @@ class Ranking:
     """All hypotheses after the last data point; None of it changes later.
 
     Attributes:
-        hypotheses: in order of fit error, those that fit equally and the infeasible ones, which come last, in the order given.
-        data_points: how many it rests on.
-        stamp: of the newest of them [ns]; 0 where unknown.
+        hypotheses: in order of fit error, the infeasible ones last; those that are equal, in the order given.
+        data_points: number of data points used.
+        stamp: of the newest data point [ns]; 0 if unknown.
     """
 
     hypotheses: tuple[Ranked, ...]
@@ -80,7 +80,7 @@ class Ranking:
 
     @property
     def best(self) -> str | None:
-        """Name of the hypothesis that fits best; None where none is feasible."""
+        """Name of the hypothesis that fits best; None if no hypothesis is feasible."""
         return self.hypotheses[0].name if self.hypotheses[0].feasible else None
 
 
@@ -89,9 +89,9 @@ class Recognizer:
 
     Args:
         hypotheses: at least one.
-        config: the constraints, the same for all; but `cor_radius` auto follows the spread of each one's support points.
+        config: the constraints, the same for all; `cor_radius` auto depends on the support points of each hypothesis.
     Raises:
-        ValueError: no hypotheses, two of one name, or one that Estimator refuses.
+        ValueError: no hypotheses, two with the same name, or one that `Estimator` refuses.
     """
 
     def __init__(self, hypotheses: Sequence[Hypothesis], config: EstimatorConfig | None = None) -> None:
@@ -108,22 +108,22 @@ class Recognizer:
 
     @property
     def observations(self) -> tuple[Observation, ...]:
-        """The data points that all programs rest on, in order of arrival."""
+        """The data points in all programs, in order of arrival."""
         return next(iter(self._estimators.values())).observations
 
     def add(self, observation: Observation) -> Ranking:
-        """Take a data point and rank anew.
+        """Take a data point and rank again.
 
         Raises:
-            UninformativePush: it rotates exactly about a support point of one of the hypotheses. None takes it then: fit
-                errors compare only over the same data points.
+            UninformativePush: it rotates exactly about a support point of one of the hypotheses. Then no hypothesis takes it,
+                because fit errors can be compared only over the same data points.
         """
         for estimator in self._estimators.values():
             estimator.check(observation)
         return _ranking({name: estimator.add(observation) for name, estimator in self._estimators.items()})
 
     def exclude(self, push_id: int) -> Ranking:
-        """Take all data points of a push out again, and rank anew.
+        """Take all data points of a push out, and rank again.
 
         Raises:
             ValueError: there is no data point of that push.
@@ -140,7 +140,7 @@ def _ranking(estimates: dict[str, Estimate]) -> Ranking:
     # sorting keeps the order of those that fit equally
     order = sorted(errors, key=lambda name: max(errors[name], EXACT))
     ranked = tuple(Ranked(name, errors[name], _ratio(errors[name], best), estimates[name].contradiction) for name in order)
-    same = next(iter(estimates.values()))  # all rest on the same data points
+    same = next(iter(estimates.values()))  # all have the same data points
     return Ranking(ranked, same.data_points, same.stamp)
 
 

@@ -1,4 +1,4 @@
-"""Equality of records that hold arrays: the comparison that dataclasses and named tuples come with raises an error there."""
+"""Equality of records that hold arrays, for which the built-in comparison of dataclasses and named tuples raises an error."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ Record = TypeVar("Record")
 
 
 def comparable(record: type[Record]) -> type[Record]:
-    """Decorate a frozen dataclass or named tuple: == tells whether two of them hold the same, arrays compared as a whole."""
+    """Decorate a frozen dataclass or named tuple so that == compares the values of two records, and arrays as a whole."""
 
     def equal(self: Record, other: object) -> bool:
         return type(self) is type(other) and all(map(_same, _fields(self), _fields(other)))

@@ -1,8 +1,9 @@
 """The centre of friction from test pushes, without support points: each push bounds it by a half-plane (section 6.2).
 
-While the object turns counter-clockwise, p_CF lies to the left of three directed lines through the contact, and while it turns
-clockwise to their right: of the line along which the contact moves, the line along which the pusher moves, and the line of the
-pusher's force. Where it does not turn, p_CF lies on each of them. The first holds always; the functions say when the others do.
+There are three directed lines through the contact: the line along which the contact moves, the line along which the pusher
+moves, and the line of the pusher's force. If the object turns counter-clockwise, p_CF lies to the left of them; if it turns
+clockwise, to their right; if it does not turn, on each of them. This always holds for the first line; the functions say when it
+holds for the others.
 """
 
 from collections.abc import Iterable
@@ -25,12 +26,12 @@ from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import Program, Status
 
 SLACK = 1e-9
-"""Half-planes are cut this far outside their boundary [m]: a region that is a mere line or point keeps an interior."""
+"""Half-planes are cut this far outside their boundary [m], so that a region of a mere line or point keeps an interior."""
 
 
 @dataclass(frozen=True)
 class RegionConfig:
-    """How far the half-planes of measured data points are trusted."""
+    """How far the half-planes from measured data points are trusted."""
 
     region_margin: float = setting(
         0.002, "the region of p_CF allows data points to err by this much [m]; 0: as in the paper", 0.0, 0.1
@@ -48,12 +49,12 @@ class HalfPlane(NamedTuple):
 
     @property
     def opposite(self) -> "HalfPlane":
-        """The other side of its boundary."""
+        """The half-plane on the other side of the boundary."""
         (x, y), offset = self
         return HalfPlane((-x, -y), -offset)
 
     def widened(self, margin: float) -> "HalfPlane":
-        """The same with its boundary moved outwards by a margin [m]."""
+        """The half-plane with its boundary moved outwards by a margin [m]."""
         return self._replace(offset=self.offset - margin)
 
 
@@ -63,7 +64,7 @@ def line_of_motion(observation: Observation) -> tuple[HalfPlane, ...]:
     Mason's theorem 2, as cited in section 6.2.
 
     Returns:
-        The half-plane of p_CF, object frame; for a translation two, whose common boundary it lies on.
+        The half-plane of p_CF, object frame; for a translation two, with p_CF on their common boundary.
     Raises:
         UninformativePush: the object turned about the contact, which does not move.
     """
@@ -76,15 +77,15 @@ def line_of_motion(observation: Observation) -> tuple[HalfPlane, ...]:
 def line_of_pushing(observation: Observation, direction: npt.ArrayLike) -> tuple[HalfPlane, ...]:
     """p_CF and the centre of rotation lie on the same side of the line along which the pusher moves.
 
-    This holds where the pusher moves opposite to n (Mason's theorem 4, as cited in section 6.2), and more generally within the
-    friction cone, whether the contact sticks or slides. p_CF must lie to the inside of the edge that is pushed, as it always
-    does where the outline is convex.
+    This holds if the pusher moves opposite to n (Mason's theorem 4, as cited in section 6.2), and more generally if it moves
+    within the friction cone, whether the contact sticks or slides. p_CF must lie on the inner side of the edge that is pushed,
+    which is always so if the outline is convex.
 
     Args:
         observation: contact and twist, object frame.
         direction: (2,) of the pusher's motion, object frame, of any length.
     Returns:
-        As `line_of_motion`.
+        As for `line_of_motion`.
     Raises:
         ValueError: the pusher does not move into the object.
     """
@@ -97,8 +98,9 @@ def line_of_pushing(observation: Observation, direction: npt.ArrayLike) -> tuple
 def line_of_force(observation: Observation, mu_bound: float) -> tuple[HalfPlane, ...]:
     """The object turns the way the pusher's force turns it about p_CF, and the force lies in the friction cone (eqs 9, 10).
 
-    Not knowing the force, p_CF lies on the right side of at least one edge of the cone. A contact without friction, mu_bound =
-    0, gives the line of the normal. p_CF must lie to the inside of the edge that is pushed, as for `line_of_pushing`.
+    The force itself is not known, but p_CF lies on the correct side of at least one edge of the cone. A contact without
+    friction, mu_bound = 0, gives the line of the normal. p_CF must lie on the inner side of the edge that is pushed, as for
+    `line_of_pushing`.
 
     Args:
         observation: contact, normal and twist, object frame.
@@ -115,8 +117,8 @@ def line_of_force(observation: Observation, mu_bound: float) -> tuple[HalfPlane,
 
 
 def _sides(observation: Observation, counterclockwise: Array, clockwise: Array) -> tuple[HalfPlane, ...]:
-    """The left side of one line through the contact where the object turns counter-clockwise, the right side of the other
-    where clockwise, both where it does not turn."""
+    """The left side of one line through the contact if the object turns counter-clockwise, the right side of the other if it
+    turns clockwise, and both if it does not turn."""
     omega = observation.twist.omega
     sides = []
     if omega >= 0:
@@ -138,9 +140,9 @@ class Region:
     """Where p_CF can lie after some test pushes, object frame.
 
     Attributes:
-        polygon: convex; empty where the half-planes contradict each other, even with their margin.
+        polygon: convex; empty if the half-planes contradict each other, even with their margin.
         center: (2,) the centroid of the polygon; without one, the point that violates the half-planes least [m].
-        violation: how far that point lies outside of them, summed, without a margin [m]; 0 where there is a polygon.
+        violation: how far that point lies outside of them, summed, without a margin [m]; 0 if there is a polygon.
         status: OPTIMAL unless the least violation could not be certified.
     """
 
@@ -151,12 +153,12 @@ class Region:
 
     @property
     def area(self) -> float:
-        """[m^2]"""
+        """Area of the polygon [m^2]."""
         return float(self.polygon.area)
 
     @property
     def corners(self) -> Array:
-        """Corners (k, 2) of the polygon [m], counter-clockwise; none where the half-planes contradict each other."""
+        """Corners (k, 2) of the polygon [m], counter-clockwise; none if the half-planes contradict each other."""
         return np.asarray(shapely.get_coordinates(shapely.orient_polygons(self.polygon))[:-1])
 
     @property
@@ -166,11 +168,11 @@ class Region:
 
 
 class HalfPlanes:
-    """Narrows down p_CF within the convex hull of an outline, one push after the other.
+    """Narrows down p_CF within the convex hull of an outline, one push after another.
 
     Args:
         outline: of the object; its supports lie inside.
-        margin: how much wider than they say the half-planes are taken (see RegionConfig) [m]; 0, as in the paper, by default.
+        margin: by how much the half-planes are widened (see RegionConfig) [m]; by default 0, as in the paper.
     Raises:
         ValueError: the margin is negative or not finite.
     """
@@ -181,17 +183,17 @@ class HalfPlanes:
         self.outline, self.margin = outline, margin
         self._polygon = shapely.convex_hull(outline.polygon)
         self._corners = shapely.get_coordinates(self._polygon)[:-1]
-        # p_CF as a convex combination of the corners, which take the place of support points; made once it is needed
+        # p_CF as a convex combination of the corners, which take the place of support points; made when it is needed
         self._program: Program | None = None
-        self._rows: list[ConstraintRows] = []  # that are not in the program
+        self._rows: list[ConstraintRows] = []  # rows that are not in the program yet
 
     @property
     def polygon(self) -> shapely.Polygon:
-        """What is left of the convex hull: convex, or without area where the half-planes contradict each other."""
+        """The part of the convex hull that is left: convex, or without area if the half-planes contradict each other."""
         return self._polygon
 
     def add(self, half_planes: Iterable[HalfPlane]) -> Region:
-        """Take the half-planes of a data point; from the moment they contradict the others, the region stays empty."""
+        """Take the half-planes of a data point; once they contradict the others, the region stays empty."""
         for half_plane in half_planes:
             self._polygon = cut(self._polygon, half_plane.widened(self.margin))
             depths = self._corners @ half_plane.normal - half_plane.offset
@@ -199,9 +201,9 @@ class HalfPlanes:
         return self.region()
 
     def region(self) -> Region:
-        """What is known now; before the first push, the convex hull of the outline.
+        """The present region; before the first push, the convex hull of the outline.
 
-        The sum of violations is least by the same linear program that estimates w (sections 6.2 and 3.3).
+        The linear program that estimates w also minimises the sum of violations (sections 6.2 and 3.3).
         """
         if self._polygon.area > 0:
             return Region(self._polygon, shapely.get_coordinates(self._polygon.centroid)[0])
@@ -214,7 +216,7 @@ class HalfPlanes:
 
 
 def cut(polygons: Any, half_plane: HalfPlane) -> Any:
-    """The part of a polygon, or of each in an array, that lies in a half-plane."""
+    """The part of a polygon, or of each polygon in an array, that lies in a half-plane."""
     corners = shapely.get_coordinates(polygons)
     if not len(corners):
         return polygons

@@ -10,18 +10,18 @@ from pushfric_core.observation import Observation
 from pushfric_core.planar import rotation
 
 REMEMBERED = 100_000
-"""Samples kept while no data point comes: 100 s of a sensor at 1 kHz."""
+"""Number of samples kept while no data point comes: 100 s of a sensor at 1 kHz."""
 
 
 class ForceSample(NamedTuple):
-    """What the force sensor said."""
+    """A sample of the force sensor."""
 
     stamp: int  # [ns]
     force: tuple[float, float]  # of the pusher ON the object, table frame [N]
 
 
 class SensedForce:
-    """Gives data points their forces. A data point waits for a sample from after its motion: so the stamps alone decide."""
+    """Gives data points their forces. A data point waits for a sample from after its motion, so that only the stamps matter."""
 
     def __init__(self) -> None:
         self._samples: deque[ForceSample] = deque(maxlen=REMEMBERED)
@@ -29,7 +29,7 @@ class SensedForce:
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the oldest data point that waits [ns]; None: none does."""
+        """Stamp of the oldest waiting data point [ns]; None if no data point waits."""
         return self._waiting[0].stamp if self._waiting else None
 
     @property
@@ -38,7 +38,7 @@ class SensedForce:
         return len(self._waiting)
 
     def add_force(self, sample: ForceSample) -> list[Observation]:
-        """Take a sample; returns the data points that became complete. A sample older than the last is ignored.
+        """Take a sample and return the data points that became complete. A sample older than the last is ignored.
 
         Raises:
             ValueError: the force is not finite.
@@ -51,10 +51,10 @@ class SensedForce:
         return self._complete()
 
     def add_observation(self, observation: Observation) -> list[Observation]:
-        """Take a data point; returns the data points that became complete.
+        """Take a data point and return the data points that became complete.
 
         Raises:
-            ValueError: it has no pose, so that the force cannot be turned into its frame.
+            ValueError: it has no pose, so that the force cannot be expressed in its frame.
         """
         if observation.pose is None:
             raise ValueError("a data point needs its pose to be given a force")
@@ -76,7 +76,7 @@ class SensedForce:
 
     @staticmethod
     def _with_force(observation: Observation, during: list[tuple[float, float]]) -> Observation:
-        """The data point with the mean force in the object frame; as it was where nothing was measured."""
+        """The data point with the mean force in the object frame; unchanged if nothing was measured."""
         if not during:
             return observation
         assert observation.pose is not None

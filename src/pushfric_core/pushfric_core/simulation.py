@@ -17,16 +17,16 @@ STEP = 2.5e-4
 """Longest advance of the tip in one integration step [m]."""
 
 STILL = 1e-4
-"""A support slower than this fraction of the tip's speed begins to stick: rounds Coulomb's corner, so that Newton converges."""
+"""A support slower than this fraction of the tip's speed begins to stick; this rounds Coulomb's law for Newton's method."""
 
 CONVERGED = 1e-14
 """Newton stops when one more step would lower the dissipation by less than this fraction."""
 
 TOUCHING = 1e-7
-"""The tip stands at the outline when nearer than this [m]."""
+"""The tip is at the outline if it is nearer than this [m]."""
 
 ITERATIONS = 200
-"""Bound on Newton's steps; some ten are usual, some tens where the object rotates about a support."""
+"""Bound on Newton's steps; about ten are usual, some tens if the object rotates about a support."""
 
 
 class ContactMode(Enum):
@@ -39,7 +39,7 @@ class ContactMode(Enum):
 
 @comparable
 class Motion(NamedTuple):
-    """How a pushed object moves at an instant."""
+    """The motion of a pushed object at an instant."""
 
     twist: Twist  # object frame
     mode: ContactMode
@@ -49,9 +49,9 @@ class Motion(NamedTuple):
 def pushed_motion(support: Support, touch: Touch, velocity: Array, mu_c: float) -> Motion:
     """The motion that balances support friction and contact force.
 
-    Given the velocity of the contact point, the rotation that leaves no moment about it is the one that dissipates least. Where
-    that would need a force outside the friction cone, the tip slides: then the motion dissipates least among those in which a
-    force along the edge of the cone does the same work.
+    Given the velocity of the contact point, the rotation without a moment about it is the one that dissipates least. If that
+    needs a force outside the friction cone, the tip slides. Then the motion dissipates least among those in which a force along
+    the edge of the cone does the same work.
 
     Args:
         support: true support friction distribution.
@@ -60,7 +60,7 @@ def pushed_motion(support: Support, touch: Touch, velocity: Array, mu_c: float) 
         mu_c: contact friction coefficient, >= 0.
     Raises:
         ValueError: the tip does not move into the object.
-        SolverFailed: no motion balances the forces, as where the tip wedges against a corner.
+        SolverFailed: no motion balances the forces, for example if the tip wedges against a corner.
     """
     velocity = np.asarray(velocity, dtype=float)
     approach = float(velocity @ touch.normal)
@@ -87,7 +87,7 @@ def pushed_motion(support: Support, touch: Touch, velocity: Array, mu_c: float) 
 
 
 def _least_dissipation(weights: Array, velocity: Array, modes: Array) -> tuple[Array, Array]:
-    """The u (k,) that minimises sum_j w_j |velocity + sum_i u_i modes_ij|, and the force (2,) that then does the work.
+    """The u (k,) that minimises sum_j w_j |velocity + sum_i u_i modes_ij|, and the force (2,) that does the work at it.
 
     A damped Newton method on a convex function of one or two variables.
 
@@ -98,7 +98,7 @@ def _least_dissipation(weights: Array, velocity: Array, modes: Array) -> tuple[A
     """
     speed = float(np.hypot(*velocity))
     floor = (STILL * speed) ** 2
-    # a trace of curvature keeps the step finite where the dissipation is linear
+    # a trace of curvature keeps the step finite if the dissipation is linear
     trace = np.diag(np.sum(modes**2, axis=(1, 2))) * (1e-9 / speed)
     u = np.zeros(len(modes))
     velocities = np.broadcast_to(velocity, modes.shape[1:])
@@ -112,7 +112,7 @@ def _least_dissipation(weights: Array, velocity: Array, modes: Array) -> tuple[A
         decrease = -float(gradient @ step)
         value = float(weights @ speeds)
         length = 1.0
-        # shorten the step until it gains what it promises, or until what it promises drowns in rounding
+        # shorten the step until it gains what was expected, or until the expected gain is lost in rounding
         while length * decrease > CONVERGED * value:
             trial = velocity + np.tensordot(u + length * step, modes, axes=1)
             trial_speeds = np.sqrt(np.sum(trial**2, axis=1) + floor)
@@ -143,13 +143,13 @@ class PushedObject:
     pose: Pose
 
     def push(self, line: PushingLine, position: float) -> ContactMode:
-        """Bring the tip to stroke `position` [m] and move the object out of its way.
+        """Move the tip along a line to stroke `position` [m], and the object out of its way.
 
-        What is left to push is measured anew at each step from where the tip would touch the object, so the errors of the
+        At each step, the rest of the push is measured from where the tip would touch the object, so that the errors of the
         integration do not add up.
 
         Returns:
-            How the tip met the object last; FREE where it did not.
+            How the tip met the object last; FREE if it did not.
         Raises:
             SolverFailed: no motion balances the forces.
         """
@@ -157,7 +157,7 @@ class PushedObject:
         while (touch := line.touch(self.outline, self.pose)) and position - touch.distance > TOUCHING:
             depth = min(position - touch.distance, STEP)
             halfway = compose(self.pose, exp(self._motion(line, touch, self.pose).twist, depth / 2))
-            # the midpoint rule: the motion half a step on stands for the whole step
+            # the midpoint rule: the motion at half a step is used for the whole step
             motion = self._motion(line, line.touch(self.outline, halfway) or touch, halfway)
             self.pose = compose(self.pose, exp(motion.twist, depth))
             mode = motion.mode

@@ -11,7 +11,7 @@ from pushfric_core.planar import Array, Twist, Wrench, cross, velocity_at
 from pushfric_core.records import comparable
 
 LARGEST = 1e6
-"""Support points further out than this are a mistake [m]."""
+"""Support points farther out than this must be a mistake [m]."""
 
 
 @comparable
@@ -87,19 +87,19 @@ def friction_directions(support_points: Array, twist: Twist) -> Array:
 
 
 class FreeRadii(NamedTuple):
-    """How near the centre of rotation the friction of a support is unknown [m]; in between, the nearer the less is known."""
+    """Distances from the centre of rotation within which the friction of a support is unknown, wholly or in part [m]."""
 
     wholly: float  # within this it may push any way with a force of at most its weight
     partly: float  # beyond this its friction opposes its velocity
 
 
 NOT_FREE = FreeRadii(0.0, 0.0)
-"""The paper's: a support exactly on the centre of rotation makes the data point useless."""
+"""The radii of the paper, where a support exactly on the centre of rotation makes the data point useless."""
 
 
 @comparable
 class SupportForces(NamedTuple):
-    """What a motion tells about the friction forces of unit weights: f_j = directions_j + any force of at most free_j."""
+    """What a motion says about the friction forces of unit weights: f_j = directions_j + any force of at most free_j."""
 
     points: Array  # (n, 2) the supports, object frame [m]
     directions: Array  # (n, 2) -(1 - free_j) v_j / |v_j|
@@ -107,14 +107,14 @@ class SupportForces(NamedTuple):
 
 
 def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_FREE) -> SupportForces:
-    """The friction forces of a motion, and how much of those of supports near the centre of rotation is unknown.
+    """The friction forces of a motion, and how much of them is unknown near the centre of rotation.
 
     Args:
         support_points: (n, 2) [m].
         twist: of the object-frame origin.
         radii: where supports are free.
     Raises:
-        UninformativePush: the object does not move, or rotates exactly about a support while none is free.
+        UninformativePush: the object does not move, or it rotates exactly about a support and no support is free.
     """
     velocities = velocity_at(twist, support_points)
     speeds = np.hypot(velocities[:, 0], velocities[:, 1])
@@ -126,7 +126,7 @@ def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_F
     free = np.zeros(len(support_points))
     width = radii.partly - radii.wholly
     free[near] = np.minimum((radii.partly - distances) / width, 1.0) if width > 0 else 1.0
-    known = np.where(free < 1, speeds, 1.0)  # without a division by zero where all is free
+    known = np.where(free < 1, speeds, 1.0)  # no division by zero if a support is wholly free
     return SupportForces(support_points, -((1 - free) / known)[:, None] * velocities, free)
 
 

@@ -1,4 +1,4 @@
-"""The six objects of Table 1: what is true of them, how they are seen, and what the paper tells them from."""
+"""The six objects of Table 1: their true values, the noise with which they are seen, and the hypotheses of the paper."""
 
 import math
 from typing import NamedTuple
@@ -19,15 +19,15 @@ class PoseNoise(NamedTuple):
 
 
 FEET = PoseNoise(1e-4, math.radians(0.12))
-"""How well the objects on felt feet are seen; with it, simulated pushes fit as well as those of the paper."""
+"""Noise for the objects on felt feet; with it, simulated pushes fit as well as those of the paper."""
 
 FLAT = PoseNoise(3.5e-4, math.radians(0.45))
-"""The same of the flat objects, which are the smallest."""
+"""Noise for the flat objects, which are the smallest."""
 
 
 @comparable
 class TableObject(NamedTuple):
-    """An object of Table 1: what is true of it, how it is seen, and the grid of support points its estimation starts from."""
+    """An object of Table 1: its true values, the noise with which it is seen, and the grid of hypothesised support points."""
 
     outline: Outline
     support: Support
@@ -46,13 +46,13 @@ class TableObject(NamedTuple):
 def _on_feet(
     length: float, width: float, feet: list[tuple[float, float]], mu_c: float, grid: tuple[int, int], pushes: tuple[int, ...]
 ) -> TableObject:
-    """Felt feet that bear equal loads; the outer lines of the grid run `INSET` inside the edges, as the feet do."""
+    """An object on felt feet with equal loads; the outer lines of the grid are `INSET` inside the edges, as the feet are."""
     support = Support(np.array(feet), np.full(len(feet), 1 / len(feet)))
     return TableObject(Outline.rectangle(length, width), support, mu_c, grid, INSET, pushes, FEET)
 
 
 def _flat(length: float, width: float, offset: float, mu_c: float) -> TableObject:
-    """A flat bottom, never quite flat: slightly crowned, it presses on an ellipse, parabolically less from the middle outwards.
+    """A flat bottom is never quite flat: slightly crowned, it presses on an ellipse, and the pressure falls off parabolically.
 
     A weight on top shifts the centre of friction along x by `offset` [m].
     """
@@ -85,4 +85,4 @@ LOOKALIKES = {"delrin_rect_left": (-0.007, 0.0), "delrin_rect_center": (0.0, 0.0
 """Objects that look the same, with their centres of friction [m]: the hypotheses of section 5.2.1."""
 
 ORIENTATIONS = {"delrin_square3": (0, 90, 180, 270), "wood_rect3": (0, 180)}
-"""Turns that make an object look the same but put its feet elsewhere [degrees], the true one first: those of section 5.2.2."""
+"""Rotations after which an object looks the same but its feet are elsewhere [degrees], the true one first (section 5.2.2)."""

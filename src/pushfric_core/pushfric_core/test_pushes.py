@@ -1,6 +1,6 @@
-"""Test pushes that narrow down the centre of friction: which one next, and which in a row (section 6.2).
+"""Test pushes that narrow down the centre of friction: the best next one, and the best sequence (section 6.2).
 
-The line along which the pusher will move cuts the region of p_CF in two, of which the sense of rotation leaves one (see
+The line along which the pusher will move cuts the region of p_CF into two parts. The sense of rotation leaves one of them (see
 `region.line_of_pushing`).
 """
 
@@ -16,21 +16,21 @@ from pushfric_core.push_plan import PlannedPush, planned_contact
 from pushfric_core.region import SLACK, HalfPlane, HalfPlanes, cut, left_of_line
 
 USABLE = 0.9
-"""Planned pushes meet the middle part of an edge, this share of it: near a corner the tip slips off."""
+"""Planned pushes meet this middle fraction of an edge, because near a corner the tip slips off."""
 
 NEGLIGIBLE = 1e-9
-"""Parts of the region smaller than this share of it are no longer planned for."""
+"""Parts smaller than this fraction of the region are no longer planned for."""
 
 
 class RankedPush(NamedTuple):
-    """A test push and what it promises."""
+    """A test push, and how far it is expected to shrink the region."""
 
     push: PlannedPush
     expected_area: float  # of the region after the push, if p_CF is equally likely anywhere in the present region [m^2]
 
 
 def next_pushes(half_planes: HalfPlanes) -> list[RankedPush]:
-    """For each edge the perpendicular push that shrinks the region most, best first; none once it has collapsed.
+    """For each edge, the perpendicular push that shrinks the region most, best first; no push once the region has collapsed.
 
     At best, a push halves the region. An edge that no straight push reaches is left out.
     """
@@ -38,15 +38,15 @@ def next_pushes(half_planes: HalfPlanes) -> list[RankedPush]:
 
 
 def planned_pushes(half_planes: HalfPlanes, count: int) -> list[RankedPush]:
-    """Pushes to be carried out without a look at their outcomes, in the order that shrinks the region fastest.
+    """Pushes to be carried out without looking at their outcomes, in the order that shrinks the region fastest.
 
-    Their lines cut the region into parts, of which the outcomes leave one. Each push is the one that leaves the least, by
-    expectation, after it and all before it. With a look at each outcome, `next_pushes` does better. There are none once the
-    region has collapsed.
+    Their lines cut the region into parts, and the outcomes leave one of them. Each push is the one after which, together with
+    all pushes before it, the expected area is least. If you can look at each outcome, `next_pushes` does better. Once the
+    region has collapsed, there are no pushes.
 
     Args:
-        half_planes: what is known before the first of them.
-        count: of pushes, >= 1.
+        half_planes: what is known before the first push.
+        count: number of pushes, >= 1.
     Raises:
         ValueError: count < 1.
     """
@@ -63,12 +63,12 @@ def planned_pushes(half_planes: HalfPlanes, count: int) -> list[RankedPush]:
 class _Parts(NamedTuple):
     """The parts into which the lines of some pushes cut the region."""
 
-    cells: Array  # (k,) polygons: p_CF lies in one of them
-    left: Array  # (k,) polygons: what its outcomes then leave of the region, which is wider by the margin
+    cells: Array  # (k,) polygons, one of which contains p_CF
+    left: Array  # (k,) polygons that the outcomes leave if p_CF is in the cell: the cell, widened by the margin
 
     @property
     def expected_area(self) -> float:
-        """Of what is left, were p_CF equally likely anywhere in the cells [m^2]."""
+        """Expected area of what is left, if p_CF is equally likely anywhere in the cells [m^2]."""
         chances = shapely.area(self.cells)
         return float(chances @ shapely.area(self.left) / chances.sum())
 
@@ -92,7 +92,7 @@ def _ranked(outline: Outline, margin: float, parts: _Parts) -> list[RankedPush]:
     total = float(np.sum(shapely.area(parts.cells)))
 
     def rank(one: RankedPush) -> float:
-        # what differs by rounding alone counts as equal, and the first one given comes first
+        # areas that differ only by rounding count as equal, in the order given
         return round(one.expected_area / total, 12)
 
     best = []
@@ -113,7 +113,7 @@ def _offsets(outline: Outline, edge: int, cells: Array) -> list[float]:
     middle = float((outline.vertices[edge] + outline.edges[edge] / 2) @ along)
     reach = USABLE * float(outline.lengths[edge]) / 2
     offsets = (min(max(_halving(cell, along) - middle, -reach), reach) for cell in cells)
-    return sorted({round(offset, 6) for offset in offsets})  # nobody places an object better than to a micrometre
+    return sorted({round(offset, 6) for offset in offsets})  # an object cannot be placed more precisely than to a micrometre
 
 
 def _reached(outline: Outline, push: PlannedPush) -> bool:

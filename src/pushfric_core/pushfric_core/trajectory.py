@@ -1,8 +1,8 @@
 """Stamped poses and pusher states -> observations: smoothed, differenced and subsampled as in section 4.
 
-The result depends on the stamps alone, not on how poses and pusher states interleave when they arrive: a frame is judged
-only once a pusher state from after it is known. So a replay gives exactly the observations of the live run. The last frame
-of an observation need not wait for that where it shows the object moving on as before: nothing but the pusher moves it.
+The result depends only on the stamps, not on the order in which poses and pusher states arrive, because a frame is judged only
+once a later pusher state is known. So a replay gives exactly the observations of the live run. There is one exception: the last
+frame of an observation need not wait if it shows that the object moves on as before, because only the pusher moves it.
 """
 
 from collections import deque
@@ -20,11 +20,11 @@ from pushfric_core.settings import check_ranges, setting
 NANOSECONDS = 1e9
 
 STEADY = 0.25
-"""The object moves on as before where its velocity differs from the mean of the frames before by this part of it at most: so a
-push that ended before the last quarter of the time between two frames shows."""
+"""The object moves on as before if its velocity differs from the mean of earlier frames by at most this fraction. This shows a
+push that ended before the last quarter of the time between two frames."""
 
 REMEMBERED = 10_000
-"""Pusher states kept while no frame comes."""
+"""Number of pusher states kept while no frame comes."""
 
 
 class PoseSample(NamedTuple):
@@ -35,7 +35,7 @@ class PoseSample(NamedTuple):
 
 
 class PusherSample(NamedTuple):
-    """What the pusher said of itself."""
+    """A report of the pusher."""
 
     stamp: int  # [ns]
     position: float  # stroke [m]
@@ -61,14 +61,14 @@ class TrajectoryConfig:
 
 
 class Trajectory:
-    """Collects the samples of one object and gives observations as soon as they are certain."""
+    """Collects the samples of one object and returns observations as soon as they are certain."""
 
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None) -> None:
         self.outline = outline
         self.config = config or TrajectoryConfig()
-        self._reach = float(np.hypot(*outline.vertices.T).max())  # of the corners [m]
+        self._reach = float(np.hypot(*outline.vertices.T).max())  # of the corners from the origin [m]
         self._margin = self.config.window // 2 + 1  # frames needed on either side: half a window, and a neighbour
-        self._waiting: deque[PoseSample] = deque()  # seen, but no later pusher state is known yet
+        self._waiting: deque[PoseSample] = deque()  # frames for which no later pusher state is known yet
         self._pushers: deque[PusherSample] = deque(maxlen=REMEMBERED)  # from the last judged frame on
         self._latest_pose = -1
         self._run: list[PoseSample] = []  # consecutive frames of one push, in contact
@@ -77,11 +77,11 @@ class Trajectory:
 
     @property
     def settled(self) -> int:
-        """All frames up to this time [ns] were judged; -1 before both poses and pusher states came."""
+        """All frames up to this time [ns] have been judged; -1 until both poses and pusher states have come."""
         return min(self._latest_pose, self._pushers[-1].stamp) if self._pushers else -1
 
     def add_pose(self, sample: PoseSample) -> list[Observation]:
-        """Take a pose; returns the observations that became certain, often none. A pose older than the last is ignored.
+        """Take a pose and return the observations that became certain, often none. A pose older than the last is ignored.
 
         Raises:
             ValueError: the pose is not finite.
@@ -95,18 +95,18 @@ class Trajectory:
         return self._settle()
 
     def add_pusher(self, sample: PusherSample) -> list[Observation]:
-        """Take a pusher state; returns the observations that became certain. A state older than the last is ignored."""
+        """Take a pusher state and return the observations that became certain. A state older than the last is ignored."""
         if self._pushers and sample.stamp <= self._pushers[-1].stamp:
             return []
         self._pushers.append(sample)
         return self._settle()
 
     def _settle(self) -> list[Observation]:
-        """Judge the frames from before the newest pusher state; the one after them may complete an observation already."""
+        """Judge the frames before the newest pusher state; the frame after them may already complete an observation."""
         found = []
         while self._waiting:
             sample = self._waiting[0]
-            # frame by frame in this order, whatever came first
+            # frame by frame in this order, whatever arrived first
             if self._moves_on(sample):
                 found += self._complete(sample)
             if not self._pushers or sample.stamp > self._pushers[-1].stamp:
@@ -116,7 +116,7 @@ class Trajectory:
         return found
 
     def _pushing(self, sample: PoseSample) -> PusherSample | None:
-        """The pusher at the time of a frame; None where it was not pushing an edge of the object forward."""
+        """The pusher at the time of a frame; None if it was not pushing an edge of the object."""
         while len(self._pushers) > 1 and self._pushers[1].stamp < sample.stamp:  # frames are judged in order of time
             self._pushers.popleft()
         if len(self._pushers) < 2 or self._pushers[0].stamp > sample.stamp:
@@ -132,7 +132,7 @@ class Trajectory:
         return before
 
     def _touch(self, line: PushingLine, pose: Pose) -> Touch | None:
-        """Where the tip meets an edge of the object; None where it meets a corner or nothing."""
+        """Where the tip meets an edge of the object; None if it meets a corner or nothing."""
         touch = line.touch(self.outline, pose)
         return None if touch is None or touch.edge is None else touch
 
@@ -151,7 +151,7 @@ class Trajectory:
         return bool(self._run) and sample.stamp - self._run[-1].stamp > self.config.longest_gap * NANOSECONDS
 
     def _moves_on(self, sample: PoseSample) -> bool:
-        """Whether a frame that would complete the next observation shows, by itself, that the push goes on."""
+        """Whether a frame that would complete the next observation already shows that the push goes on."""
         before = self._run[self._next - self._margin :]
         if len(before) < 2 * self._margin or self._after_a_gap(sample):
             return False
@@ -161,19 +161,19 @@ class Trajectory:
         return change <= STEADY * self._speed(mean) and self._touch(self._pusher.line, sample.pose) is not None
 
     def _complete(self, newest: PoseSample) -> list[Observation]:
-        """The observation that the run and a frame after it make, where there is one."""
+        """The observation that the run and the frame after it complete, if there is one."""
         frames = [*self._run[self._next - self._margin :], newest]
         if len(frames) <= 2 * self._margin:
             return []
         observation = self._observe(frames)
-        if observation is None:  # the object rests, or a corner is met: later frames of the push may still serve
+        if observation is None:  # the object rests or the tip meets a corner, but later frames of the push may do
             self._next += 1
             return []
         self._next += self.config.stride
         return [observation]
 
     def _observe(self, frames: list[PoseSample]) -> Observation | None:
-        """The observation in the middle of some frames; None where the object rests or the smoothed contact is no edge."""
+        """The observation in the middle of some frames; None if the object rests or the smoothed contact is not on an edge."""
         assert self._pusher is not None
         assert self._pusher.push_id is not None
         middle = self._margin
@@ -195,7 +195,7 @@ class Trajectory:
         )
 
     def _speed(self, twist: Twist) -> float:
-        """About that of the fastest corner [m/s]."""
+        """Approximate speed of the fastest corner [m/s]."""
         return float(np.hypot(twist.vx, twist.vy) + abs(twist.omega) * self._reach)
 
     def _smoothed(self, frames: list[PoseSample], index: int) -> Pose:
@@ -207,7 +207,7 @@ class Trajectory:
 
 
 def _velocity(start: PoseSample, end: PoseSample) -> Twist:
-    """From one frame to another, in the table frame."""
+    """Velocity from one frame to another, in the table frame [m/s, m/s, rad/s]."""
     duration = (end.stamp - start.stamp) / NANOSECONDS
     a, b = start.pose, end.pose
     return Twist((b.x - a.x) / duration, (b.y - a.y) / duration, wrap(b.theta - a.theta) / duration)
