@@ -14,7 +14,7 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, pipeline, real_pushes, recording, tracker, updates
+from bench import display, pipeline, prediction, real_pushes, recording, tracker, updates
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
 from pushfric_core.errors import InvalidInput
@@ -77,7 +77,12 @@ def bench(
     columns = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
     # without a thread that refreshes the bar, as its CPU time would be counted for a contender
     with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as bar:
-        steps = len(supports) * (len(points) + 1) + tracker.ROUNDS + real_pushes.STEPS * (pushes is not None) + 4 * live
+        steps = (
+            len(supports) * (len(points) + 1)
+            + tracker.ROUNDS
+            + (real_pushes.STEPS + prediction.STEPS) * (pushes is not None)
+            + 4 * live
+        )
         task = bar.add_task("", total=steps, completed=-1)
 
         def progress(what: str) -> None:
@@ -89,6 +94,7 @@ def bench(
         held = updates.memory(supports, QUICK_HELD if quick else HELD, progress)
         frames = tracker.measure(progress)
         accuracy = real_pushes.measure(pushes, progress) if pushes is not None else None
+        predicted = prediction.measure(pushes, progress) if pushes is not None else None
         graph = {"pipeline": pipeline.measure(progress), "recording": recording.measure(progress)} if live else {}
         progress("done")
     rows = with_best_of_highs(measured["updates"])
@@ -100,6 +106,7 @@ def bench(
         display.verdict_table(targets),
         display.tracker_table(frames),
         *([display.accuracy_table(accuracy), display.learning_table(accuracy)] if accuracy is not None else []),
+        *([display.prediction_table(predicted), display.stability_table(predicted)] if predicted is not None else []),
         *([display.live_table(graph)] if live else []),
         f"plot: {plot}",
         sep="\n",
@@ -112,6 +119,7 @@ def bench(
             "tracker": frames,
             **graph,
             **({"real_pushes": accuracy} if accuracy is not None else {}),
+            **({"prediction": predicted} if predicted is not None else {}),
             "targets": [target._asdict() for target in targets],
             "disagreements": measured["disagreements"],
             "seconds": time.monotonic() - start,

@@ -94,6 +94,34 @@ def learning_table(figures: Figures) -> Table:
     return table
 
 
+def prediction_table(figures: Figures) -> Table:
+    """Angles between predicted and measured motions, by what was fitted; each peer has the same mu_c."""
+    caption = "Medians of each log, and their median; within: how often the motion was in the predicted 90 %."
+    logs = list(dict.fromkeys(row["log"] for row in figures["twists"]))
+    headings = ("support", "fitted", "model", *(log.split("__exp")[0] for log in logs), "median", "within")
+    table = Table(*headings, title="Motion of pushes not fitted [degrees]", caption=caption)
+    cells: dict[tuple[str, str], dict[str, Figures]] = {}
+    for row in figures["twists"]:
+        cells.setdefault((row["support"], row["fitted"]), {})[row["log"]] = row
+    for (support, fitted), by_log in cells.items():
+        within = f"{100 * np.mean([row['within_90'] for row in by_log.values()]):.0f} %"
+        for model in next(iter(by_log.values()))["median_deg"]:
+            medians = {log: row["median_deg"][model] for log, row in by_log.items()}
+            each = [f"{medians[log]:.1f}" if log in medians else "-" for log in logs]
+            median = f"{np.median(list(medians.values())):.1f}"
+            table.add_row(support, fitted, model, *each, median, within if model == "pushfric" else "")
+    return table
+
+
+def stability_table(figures: Figures) -> Table:
+    """Which two-finger pushes hold the object, told from the point pushes of each log."""
+    models = list(figures["stability"][0]["balanced_accuracy"]) if figures["stability"] else []
+    table = Table("object", "learned from", *models, title="Stable pushes, balanced accuracy")
+    for row in figures["stability"]:
+        table.add_row(row["object"], row["log"], *(f"{row['balanced_accuracy'][model]:.2f}" for model in models))
+    return table
+
+
 def live_table(figures: Figures) -> Table:
     """Results of the live graph and the recorder, in real time."""
     pipeline, recording = figures["pipeline"], figures["recording"]

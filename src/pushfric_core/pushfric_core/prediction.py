@@ -1,14 +1,15 @@
 """What an estimate predicts: where a push takes the object, and which pushes hold it, each with how far it can be trusted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core import quasi_static
+from pushfric_core import contact_friction, quasi_static
+from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, left_of
 from pushfric_core.quasi_static import MODES, SUM, Motions
@@ -205,13 +206,18 @@ def stability(
     return Stability(margins >= 0, margins, np.asarray((samples >= 0) @ model.share))
 
 
-def misfit(model: FrictionModel, observations: Sequence[Observation]) -> float:
+def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
     """What a model cannot explain of the data points it was made from, for `FrictionModel.misfit` [rad].
 
     Each data point's motion is compared with the one that the mean w predicts where the contact moves as it was seen to move:
     so neither mu_c nor the tip matters. Where it was seen to move away from the pusher, nothing is predicted: pi/2. Of these
     angles it is the one that 90 % of new ones stay below (the order statistic of rank ceil(0.9 (m + 1))), made larger by what
     the fit of w to the same data points took away. No data points: 0.
+
+    Args:
+        model: of the object.
+        observations: the data points, m.
+        fitted: how many parameters were fitted to them: the weights above zero of the optimum, less one.
     """
     if not observations:
         return 0.0
@@ -222,9 +228,26 @@ def misfit(model: FrictionModel, observations: Sequence[Observation]) -> float:
     support = model.support
     seen = quasi_static.motions(support.points, support.weights[None], (STICKING,), points, normals, velocities)
     angles = np.sort(model.angles(seen.twists[:, 0], measured))
-    m, fitted = len(angles), int(np.count_nonzero(support.weights)) - 1
+    m = len(angles)
     rank = min(int(np.ceil(SHARE * (m + 1) - 1e-9)), m)
     return float(min(angles[rank - 1] * np.sqrt(m / max(m - fitted, 1)), np.pi))
+
+
+def model_of(estimate: Estimate, observations: Sequence[Observation]) -> FrictionModel:
+    """The model of an estimate.
+
+    mu_c is what 90 % of the lower bounds stay below, of those that are finite.
+
+    Args:
+        estimate: from at least one data point.
+        observations: the data points it rests on.
+    """
+    bounds = estimate.contact_friction[np.isfinite(estimate.contact_friction)]
+    mu_c = contact_friction.percentile(bounds, SHARE) if len(bounds) else STICKING
+    w = np.clip(estimate.w, 0.0, 1.0)
+    model = FrictionModel(estimate.support_points, w[None], np.array((mu_c,)), np.ones(1))
+    fitted = int(np.count_nonzero(estimate.w)) - 1
+    return replace(model, misfit=misfit(model, observations, fitted))
 
 
 def _quantile(values: Array, share: Array, level: float) -> Array:

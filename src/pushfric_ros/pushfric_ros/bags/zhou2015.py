@@ -73,10 +73,10 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     if not source.is_file():
         raise InvalidInput(f"{source}: no such file; expected a log of {NAME} or its push_points.csv")
     if source.suffix != ".csv":
-        return [_write(out, _object_of(source), read_log(source))]
+        return [write_bag(out, _object_of(source), read_log(source))]
     logs = read_push_points(source)
     return [
-        _write(out if len(logs) == 1 else out / pathlib.Path(log).stem, _object_of(pathlib.Path(log)), observations)
+        write_bag(out if len(logs) == 1 else out / pathlib.Path(log).stem, _object_of(pathlib.Path(log)), observations)
         for log, observations in logs.items()
     ]
 
@@ -200,7 +200,8 @@ def _object_of(log: pathlib.Path) -> str:
     return log.name.partition("__exp")[0]
 
 
-def _write(folder: pathlib.Path, name: str, observations: list[Observation]) -> Imported:
+def write_bag(folder: pathlib.Path, name: str, observations: list[Observation]) -> Imported:
+    """Write a bag of observations of the triangle on supports of this name, with its object's YAML file."""
     file = ObjectFile(name=name, outline=CORNERS, support=GRID)
     with BagWriter(folder) as writer:
         writer.add_topic(TOPIC, TYPE, [OfferedQos.of(RELIABLE)])

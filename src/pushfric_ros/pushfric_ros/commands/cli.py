@@ -19,6 +19,8 @@ COMMANDS = {
     " run.",
     "estimate": "Estimate from a bag or a CSV, as fast as it goes.",
     "recognize": "Rank the hypotheses in the object's file by how well they explain the data (section 5.2).",
+    "predict": "Where pushes with a point take the object: its twist, whether the tip sticks or slides, and how sure that is.",
+    "stable": "Which pushes with an edge or two fingers hold the object while they turn it about a centre.",
     "region": "Where p_CF can lie, without support points (section 6.2), and which pushes would narrow that down.",
     "reproduce": "The paper's tables and figures next to the paper's numbers, from simulated pushes; as report.html and"
     " tables.json.",

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import warn
@@ -22,6 +23,7 @@ from pushfric_ros.commands.inputs import (
 from pushfric_ros.commands.result import print_result
 from pushfric_ros.commands.settings_options import with_settings
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.model_file import check_name, make_model, save_model
 from pushfric_ros.messages.conversions import estimate_to_msg
 from pushfric_ros.report.report import report
 
@@ -35,9 +37,14 @@ def estimate(
     figure: Annotated[
         pathlib.Path | None, typer.Option(help="Draw pushes, w, mu_c and p_CF there (.png, .svg, .pdf).", show_default=False)
     ] = None,
+    save: Annotated[
+        pathlib.Path | None, typer.Option(help="Write a model to keep there (.yaml), to predict with.", show_default=False)
+    ] = None,
     partial: PartialFlag = False,
     json: JsonFlag = False,
 ) -> None:
+    if save is not None:
+        check_name(save)
     model, _ = object_of(source, object_name)
     model = with_support(model, grid, support_points)
     data = data_points.observations(source, model, settings, warn, partial)
@@ -51,6 +58,10 @@ def estimate(
         from pushfric_ros.report.figures import summary_figure  # matplotlib takes longer to load than most bags to estimate
 
         summary_figure(figure, model.outline, course, estimator.observations, None, settings.slipping)
+    if save is not None:
+        if result.contradiction is not None:
+            raise InvalidInput(f"{save}: not written: {result.contradiction}")
+        save_model(make_model(model, result, estimator.observations, str(source), settings), save)
     slipping = [observation.push_id in settings.slipping for observation in estimator.observations]
     print_result(report(estimate_to_msg(result, model.name, slipping)), json, settings.estimator.loss)
 

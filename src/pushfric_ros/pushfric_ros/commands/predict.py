@@ -1,0 +1,43 @@
+"""The command `predict`."""
+
+import math
+import pathlib
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pushfric_core.prediction import predict as predicted
+from pushfric_ros.commands.console import warn
+from pushfric_ros.commands.inputs import JsonFlag, ObjectOption
+from pushfric_ros.commands.planning import ModelArgument, known
+from pushfric_ros.files.pushes_file import MOVED, read_point_pushes
+from pushfric_ros.report.report import to_json
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def predict(
+    model: ModelArgument,
+    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(MOVED)}.", show_default=False)],
+    object_name: ObjectOption = "",
+    json: JsonFlag = False,
+) -> None:
+    """The spread is an angle: the measured twist is within it of the predicted one with 90 %."""
+    outline, friction = known(model, object_name, warn)
+    found = predicted(friction, *read_point_pushes(pushes, outline))
+    rows = [
+        {"twist": twist.tolist(), "mode": mode.value, "spread": float(spread), "force": force.tolist()}
+        for twist, mode, spread, force in zip(found.twists, found.modes, found.spread, found.forces, strict=True)
+    ]
+    if json:
+        print(to_json(rows))
+        return
+    output = Console(highlight=False, markup=False, soft_wrap=True)
+    for number, row in enumerate(rows, 1):
+        vx, vy, omega = row["twist"]
+        spread = math.degrees(row["spread"])
+        output.print(
+            f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; within {spread:.1f} degrees"
+        )

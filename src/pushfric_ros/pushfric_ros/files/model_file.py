@@ -1,0 +1,231 @@
+"""A model to keep, as a YAML file: what was learned of an object, to predict with it and to go on from it."""
+
+import importlib.metadata
+import os
+import pathlib
+import platform
+import tempfile
+from typing import Annotated, Any
+
+import numpy as np
+import pydantic
+import yaml
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimate import Estimate
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Pose, Twist
+from pushfric_core.prediction import FrictionModel, model_of
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml
+
+SUFFIXES = (".yaml", ".yml")
+FORMAT = 1
+VERSIONED = ("pushfric_core", "numpy", "scipy")
+"""Packages whose versions a model names."""
+
+Share = Annotated[float, pydantic.Field(ge=0, le=1)]
+Positive = Annotated[float, pydantic.Field(ge=0)]
+
+
+class ContactFrictionFile(Strict):
+    """mu_c."""
+
+    value: Positive  # what predictions use
+    interval: tuple[Positive, Positive] | None = None  # holds the truth with 90 %
+    kind: str = "bound"  # bound: data points bound it from below
+
+
+class SampleFile(Strict):
+    """One of the samples of what may be."""
+
+    w: list[Share]
+    mu_c: Positive
+    weight: Share
+
+
+class DataPointFile(Strict):
+    """A data point, object frame, SI units."""
+
+    contact: Point
+    normal: Point
+    twist: tuple[float, float, float]
+    push_id: int
+    half_width: Positive = 0.0
+    duration: Positive = 0.0
+    stamp: int = 0
+    pose: tuple[float, float, float] | None = None  # in the table frame
+    force: Point | None = None
+
+
+class MadeFile(Strict):
+    """How a model came about."""
+
+    source: str  # the bag, the CSV or the node it was made from
+    data_points: Annotated[int, pydantic.Field(ge=1)]
+    pushes: Annotated[int, pydantic.Field(ge=1)]
+    fit_error: Positive  # optimum of the program [m times unit force]; with the loss l2 squared
+    status: str
+    settings: dict[str, Any] = pydantic.Field(default_factory=dict)  # the estimator's, by name of its parameters
+
+
+class ModelFile(Strict):
+    """The file. w, mu_c, misfit and ensemble follow from the data points; they stand here for readers that only predict."""
+
+    format: Annotated[int, pydantic.Field(ge=FORMAT, le=FORMAT)] = FORMAT
+    object: ObjectFile  # with the support points that the weights belong to
+    w: Annotated[list[Share], pydantic.Field(min_length=1)]
+    center_of_friction: Point  # p_CF [m]
+    covariance: tuple[Point, Point] | None = None  # of p_CF [m^2]
+    mu_c: ContactFrictionFile
+    total_friction: Positive | None = None  # [N]; of data points with measured forces
+    misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.prediction.misfit [rad]
+    ensemble: tuple[SampleFile, ...] = ()
+    made: MadeFile
+    versions: dict[str, str] = pydantic.Field(default_factory=dict)
+    data_points: tuple[DataPointFile, ...] = ()
+
+    @pydantic.model_validator(mode="after")
+    def _fits(self) -> "ModelFile":
+        if self.object.support.points is None:
+            raise ValueError("expected the support of the object as points")
+        n = len(self.object.support.points)
+        for name, w in [("w", self.w)] + [(f"ensemble.{k}.w", sample.w) for k, sample in enumerate(self.ensemble)]:
+            if len(w) != n or abs(sum(w) - 1) > 1e-6:
+                raise ValueError(f"expected {name} of {n} weights with sum 1, got {len(w)} with sum {sum(w):g}")
+        if self.ensemble and abs(sum(sample.weight for sample in self.ensemble) - 1) > 1e-6:
+            raise ValueError("expected the weights of the ensemble to have the sum 1")
+        return self
+
+    def friction(self) -> FrictionModel:
+        """What predicts: the ensemble where there is one."""
+        points = np.array(self.object.support.points)
+        if not self.ensemble:
+            return FrictionModel(points, np.array((self.w,)), np.array((self.mu_c.value,)), np.ones(1), self.misfit)
+        w, mu_c, share = ([getattr(sample, name) for sample in self.ensemble] for name in ("w", "mu_c", "weight"))
+        return FrictionModel(points, np.array(w), np.array(mu_c), np.array(share), self.misfit)
+
+    def observations(self) -> list[Observation]:
+        """The data points it was made from, in order."""
+        return [
+            Observation(
+                point.contact,
+                point.normal,
+                Twist(*point.twist),
+                point.push_id,
+                half_width=point.half_width,
+                duration=point.duration,
+                stamp=point.stamp,
+                pose=None if point.pose is None else Pose(*point.pose),
+                force=point.force,
+            )
+            for point in self.data_points
+        ]
+
+
+def make_model(
+    model: ObjectModel, estimate: Estimate, observations: tuple[Observation, ...], source: str, settings: EstimatorSettings
+) -> ModelFile:
+    """The file of an estimate.
+
+    Args:
+        model: the object.
+        estimate: from at least one data point.
+        observations: the data points it rests on, in order.
+        source: what they came from.
+        settings: of the estimator.
+    """
+    friction = model_of(estimate, observations)
+    points = [(float(x), float(y)) for x, y in estimate.support_points]
+    x, y = estimate.center_of_friction.tolist()
+    made = MadeFile(
+        source=source,
+        data_points=estimate.data_points,
+        pushes=estimate.pushes,
+        fit_error=estimate.solution.objective,
+        status=estimate.status.value,
+        settings=settings.parameters(),
+    )
+    return ModelFile(
+        object=model.file.model_copy(update={"support": SupportFile(points=points)}),
+        w=np.clip(estimate.w, 0.0, 1.0).tolist(),
+        center_of_friction=(x, y),
+        mu_c=ContactFrictionFile(value=friction.mean_mu_c),
+        total_friction=estimate.total_friction,
+        misfit=friction.misfit,
+        ensemble=_ensemble(friction),
+        made=made,
+        versions={"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in VERSIONED},
+        data_points=tuple(map(_data_point, observations)),
+    )
+
+
+def _ensemble(friction: FrictionModel) -> tuple[SampleFile, ...]:
+    if len(friction.w) == 1:
+        return ()
+    samples = zip(friction.w, friction.mu_c, friction.share, strict=True)
+    return tuple(SampleFile(w=w.tolist(), mu_c=float(mu_c), weight=float(share)) for w, mu_c, share in samples)
+
+
+def _data_point(observation: Observation) -> DataPointFile:
+    return DataPointFile(
+        contact=observation.contact_point,
+        normal=observation.contact_normal,
+        twist=(*observation.twist,),
+        push_id=observation.push_id,
+        half_width=observation.half_width,
+        duration=observation.duration,
+        stamp=observation.stamp,
+        pose=None if observation.pose is None else (*observation.pose,),
+        force=observation.force,
+    )
+
+
+def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
+    """A model and the object it is of.
+
+    Raises:
+        InvalidInput: the file cannot be read, or is no model's; one line that says what, where, and what was expected.
+    """
+    file = read_yaml(path, ModelFile)
+    model = make_object(file.object, str(path))
+    try:
+        for observation in file.observations():
+            observation.check_contact(model.outline)
+    except (ValueError, PushfricError) as error:
+        raise InvalidInput(f"{path}: data_points: {error}") from error
+    return file, model
+
+
+def check_name(path: pathlib.Path) -> None:
+    """Whether a model can be written there.
+
+    Raises:
+        InvalidInput: the name is no YAML file's, or its folder does not exist.
+    """
+    if path.suffix not in SUFFIXES or path.is_dir():
+        raise InvalidInput(f"{path}: expected the name of a file that ends with {' or '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InvalidInput(f"{path}: its folder does not exist")
+
+
+def save_model(file: ModelFile, path: pathlib.Path) -> None:
+    """Write the file, whole or not at all.
+
+    Raises:
+        InvalidInput: it cannot be written there.
+    """
+    check_name(path)
+    content = file.model_dump(exclude_none=True, exclude_defaults=True)
+    text = yaml.safe_dump({"format": FORMAT} | content, sort_keys=False, default_flow_style=None, width=128)
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(text)
+            pathlib.Path(temporary).replace(path)
+        except OSError:
+            pathlib.Path(temporary).unlink()
+            raise
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,88 @@
+"""docs/planning.md: its commands and its Python run, in its order, and say what it says."""
+
+import itertools
+import json
+import pathlib
+import re
+import shlex
+
+import pytest
+from typer.testing import CliRunner
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.cli import app
+from pushfric_ros.files.model_file import ModelFile
+
+ROOT = pathlib.Path(__file__).parents[3]
+TEXT = (ROOT / "docs/planning.md").read_text()
+COMMANDS = re.findall(r"^\$ \./pushfric (.*)$", TEXT, re.MULTILINE)
+PUSHES, TURNS = re.findall(r"```csv\n(.*?)```", TEXT, re.DOTALL)
+
+
+def said(command):
+    run = CliRunner().invoke(app, shlex.split(command), catch_exceptions=False)
+    assert run.exit_code == 0, run.output
+    return run.stdout
+
+
+def documented(after):
+    """The keys of the first table after some words."""
+    lines = TEXT.split(after)[1].splitlines()
+    first = next(number for number, line in enumerate(lines) if line.startswith("|---")) + 1
+    rows = itertools.takewhile(lambda line: line.startswith("|"), lines[first:])
+    return [key for row in rows for key in re.findall(r"`([\w.]+)`", row.split("|")[1])]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "bags").symlink_to(ROOT / "bags")
+    (tmp_path / "pushes.csv").write_text(PUSHES)
+    (tmp_path / "turns.csv").write_text(TURNS)
+    monkeypatch.chdir(tmp_path)
+    said(COMMANDS[0])
+    return tmp_path
+
+
+def test_the_commands_run_and_print_the_documented_keys(folder):
+    lines = [said(command) for command in COMMANDS[1:]]
+    motions, turns = json.loads(lines[1]), json.loads(lines[3])
+    assert [list(motion) for motion in motions] == [documented("## Where will it go")] * 3
+    assert list(turns[0]) == documented("## Which pushes hold")
+    assert [motion["mode"] for motion in motions] == ["sticking", "sticking", "sticking"]
+    assert motions[0]["twist"] == pytest.approx([0, 0.02, 0], abs=1e-3)  # rubber_rect4: p_CF is in the middle
+    assert [turn["stable"] for turn in turns] == [True, False]
+    assert len(lines[0].splitlines()) == 3
+    assert "sticking" in lines[0]
+    assert "slips, margin -" in lines[2]
+
+
+def test_a_bag_predicts_what_its_model_does(folder):
+    from_model = said("predict model.yaml --pushes pushes.csv --json")
+    assert said("predict bags/rubber_rect4 --pushes pushes.csv --json") == from_model
+
+
+def test_the_keys_of_the_model_are_documented():
+    keys = documented("Its keys:")
+    assert {key.split(".")[0] for key in keys} == set(ModelFile.model_fields)
+
+
+def test_the_python_runs(capsys):
+    (example,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    exec(compile(example, "docs/planning.md", "exec"), {})
+    assert "sticking" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model knows its object"),
+        ("predict none.yaml --pushes pushes.csv", "none.yaml: cannot be read"),
+        ("predict none --pushes pushes.csv", "no such file"),
+        ("predict pushes.csv --pushes pushes.csv", "does not say of what object it is"),
+        ("stable model.yaml --pushes pushes.csv", "missing column half_width"),
+        ("estimate bags/rubber_rect4 --save none/model.yaml", "its folder does not exist"),
+    ],
+)
+def test_wrong_input_is_refused_with_a_line(folder, command, expected):
+    with pytest.raises(InvalidInput, match=expected):
+        CliRunner().invoke(app, shlex.split(command), catch_exceptions=False)
