@@ -71,6 +71,11 @@ class Ros:
 
         return self.compose(Node(name, **kwargs))
 
+    def take_out(self, node) -> None:
+        """Spin a node no longer, and leave its destruction to the test."""
+        self._executor.remove_node(node)
+        self._nodes.remove(node)
+
     def wait_for(self, predicate: Callable[[], object], timeout: float = 10.0, what: str = "the awaited event") -> None:
         """Wait until `predicate` holds. Fail, naming `what`, after `timeout` [s], or at once if a callback raised."""
         deadline = time.monotonic() + timeout

@@ -13,6 +13,5 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),
         ("share/pushfric_core", ["package.xml"]),
     ],
-    install_requires=["numba", "numpy", "osqp>=1.0", "scipy", "shapely>=2.1"],
     zip_safe=False,
 )

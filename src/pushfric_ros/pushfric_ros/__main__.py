@@ -1,18 +1,26 @@
 """`python3 -m pushfric_ros`: the command line, which Ctrl-C ends quietly even while it is still being loaded."""
 
 import signal
+import sys
 
+from pushfric_ros.commands import dependencies
 from pushfric_ros.commands.interrupt import end_at_once
 
 
 def main() -> None:
     """Entry point."""
     before = end_at_once()
-    from pushfric_ros.commands import cli  # takes a second or two
-
     try:
+        from pushfric_ros.commands import cli
+
         signal.signal(signal.SIGINT, before)
         cli.main()
+    except (ImportError, AttributeError, TypeError):
+        # An old library lacks what is asked of it; where none is old, it is our own mistake.
+        if (complaint := dependencies.complaint(dependencies.declared())) is None:
+            raise
+        print(f"error: {complaint}", file=sys.stderr)
+        sys.exit(2)
     finally:
         end_at_once()
 

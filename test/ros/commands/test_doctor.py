@@ -18,7 +18,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose
 from pushfric_core.settings import plain
-from pushfric_ros.commands import cli, discovery, doctor
+from pushfric_ros.commands import cli, dependencies, discovery, doctor
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.doctor import Check, Frame, Level
 from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
@@ -184,7 +184,7 @@ def test_another_middleware_is_a_warning(monkeypatch):
 
 def test_missing_and_old_packages_are_named(monkeypatch):
     wanted = {"pushfric_core": ["numpy>=999"], "pushfric_ros": ["no-such-package>=1.2", "mcap>=1.0"]}
-    monkeypatch.setattr(doctor.importlib.metadata, "requires", wanted.get)
+    monkeypatch.setattr(dependencies.importlib.metadata, "requires", wanted.get)
     check = doctor.check_packages()
     version = np.__version__
     assert check.finding == f"missing or too old: no-such-package>=1.2 (not installed), numpy>=999 ({version})"
@@ -193,10 +193,10 @@ def test_missing_and_old_packages_are_named(monkeypatch):
 
 def test_a_package_of_the_system_needs_no_metadata_of_pip(monkeypatch):
     def unknown(name):
-        raise doctor.importlib.metadata.PackageNotFoundError(name)
+        raise dependencies.importlib.metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr(doctor.importlib.metadata, "version", unknown)
-    monkeypatch.setattr(doctor.importlib.metadata, "requires", {"pushfric_ros": ["opencv-python-headless>=4.7"]}.get)
+    monkeypatch.setattr(dependencies.importlib.metadata, "version", unknown)
+    monkeypatch.setattr(dependencies.importlib.metadata, "requires", {"pushfric_ros": ["opencv-python-headless>=4.7"]}.get)
     assert doctor.check_packages().level is OK
 
 

@@ -65,6 +65,20 @@ def test_a_node_with_unusable_input_is_not_started_again(run):
     assert said == []
 
 
+def test_a_node_that_fails_at_the_end_is_known(monkeypatch):
+    """As a recorder that closes its bag and finds that messages were lost."""
+    monkeypatch.setattr(supervisor, "command", lambda spec, *_: [sys.executable, "-c", spec.parameters["program"]])
+    fails = "import signal, sys; signal.signal(15, lambda *_: sys.exit(1)); print('ready', flush=True); signal.pause()"
+    said: list[str] = []
+    with Supervisor([node("other", WAITS), node("recorder", fails)], NAME, lambda *line: said.append(line)) as nodes:
+        deadline = time.monotonic() + 60
+        while not said:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        assert nodes.poll() is None
+    assert nodes.failed_at_the_end == (1, "recorder ended with exit code 1")
+
+
 def test_a_killed_node_is_named_with_its_signal(run):
     ended, _ = run(other=node("other", "import os; os.kill(os.getpid(), 9)"))
     assert ended == (1, "other was killed by SIGKILL")

@@ -1,7 +1,9 @@
 """The recorder and the player over the real middleware: a recording is played, and recorded again it is the same."""
 
 import pathlib
+import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -35,7 +37,7 @@ from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE, offered
 from pushfric_ros.nodes.player import PlayerNode
-from pushfric_ros.nodes.recorder import QUEUE_DEPTH, RecorderNode, _Losses
+from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode, _Losses
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
 POINT = "geometry_msgs/msg/PointStamped"
@@ -235,6 +237,10 @@ def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, ou
     assert levels[warning] == Level.WARN.value
     assert [report.message for report in reports].count(warning) == 1
     assert {pair.key: pair.value for pair in reports[-1].values}["lost"] == "200"
+    ros.take_out(node)
+    with pytest.raises(MessagesLost, match=rf"{warning} \(from 0\.000 s to \d+\.\d+ s\)"):
+        node.destroy_node()
+    assert Bag(tmp_path / "bag").summary.message_count == 1 + QUEUE_DEPTH
 
 
 def test_missing_numbers_of_a_single_publisher_are_losses():
@@ -293,6 +299,57 @@ def test_a_signal_ends_the_recorder_with_a_complete_bag(ros, outputs, tmp_path):
     assert (process.returncode, errors) == (0, b"")
     (message,) = Bag(tmp_path / "bag").messages()
     assert content(message).push_id == 3
+
+
+def test_a_recorder_that_was_stopped_says_what_it_lost(ros, outputs, tmp_path):
+    """SIGSTOP for longer than its queues last: whoever reads the bag must not take it for all that was published."""
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    process = subprocess.Popen([*RECORDER, *arguments], stderr=subprocess.PIPE)
+    file = tmp_path / "bag/bag_0.mcap"
+    published = 5 * QUEUE_DEPTH
+
+    def newest() -> int:
+        recorded = list(Bag(file).messages()) if file.stat().st_size > 8 else []
+        return content(recorded[-1]).push_id if recorded else -1
+
+    try:
+        wait_until_matched(ros, outputs)
+        outputs[0].publish(Observation(push_id=0))
+        ros.wait_for(lambda: newest() == 0, what="the flushed chunk")
+        process.send_signal(signal.SIGSTOP)
+        for number in range(1, published):
+            outputs[0].publish(Observation(push_id=number))
+        process.send_signal(signal.SIGCONT)
+        ros.wait_for(lambda: newest() == published - 1, what="the last message")
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=20)
+    bag = Bag(tmp_path / "bag")
+    assert bag.damage is None
+    lost = published - bag.summary.message_count
+    assert lost > 0
+    said = re.fullmatch(
+        rf"error: {tmp_path}/bag: messages were lost before they could be recorded: "
+        r"(\d+) of /cell/observation \(from (\S+) s to (\S+) s\)\n",
+        errors.decode(),
+    )
+    assert process.returncode == 1
+    assert int(said[1]) == lost
+    assert 0 <= float(said[2]) <= float(said[3])
+
+
+def test_a_bag_that_was_removed_while_recording_ends_the_recorder(ros, outputs, tmp_path):
+    arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
+    process = subprocess.Popen([*RECORDER, *arguments], stderr=subprocess.PIPE)
+    try:
+        wait_until_matched(ros, outputs)
+        shutil.rmtree(tmp_path / "bag")
+        _, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    expected = f"error: {tmp_path}/bag/bag_0.mcap: was removed or moved while it was recorded; the recording ends here\n"
+    assert (process.returncode, errors.decode()) == (2, expected)
 
 
 def test_a_killed_recorder_loses_only_what_it_had_not_flushed(ros, outputs, tmp_path):

@@ -27,21 +27,23 @@ class BagWriter:
 
     Args:
         path: the folder, new or empty.
+    Attributes:
+        folder: the same.
     Raises:
         InvalidInput: the folder holds something, cannot be made, or another writer has it; later, from every method: the
-            disk is full or gone. What was flushed before can then be recovered.
+            disk is full, or the folder was removed. What was flushed before can be recovered from a full disk.
     """
 
     def __init__(self, path: PathLike) -> None:
-        self._folder = pathlib.Path(path).resolve()
+        self.folder = pathlib.Path(path).resolve()
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            if any(self._folder.iterdir()):
-                raise InvalidInput(f"{self._folder}: already holds files, expected a new or empty folder")
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if any(self.folder.iterdir()):
+                raise InvalidInput(f"{self.folder}: already holds files, expected a new or empty folder")
             # exclusively: of two writers that both saw an empty folder one must lose
-            self._file = (self._folder / f"{self._folder.name}_0.mcap").open("xb")
+            self._file = (self.folder / f"{self.folder.name}_0.mcap").open("xb")
         except OSError as error:
-            raise InvalidInput(f"{self._folder}: cannot record there ({error.strerror}), expected a new folder") from error
+            raise InvalidInput(f"{self.folder}: cannot record there ({error.strerror}), expected a new folder") from error
         self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.ZSTD, enable_data_crcs=True)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -66,6 +68,11 @@ class BagWriter:
     def message_count(self) -> int:
         """Messages written so far."""
         return sum(self._counts.values())
+
+    @property
+    def start_ns(self) -> int | None:
+        """The earliest time of a message written so far [ns]."""
+        return None if self._span is None else self._span[0]
 
     def add_topic(self, name: str, type_name: str, qos_profiles: Sequence[OfferedQos], hash_text: str | None = None) -> None:
         """Add a topic before its first message.
@@ -100,6 +107,17 @@ class BagWriter:
         """Hand all that was written to the operating system: it survives the end of this process, however it ends."""
         with self.writing():
             self._writer.flush()
+            self._check_place()
+
+    def _check_place(self) -> None:
+        """Writing on into a file that was removed or moved would succeed, and nobody would find it."""
+        try:
+            there = os.path.samestat(os.stat(self._file.name), os.fstat(self._file.fileno()))
+        except FileNotFoundError:
+            there = False
+        if not there:
+            self._file.close()
+            raise InvalidInput(f"{self._file.name}: was removed or moved while it was recorded; the recording ends here")
 
     def close(self) -> None:
         """Finish the MCAP file and write metadata.yaml; idempotent."""
@@ -110,20 +128,21 @@ class BagWriter:
             # what is in the file makes a bare .mcap a whole bag
             self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
             self._writer.finish()
+            self._check_place()
             self._file.close()
             text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-            (self._folder / METADATA).write_text(text, encoding="utf-8")
+            (self.folder / METADATA).write_text(text, encoding="utf-8")
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
         if self._file.closed:
-            raise ValueError(f"{self._folder}: the bag is closed")
+            raise ValueError(f"{self.folder}: the bag is closed")
         try:
             yield
         except OSError as error:
             with contextlib.suppress(OSError):  # closing flushes, into the same full disk
                 self._file.close()
-            raise InvalidInput(f"{self._folder}: cannot write the bag: {error.strerror}") from error
+            raise InvalidInput(f"{self.folder}: cannot write the bag: {error.strerror}") from error
 
     def register(
         self, name: str, type_name: str, qos_profiles: Sequence[OfferedQos], hash_text: str, encoding: str, schema: bytes

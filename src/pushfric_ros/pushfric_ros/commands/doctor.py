@@ -2,8 +2,6 @@
 
 import contextlib
 import ctypes
-import importlib.metadata
-import importlib.util
 import itertools
 import math
 import os
@@ -19,7 +17,6 @@ import cv2
 import numpy as np
 import typer
 from ament_index_python.packages import get_package_share_directory
-from packaging.requirements import Requirement
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -27,7 +24,7 @@ from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands import discovery
+from pushfric_ros.commands import dependencies, discovery
 from pushfric_ros.commands.console import console
 from pushfric_ros.commands.inputs import JsonFlag
 from pushfric_ros.commands.recorded_run import RUNS
@@ -159,27 +156,11 @@ def check_ros() -> Check:
 
 def check_packages() -> Check:
     """The Python packages that ours declare."""
-    texts = {text for name in ("pushfric_core", "pushfric_ros") for text in importlib.metadata.requires(name) or ()}
-    wanted = [Requirement(text) for text in sorted(texts)]
-    amiss = [f"{requirement} ({state})" for requirement in wanted if (state := _state(requirement)) is not None]
-    if amiss:
-        advice = f"python3 -m pip install {' '.join(repr(text.split(' (')[0]) for text in amiss)}"
-        return Check("packages", Level.FAILED, f"missing or too old: {', '.join(amiss)}", advice)
+    wanted = dependencies.declared()
+    if amiss := dependencies.unmet(wanted):
+        finding = f"missing or too old: {', '.join(f'{requirement} ({found})' for requirement, found in amiss)}"
+        return Check("packages", Level.FAILED, finding, dependencies.advice(amiss))
     return Check("packages", Level.OK, f"{len(wanted)} needed, all there")
-
-
-MODULES = {"opencv-python-headless": "cv2", "pyserial": "serial", "PyYAML": "yaml"}
-"""Packages whose module has another name."""
-
-
-def _state(requirement: Requirement) -> str | None:
-    """What is amiss with a package; None where it is there, be it from pip or from the system."""
-    try:
-        version = importlib.metadata.version(requirement.name)
-    except importlib.metadata.PackageNotFoundError:
-        module = MODULES.get(requirement.name, requirement.name)
-        return None if importlib.util.find_spec(module) else "not installed"
-    return None if requirement.specifier.contains(version, prereleases=True) else version
 
 
 def check_build() -> Check:

@@ -65,7 +65,10 @@ def watch(
 
     try:
         with Supervisor(specs, namespace, say) as supervisor:
-            return watched(supervisor)
+            ended, last = watched(supervisor)
+        if ended.code == 0 and supervisor.failed_at_the_end is not None:
+            ended = supervisor.failed_at_the_end
+        return ended, last
     finally:
         end_at_once()
 

@@ -59,6 +59,7 @@ class Supervisor:
         self._due: dict[str, float] = {}  # when a node is started again
         self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
         self._interrupted = False
+        self._at_the_end: Ended | None = None
         self._leaving = contextlib.ExitStack()  # undoes what was done on entry, in reverse order
 
     def __enter__(self) -> "Supervisor":
@@ -76,6 +77,11 @@ class Supervisor:
 
     def __exit__(self, *_: object) -> None:
         self._leaving.close()
+
+    @property
+    def failed_at_the_end(self) -> Ended | None:
+        """The first node that was asked to end and ended with an error, as a recorder that found messages missing."""
+        return self._at_the_end
 
     def poll(self) -> Ended | None:
         """Restart processes that have died; return how the run ended, once it has.
@@ -118,6 +124,9 @@ class Supervisor:
             _end(processes)
         for listener in self._listeners:
             listener.join(1.0)
+        codes = ((spec.name, self._processes[spec.name].returncode) for spec in self._specs if spec.name in self._processes)
+        failed = (Ended(code, f"{name} {describe(code)}") for name, code in codes if code is not None and code > 0)
+        self._at_the_end = next(failed, None)
 
     def _on_signal(self, *_: Any) -> None:
         self._interrupted = True

@@ -10,7 +10,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, PushfricError
 
 EXIT_INVALID_INPUT = 2
 
@@ -25,8 +25,9 @@ keeps Python from running meanwhile.
 def run_node(make: Callable[[], Node]) -> None:
     """Make a node, spin it until SIGINT, SIGTERM or its own end, and destroy it.
 
-    Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2. A node ends its process by
-    raising SystemExit in a callback. If the process hangs at its end, SIGALRM ends it after `LAST_RESORT`.
+    Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2; any other PushfricError
+    that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its process by raising
+    SystemExit in a callback. If the process hangs at its end, SIGALRM ends it after `LAST_RESORT`.
     """
     # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -62,7 +63,7 @@ def run_node(make: Callable[[], Node]) -> None:
         try:
             if node is not None:
                 node.destroy_node()
-        except InvalidInput as error:
+        except PushfricError as error:
             code = _refuse(error)
         rclpy.try_shutdown()
     sys.exit(code)
@@ -73,6 +74,6 @@ def _limit_the_end() -> None:
         signal.alarm(LAST_RESORT)
 
 
-def _refuse(error: InvalidInput) -> int:
+def _refuse(error: PushfricError) -> int:
     print(f"error: {error}", file=sys.stderr, flush=True)
-    return EXIT_INVALID_INPUT
+    return EXIT_INVALID_INPUT if isinstance(error, InvalidInput) else 1

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object, save_object
@@ -28,13 +28,20 @@ QUEUE_DEPTH = 1000
 FLUSH_PERIOD = 0.5  # [s] of wall time: a crash costs the last second at most, even where a flush is late
 
 
+class MessagesLost(PushfricError):
+    """A bag does not hold all that was published while it was recorded."""
+
+
 class _Losses:
-    """The messages of one topic that never came here."""
+    """The messages of one topic that never came here, and when."""
 
     def __init__(self) -> None:
         self._told = 0  # by the middleware: lost on the way, but not those that a full queue pushed out
         self._missing = 0  # from the publisher's numbering: both, but known of a single publisher only
         self._last: int | None = None
+        self._last_ns = 0  # when the last one came, by the recorder's clock
+        self.first_ns: int | None = None  # before the first loss
+        self.until_ns = 0  # after the last one
 
     @property
     def messages(self) -> int:
@@ -42,13 +49,19 @@ class _Losses:
 
     def told(self, event: QoSMessageLostInfo) -> None:
         self._told += event.total_count_change
+        self._note(self._last_ns)
 
-    def count(self, number: int | None, publishers: Callable[[], int]) -> None:
+    def count(self, number: int | None, publishers: Callable[[], int], now_ns: int = 0) -> None:
         """Take the publisher's number of a message that came; None where the middleware has none."""
         # numbers that begin again are those of a restarted publisher
         if number is not None and self._last is not None and number > self._last + 1 and publishers() == 1:
             self._missing += number - self._last - 1
-        self._last = number
+            self._note(now_ns)
+        self._last, self._last_ns = number, now_ns
+
+    def _note(self, now_ns: int) -> None:
+        self.first_ns = self._last_ns if self.first_ns is None else self.first_ns
+        self.until_ns = now_ns
 
 
 class RecorderNode(Node):
@@ -95,12 +108,22 @@ class RecorderNode(Node):
 
         Raises:
             InvalidInput: it could not be finished, as where the disk is full.
+            MessagesLost: it is whole, but was not given all that was published.
         """
         try:
             self._write_waiting(self.get_clock().now().nanoseconds)
             self._bag.close()
         finally:
             super().destroy_node()
+        if lost := {name: losses for name, losses in self._losses.items() if losses.messages}:
+            where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
+            raise MessagesLost(f"{self._bag.folder}: messages were lost before they could be recorded: {where}")
+
+    def _when(self, losses: _Losses) -> str:
+        start = self._bag.start_ns
+        if losses.first_ns is None or start is None:
+            return ""
+        return f" (from {(losses.first_ns - start) * 1e-9:.3f} s to {(losses.until_ns - start) * 1e-9:.3f} s)"
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
         try:
@@ -117,22 +140,24 @@ class RecorderNode(Node):
         losses = self._losses[name] = _Losses()
 
         def on_message(raw: bytes, info: dict[str, Any]) -> None:
-            losses.count(info["publication_sequence_number"], lambda: subscription.get_publisher_count())
-            self._on_message(name, raw)
+            now = self._on_message(name, raw)
+            losses.count(info["publication_sequence_number"], lambda: subscription.get_publisher_count(), now)
 
         events = SubscriptionEventCallbacks(message_lost=losses.told)
         subscription = self.create_subscription(
             message_class(type_name), name, on_message, deep, raw=True, event_callbacks=events
         )
 
-    def _on_message(self, name: str, raw: bytes) -> None:
+    def _on_message(self, name: str, raw: bytes) -> int:
+        """Record a message; returns its log time [ns], 0 while it waits for the first /clock."""
         self._bytes += len(raw)
         now = self.get_clock().now().nanoseconds
         if now == 0:
             self._waiting.append((name, raw))
-            return
-        self._write_waiting(now)
-        self._bag.write(name, now, raw)
+        else:
+            self._write_waiting(now)
+            self._bag.write(name, now, raw)
+        return now
 
     def _write_waiting(self, stamp_ns: int) -> None:
         waiting, self._waiting = self._waiting, []

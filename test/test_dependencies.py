@@ -1,0 +1,172 @@
+"""What the packages need is written once, declared to ROS, pinned, and checked: see pushfric_ros.commands.dependencies."""
+
+import ast
+import importlib.machinery
+import importlib.util
+import os
+import pathlib
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from pushfric_ros.commands import dependencies
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+PACKAGES = ("pushfric_core", "pushfric_msgs", "pushfric_ros")
+PYTHON_PACKAGES = ("pushfric_core", "pushfric_ros")
+KEYS = yaml.safe_load((ROOT / "test/rosdep_keys.yaml").read_text())
+OF_KEYS = {
+    "apsw": "python3-rosbags-pip",
+    "lz4": "mcap-ros2-support",
+    "mcap": "mcap-ros2-support",
+    "opencv-python-headless": "python3-opencv",
+    "pyserial": "python3-serial",
+    "pyyaml": "python3-yaml",
+    "rosbags": "python3-rosbags-pip",
+    "zstandard": "mcap-ros2-support",
+}
+"""The key that brings a Python package, where it is not python3-NAME."""
+
+WITHOUT_KEY = {"osqp"}
+
+
+@pytest.fixture(scope="module")
+def script():
+    loader = importlib.machinery.SourceFileLoader("pushfric_script", str(ROOT / "pushfric"))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(module)
+    return module
+
+
+def package(name):
+    return ElementTree.parse(ROOT / "src" / name / "package.xml").getroot()
+
+
+def keys(name, *kinds):
+    return [element.text for kind in kinds for element in package(name).iter(kind)]
+
+
+def declared(script, name):
+    """Names of the Python packages that one of ours declares."""
+    own = [line for line in (ROOT / "src" / name / "setup.cfg").read_text().splitlines() if line.startswith("    ")]
+    assert {line.strip() for line in own} <= set(script.requirements())
+    return {canonicalize_name(Requirement(line.strip()).name) for line in own}
+
+
+def imported(name):
+    """Names of the top-level modules that a package imports, wherever in its files."""
+    found = set()
+    for path in (ROOT / "src" / name).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level and node.module:
+                names = [node.module]
+            found |= {module.partition(".")[0] for module in names}
+    return found - set(sys.stdlib_module_names) - {name, "setuptools"}
+
+
+@pytest.mark.parametrize("name", PYTHON_PACKAGES)
+def test_what_is_imported_is_declared_and_nothing_else(script, name):
+    modules = {canonicalize_name(package): module for package, module in dependencies.MODULES.items()}
+    of_python = {modules.get(package, package).replace("-", "_") for package in declared(script, name)}
+    of_ros = {*keys(name, "exec_depend", "depend")} & {*KEYS["ros"], *PACKAGES}
+    assert imported(name) == of_python | of_ros
+
+
+@pytest.mark.parametrize("name", PYTHON_PACKAGES)
+def test_ros_is_told_the_same_python_packages_as_pip(script, name):
+    wanted = {OF_KEYS.get(package, f"python3-{package}") for package in declared(script, name) - WITHOUT_KEY}
+    told = {key for key in keys(name, "exec_depend", "depend") if key in KEYS["system"] or key in KEYS["pip"]}
+    assert told == wanted
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_every_key_is_one_that_rosdistro_knows(name):
+    known = {*KEYS["system"], *KEYS["pip"], *KEYS["ros"], *PACKAGES}
+    kinds = ("depend", "exec_depend", "build_depend", "buildtool_depend", "test_depend")
+    assert set(keys(name, *kinds)) <= known
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_a_package_has_what_a_release_needs(name):
+    folder, root = ROOT / "src" / name, package(name)
+    assert (folder / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
+    assert root.find("license").get("file") == "LICENSE"
+    assert root.find("url").text.startswith("https://")
+    title = f"Changelog for package {name}"
+    assert (folder / "CHANGELOG.rst").read_text().splitlines()[:3] == ["^" * len(title), title, "^" * len(title)]
+    if name in PYTHON_PACKAGES:
+        assert f'version="{root.find("version").text}"' in (folder / "setup.py").read_text()
+        assert "python3-pytest" in keys(name, "test_depend")
+        tests = (folder / "setup.cfg").read_text().split("testpaths = ")[1].split()[0]
+        assert any((folder / tests).glob("**/test_*.py"))
+
+
+def test_the_pins_satisfy_what_the_packages_declare(script):
+    lines = (ROOT / "requirements.txt").read_text().splitlines()
+    pins = {canonicalize_name(Requirement(line).name): Requirement(line) for line in lines if line and line[0] != "#"}
+    for text in script.requirements():
+        wanted = Requirement(text)
+        (pin,) = pins[canonicalize_name(wanted.name)].specifier
+        assert pin.operator == "=="
+        assert wanted.specifier.contains(pin.version), f"{wanted} against {pin}"
+
+
+def test_the_packages_as_installed_declare_what_the_script_reads(script):
+    assert {str(Requirement(text)) for text in dependencies.declared()} == {
+        str(Requirement(text)) for text in script.requirements()
+    }
+    assert dependencies.unmet(dependencies.declared()) == []
+
+
+def test_a_command_that_needs_more_says_so(script):
+    wanted = script.requirements(ROOT / "test/requirements.txt")
+    names = {Requirement(text).name for text in wanted}
+    assert {"pytest", "hypothesis", "cvxpy", "numpy"} <= names  # cvxpy is of bench/requirements.txt
+    assert not any("==" in text for text in wanted)
+    assert dependencies.unmet(wanted) == []
+
+
+@pytest.fixture
+def old(tmp_path, monkeypatch):
+    """A folder with packages of old versions, before all others on the path of Python; and one without metadata."""
+    for name, version in (("pydantic", "1.10.14"), ("rich", "9.0")):
+        info = tmp_path / f"{name}-{version}.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    (tmp_path / "pydantic.py").write_text("VERSION = __version__ = '1.10.14'\n")
+    (tmp_path / "of_the_system.py").write_text("__version__ = '4.6.0'\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def test_what_is_missing_or_too_old_is_told_in_one_line(old):
+    asked = ["pydantic>=2.5", "rich>=9", "of_the_system>=4.7", "of_the_system>=4.6", "nowhere-to-be-found>=1"]
+    assert dependencies.complaint(asked) == (
+        "missing or too old: pydantic>=2.5 (1.10.14), of_the_system>=4.7 (4.6.0), nowhere-to-be-found>=1 (not installed); "
+        "install with: python3 -m pip install 'pydantic>=2.5' 'of_the_system>=4.7' 'nowhere-to-be-found>=1'"
+    )
+    assert dependencies.complaint(["rich>=9"]) is None
+
+
+def test_the_script_refuses_a_sourced_ros_with_old_libraries(script, old, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", f"{old}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    with pytest.raises(
+        script.SetupError, match=r"^the sourced ROS 2's python3: missing or too old: pydantic>=2.5 \(1.10.14\), rich"
+    ) as refusal:
+        script.check_libraries("run")
+    assert "\n" not in str(refusal.value)
+
+
+def test_the_command_line_ends_with_one_line_where_a_library_is_too_old(old):
+    environment = os.environ | {"PYTHONPATH": f"{old}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    command = [sys.executable, "-m", "pushfric_ros", "estimate", "none", "--object", "rubber_rect4"]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: missing or too old: pydantic>=2.5 (1.10.14)")
+    assert ended.stderr.count("\n") == 1
