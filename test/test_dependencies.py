@@ -1,6 +1,7 @@
 """What the packages need is written once, declared to ROS, pinned, and checked: see pushfric_ros.commands.dependencies."""
 
 import ast
+import configparser
 import importlib.machinery
 import importlib.util
 import os
@@ -51,11 +52,17 @@ def keys(name, *kinds):
     return [element.text for kind in kinds for element in package(name).iter(kind)]
 
 
+def options(name):
+    parser = configparser.ConfigParser()
+    parser.read(ROOT / "src" / name / "setup.cfg")
+    return parser
+
+
 def declared(script, name):
     """Names of the Python packages that one of ours declares."""
-    own = [line for line in (ROOT / "src" / name / "setup.cfg").read_text().splitlines() if line.startswith("    ")]
-    assert {line.strip() for line in own} <= set(script.requirements())
-    return {canonicalize_name(Requirement(line.strip()).name) for line in own}
+    own = options(name)["options"]["install_requires"].split("\n")[1:]
+    assert set(own) <= set(script.requirements())
+    return {canonicalize_name(Requirement(text).name) for text in own}
 
 
 def imported(name):
@@ -102,9 +109,11 @@ def test_a_package_has_what_a_release_needs(name):
     assert (folder / "CHANGELOG.rst").read_text().splitlines()[:3] == ["^" * len(title), title, "^" * len(title)]
     if name in PYTHON_PACKAGES:
         assert f'version="{root.find("version").text}"' in (folder / "setup.py").read_text()
-        assert "python3-pytest" in keys(name, "test_depend")
-        tests = (folder / "setup.cfg").read_text().split("testpaths = ")[1].split()[0]
-        assert any((folder / tests).glob("**/test_*.py"))
+        # by these `colcon test` knows that there are tests, and where
+        needed = options(name)["options.extras_require"]["test"].split()
+        assert {f"python3-{package}" for package in needed} <= set(keys(name, "test_depend"))
+        assert "pytest" in needed
+        assert any((folder / options(name)["tool:pytest"]["testpaths"]).glob("**/test_*.py"))
 
 
 def test_the_pins_satisfy_what_the_packages_declare(script):
