@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from scipy import optimize
 
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
@@ -135,5 +134,7 @@ def _halving(polygon: shapely.Polygon, along: Array) -> float:
     def excess(place: float) -> float:
         beyond = shapely.area(cut(polygon, HalfPlane((float(along[0]), float(along[1])), place)))
         return float(beyond / polygon.area) - 0.5
+
+    from scipy import optimize  # here: most processes that know test pushes never choose one, and would hold 27 MB for it
 
     return float(optimize.brentq(excess, low - SLACK, high + 2 * SLACK, xtol=1e-7))
