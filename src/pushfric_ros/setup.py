@@ -21,7 +21,7 @@ setup(
     entry_points={
         "console_scripts": [
             "pushfric = pushfric_ros.__main__:main",
-            *(f"{name}_node = pushfric_ros.nodes.{name}:main" for name in NODES),
+            *(f"{name}_node = pushfric_ros.node_kit.executable:main" for name in NODES),
         ],
         "pushfric.pushers": ["grbl = pushfric_ros.pushers.grbl_config:GrblConfig"],
         "pushfric.trackers": [

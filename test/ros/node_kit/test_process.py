@@ -1,5 +1,6 @@
 """A node's process ends in good order, whenever it is asked to."""
 
+import pathlib
 import signal
 import subprocess
 import sys
@@ -73,3 +74,49 @@ process.run_node(Hanging)
 
 def test_a_process_that_hangs_at_its_end_is_ended():
     assert run(HANGS).returncode == -signal.SIGALRM
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_a_signal_while_the_node_is_loading_ends_it_quietly(number):
+    program = f"""
+import os, signal, sys
+
+class Interrupts:
+    def find_spec(self, name, *_):
+        if name == "pushfric_ros.nodes.recorder":
+            os.kill(os.getpid(), signal.{number})
+
+sys.meta_path.insert(0, Interrupts())
+sys.argv = ["/somewhere/recorder_node"]
+from pushfric_ros.node_kit.executable import main
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
+
+
+LEAVES_NOTHING = """
+import atexit, re, sys
+
+class Leaving(Node):
+    def __init__(self):
+        super().__init__("node")
+        self.create_timer(0.2, self.leave)
+
+    def leave(self):
+        names = set(re.findall("/dev/shm/fastrtps_[0-9a-f]{16}", open("/proc/self/maps").read()))
+        print(*names)  # into a pipe: buffered until the end
+        raise SystemExit(3)
+
+atexit.register(print, "exit functions have run")
+process.run_node(Leaving)
+"""
+
+
+def test_a_process_that_leaves_flushes_what_it_said_and_gives_back_its_shared_memory():
+    ended = run(LEAVES_NOTHING)
+    assert (ended.returncode, ended.stderr) == (3, "")
+    segments, last = ended.stdout.splitlines()
+    assert last == "exit functions have run"
+    assert segments.split()
+    assert not [name for name in segments.split() if pathlib.Path(name).exists()]

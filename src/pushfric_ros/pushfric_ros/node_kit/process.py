@@ -1,9 +1,13 @@
 """A clean start and end of a node's process."""
 
+import atexit
+import contextlib
+import gc
 import os
 import signal
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -22,8 +26,8 @@ keeps Python from running meanwhile.
 """
 
 
-def run_node(make: Callable[[], Node]) -> None:
-    """Make a node, spin it until SIGINT, SIGTERM or its own end, and destroy it.
+def run_node(make: Callable[[], Node]) -> NoReturn:
+    """Make a node, spin it until SIGINT, SIGTERM or its own end, destroy it and leave.
 
     Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2; any other PushfricError
     that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its process by raising
@@ -40,7 +44,7 @@ def run_node(make: Callable[[], Node]) -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    node = None
+    node = executor = None
     code = 0
     try:
         rclpy.init()
@@ -65,8 +69,23 @@ def run_node(make: Callable[[], Node]) -> None:
                 node.destroy_node()
         except PushfricError as error:
             code = _refuse(error)
+        if executor is not None:
+            executor.shutdown()
         rclpy.try_shutdown()
-    sys.exit(code)
+    del node, executor
+    _leave(code)
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process now: tearing down the interpreter would take longer than all the rest, and undo nothing more."""
+    # The middleware gives its shared memory back when the last handle of the node has gone.
+    rclpy.get_default_context().destroy()
+    gc.collect()
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):  # whoever read it has gone
+            stream.flush()
+    os._exit(code)
 
 
 def _limit_the_end() -> None:

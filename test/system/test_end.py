@@ -1,0 +1,66 @@
+"""Every node of the graph ends with exit code 0, however it is told to and however busy the machine is."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+
+from pushfric_ros.bags.bag import Bag
+from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.supervisor import command
+from pushfric_ros.node_kit.qos import RELIABLE
+
+PATIENCE = 60.0
+"""For the nodes to appear, and to end [s]; far more than they take."""
+
+
+@pytest.fixture
+def processes(tmp_path):
+    cell = demo_cell("rubber_rect4", tmp_path)
+    started = {}
+    with tempfile.TemporaryDirectory(prefix="pushfric-") as folder:
+        for spec in graph.simulated_cell(cell, str(tmp_path / "bag"), seed=0, speed=5.0):
+            arguments = command(spec, graph.NAMESPACE, pathlib.Path(folder))
+            with (tmp_path / spec.name).open("w") as output:
+                started[spec.name] = subprocess.Popen(arguments, stdout=output, stderr=subprocess.STDOUT)
+        yield started
+        for process in started.values():
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def load():
+    """Starts processes that keep every core busy."""
+    burning = []
+    yield lambda: burning.extend(
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * os.cpu_count())
+    )
+    for process in burning:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize("signals", [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT)])
+def test_all_nodes_end_with_0_and_the_bag_is_whole(ros, processes, load, tmp_path, signals):
+    up = set()
+    seen = lambda msg: up.update(status.name.rpartition("/")[2] for status in msg.status)  # noqa: E731
+    ros.node("peer").create_subscription(DiagnosticArray, "/diagnostics", seen, RELIABLE)
+    ros.wait_for(lambda: up >= processes.keys(), PATIENCE, "a report of every node")
+    load()
+    for number in signals:  # at once, as a terminal and ros2 launch do; a second time while they end
+        for process in processes.values():
+            process.send_signal(number)
+        time.sleep(0.02)
+    codes = {name: process.wait(PATIENCE) for name, process in processes.items()}
+    assert codes == dict.fromkeys(processes, 0)
+    assert not [name for name in processes if "Traceback" in (tmp_path / name).read_text()]
+    assert Bag(tmp_path / "bag").damage is None
+    assert not (tmp_path / "pusher").is_symlink()
