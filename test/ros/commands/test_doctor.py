@@ -298,8 +298,8 @@ def test_a_camera_gives_living_frames_fast_enough(seen, level, finding):
     ("table", "thing", "level", "advice"),
     [
         (20, 220, OK, ""),
-        (20, 255, WARNING, "what is saturated grows"),
-        (16, 235, WARNING, "what is saturated grows"),  # the luminance of video
+        (20, 255, WARNING, "saturated areas look too large"),
+        (16, 235, WARNING, "saturated areas look too large"),  # the luminance of video
         (230, 255, WARNING, "the table must be dark"),
         (5, 20, WARNING, "too dark to see an object"),
     ],
@@ -361,7 +361,7 @@ def test_a_topic_that_nobody_publishes_gives_no_frames(monkeypatch):
             Camera.looking_down(640, 480, (0.0, 0.06), 0.0005, distance=0.2, distortion=(-1.5, 0.0, 0.0, 0.0, 0.0)),
             {},
             FAILED,
-            "the lens makes no sense in the corners of the picture",
+            "the lens model fails in the corners of the picture",
         ),
     ],
 )
@@ -469,7 +469,7 @@ def test_the_cell_must_stay_within_what_the_controller_is_set_to(limits, axis, l
 
 # What is told
 
-CHECKS = [Check("port", OK, "/dev/ttyUSB0"), Check("camera", FAILED, "no frames from [0]", "plug it in anew")]
+CHECKS = [Check("port", OK, "/dev/ttyUSB0"), Check("camera", FAILED, "no frames from [0]", "plug it in again")]
 
 
 def test_the_table_has_a_line_for_each_check():
@@ -478,7 +478,7 @@ def test_the_table_has_a_line_for_each_check():
     lines = [line.split() for line in console.export_text().splitlines()]
     assert lines[1:] == [
         ["ok", "port", "/dev/ttyUSB0"],
-        ["failed", "camera", "no", "frames", "from", "[0]", "plug", "it", "in", "anew"],
+        ["failed", "camera", "no", "frames", "from", "[0]", "plug", "it", "in", "again"],
     ]
 
 
@@ -487,7 +487,7 @@ def test_the_findings_are_one_json_object():
         "passed": False,
         "checks": [
             {"name": "port", "level": "ok", "finding": "/dev/ttyUSB0", "advice": ""},
-            {"name": "camera", "level": "failed", "finding": "no frames from [0]", "advice": "plug it in anew"},
+            {"name": "camera", "level": "failed", "finding": "no frames from [0]", "advice": "plug it in again"},
         ],
     }
     assert doctor.passed(CHECKS[:1])

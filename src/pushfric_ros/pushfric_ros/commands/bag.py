@@ -20,11 +20,11 @@ app = typer.Typer(add_completion=False)
 @app.command()
 def recover(
     damaged: Annotated[
-        pathlib.Path, typer.Argument(help="A bag, or one of its files, that was damaged or cut short.", show_default=False)
+        pathlib.Path, typer.Argument(help="Bag that was damaged or cut short, or one of its files.", show_default=False)
     ],
     out: Annotated[pathlib.Path, typer.Option(help="Folder of the new bag.", show_default=False)],
 ) -> None:
-    """Save all that can be read of a damaged bag into a new one, and say what is lost."""
+    """Save everything that can be read of a damaged bag into a new one, and say what is lost."""
     bag = recovered(damaged, out)
     _print(bag, console)
     console.print(f"{out}: {bag.summary.message_count} messages saved", markup=False)

@@ -1,4 +1,4 @@
-"""The commands of `pushfric calibrate`: print a board, then learn the lens, then where the table is."""
+"""The commands of `pushfric calibrate`: print a board, then calibrate the lens, then the table."""
 
 import pathlib
 from typing import Annotated
@@ -34,9 +34,9 @@ def board(
     rows: Rows = Board.rows,
     square: Square = Board.square,
 ) -> None:
-    """Write a ChArUco board as a PDF to scale; print it at 100 % and check it by its ruler."""
+    """Write a ChArUco board as a PDF to scale. Print it at 100 % and check its ruler."""
     save_board(_board(columns, rows, square), out)
-    console.print(f"{out}: print it at 100 %, and lay the ruler against a real one", markup=False)
+    console.print(f"{out}: print it at 100 %, and compare its ruler with a real one", markup=False)
 
 
 @app.command()
@@ -47,7 +47,7 @@ def lens(
     rows: Rows = Board.rows,
     square: Square = Board.square,
 ) -> None:
-    """Learn the lens from views of the board: near and far, tilted, in all parts of the image."""
+    """Calibrate the lens from views of the board: near and far, tilted, in all parts of the image."""
     _check_no_topic(source)
     found = lens_from_source(source, _board(columns, rows, square), _say)
     save_camera(found.lens, out)
@@ -73,9 +73,9 @@ def table(
     rows: Rows = Board.rows,
     square: Square = Board.square,
 ) -> None:
-    """Learn where the table is, from the board lying on it or from four or more measured points; adds it to the camera's YAML.
+    """Calibrate the table from the board lying on it, or from at least four measured points; adds it to the camera's YAML.
 
-    The board's lower left corner becomes the origin of the table frame, x to the right as printed, y up.
+    The lower left corner of the board becomes the origin of the table frame, with x to the right and y up as printed.
     """
     known = load_lens(camera)
     if source.endswith(".csv"):

@@ -17,22 +17,22 @@ COMMANDS = {
     "run": "Run the real cell: carry out its push plan, estimate, record.",
     "replay": "Play a bag through the live graph, with the settings it was recorded with: it ends with the estimate of the live"
     " run.",
-    "estimate": "Estimate from a bag or a CSV, as fast as it goes.",
+    "estimate": "Estimate from a bag or a CSV, as fast as possible.",
     "recognize": "Rank the hypotheses in the object's file by how well they explain the data (section 5.2).",
     "predict": "Where pushes with a point take the object: its twist, whether the tip sticks or slides, and how sure that is.",
     "stable": "Which pushes with an edge or two fingers hold the object while they turn it about a centre.",
-    "region": "Where p_CF can lie, without support points (section 6.2), and which pushes would narrow that down.",
+    "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
     "reproduce": "The paper's tables and figures next to the paper's numbers, from simulated pushes; as report.html and"
     " tables.json.",
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
-    "calibrate": "Calibrate the camera: print a board, learn the lens, then where the table is.",
-    "bag": "Look after bags.",
+    "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
+    "bag": "Check and recover bags.",
     "import": "Turn a public data set of real pushes into bags of observations, each with its object.yaml.",
 }
 """Each command's name and the first paragraph of its help; the docstring of its function adds to that."""
 
 MODULES = {"import": "import_"}
-"""Commands whose module cannot have their name."""
+"""Modules of commands whose name is not allowed for a module."""
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
 """A command line that names no known command or option, or gives a value of the wrong kind."""
@@ -45,7 +45,7 @@ class Commands(typer.core.TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """A command as the list shows it; None where there is no such command."""
+        """A command as the list shows it; None if there is no such command."""
         return typer.core.TyperCommand(cmd_name, help=COMMANDS[cmd_name]) if cmd_name in COMMANDS else None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

@@ -43,9 +43,9 @@ app = typer.Typer(add_completion=False)
 def demo(
     headless: HeadlessFlag = False,
     json: Annotated[
-        pathlib.Path | None, typer.Option("--json", help="Write the result there as JSON.", show_default=False)
+        pathlib.Path | None, typer.Option("--json", help="Write the result to this file as JSON.", show_default=False)
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the camera's noise and the operator's hand.", min=0, max=2**31)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the camera's noise and the operator's hand.", min=0, max=2**31)] = 0,
     object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
@@ -70,7 +70,7 @@ def demo(
     if plan is not None and choose:
         raise InvalidInput("give --plan or --choose, not both")
     pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
-    load_plan(pushes.plan, load_object(object_name))  # what is wrong with it is said before all starts
+    load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
     with telling_what_is_left(bag):
         last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
     if ended.code or last is None:
@@ -78,7 +78,7 @@ def demo(
     print_summary(console, object_name, last)
     if json is not None:
         json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
-    from pushfric_ros.report.figures import summary_figure  # not before: matplotlib would wait in memory for the run to end
+    from pushfric_ros.report.figures import summary_figure  # imported late, or matplotlib would be in memory during the run
 
     figure = bag / FIGURE
     summary_figure(figure, TABLE_1[object_name].outline, *course_of(bag), TABLE_1[object_name])
@@ -108,7 +108,7 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
 def run_demo(
     console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool, plan: PlanConfig
 ) -> tuple[FrictionEstimate | None, Ended]:
-    """Run the graph until its plan is finished; returns the last estimate published, and how the run ended."""
+    """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
     with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
         cell = dataclasses.replace(demo_cell(object_name, pathlib.Path(scratch)), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)

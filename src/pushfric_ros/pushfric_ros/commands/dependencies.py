@@ -1,8 +1,9 @@
-"""Whether the Python packages that ours need are there, and new enough.
+"""Whether the Python packages that pushfric needs are installed, and new enough.
 
-What they are is written once, as install_requires in src/*/setup.cfg: pip reads it there, the script `pushfric` too, before
-anything is built; later it is in the metadata of the installed packages. Run as a script, with requirements as arguments, this
-prints those that are not met. It imports nothing of pushfric, as the packages may not be built yet.
+The requirements are written once, as install_requires in src/*/setup.cfg. pip reads them there, and so does the script
+`pushfric` before anything is built; later they are in the metadata of the installed packages. Run as a script with
+requirements as arguments, this prints those that are not met. It imports nothing of pushfric, as the packages may not be built
+yet.
 """
 
 import importlib
@@ -21,24 +22,24 @@ MODULES = {
     "pytest-timeout": "pytest_timeout",
     "PyYAML": "yaml",
 }
-"""Packages whose module has another name."""
+"""Packages whose module has another name than the package."""
 
 
 class Unmet(NamedTuple):
-    """A requirement, and what is there instead."""
+    """A requirement that is not met, and what is installed instead."""
 
     requirement: str
     found: str
 
 
 def declared() -> list[str]:
-    """What the installed packages of pushfric require."""
+    """The requirements of the installed packages of pushfric."""
     texts = {text for name in PACKAGES for text in importlib.metadata.requires(name) or ()}
     return sorted(text for text in texts if "extra ==" not in text)
 
 
 def unmet(requirements: Iterable[str]) -> list[Unmet]:
-    """Those that are not installed, or too old, whether they come from pip or from the system."""
+    """The requirements whose package is not installed or too old, whether it is from pip or from the system."""
     try:
         from packaging.requirements import Requirement
     except ImportError:
@@ -55,11 +56,11 @@ def unmet(requirements: Iterable[str]) -> list[Unmet]:
 
 
 def _version(name: str) -> str | None:
-    """The version of a package; empty where it does not tell, None where it is not there."""
+    """The version of a package; empty if it is unknown, None if the package is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
-        pass  # a system's package may have no metadata, or another name
+        pass  # a package of the system may have no metadata, or another name
     try:
         module = importlib.import_module(MODULES.get(name, name))
     except ImportError:
@@ -68,7 +69,7 @@ def _version(name: str) -> str | None:
 
 
 def complaint(requirements: Iterable[str]) -> str | None:
-    """One line that names what is missing or too old, and the command that installs it; None where all is there."""
+    """A line that names what is missing or too old, and the command that installs it; None if nothing is."""
     if not (amiss := unmet(requirements)):
         return None
     found = ", ".join(f"{requirement} ({found})" for requirement, found in amiss)
@@ -76,7 +77,7 @@ def complaint(requirements: Iterable[str]) -> str | None:
 
 
 def advice(amiss: Iterable[Unmet]) -> str:
-    """The command that installs what is not met."""
+    """The command that installs these requirements."""
     return " ".join(["python3 -m pip install", *(f"'{requirement}'" for requirement, _ in amiss)])
 
 

@@ -1,4 +1,4 @@
-"""Whether messages reach others: a service call to a child process and back, a datagram to a multicast group."""
+"""Whether messages reach other processes: a service call to a child process, and a datagram to a multicast group."""
 
 import contextlib
 import os
@@ -16,11 +16,11 @@ DDS_GROUP = "239.255.0.1"
 """Where DDS participants announce themselves (RTPS 2.5, 9.6.1.4)."""
 
 LAST_WAIT = 5.0
-"""For the child to end [s]."""
+"""How long to wait for the child to end [s]."""
 
 
 def round_trip(patience: float) -> float | None:
-    """Have a child process answer a call; returns how long discovery and the call took [s], None without an answer.
+    """Have a child process answer a call; return how long discovery and the call took [s], or None without an answer.
 
     Args:
         patience: how long to wait, not counting the start of the child [s].
@@ -53,7 +53,7 @@ def _echo(name: str) -> Iterator[None]:
 
 
 def multicast(patience: float) -> str | None:
-    """Send a datagram to the group that DDS uses, and hear it; returns what went wrong, None if nothing did.
+    """Send a datagram to the group that DDS uses, and receive it; return what went wrong, or None.
 
     Args:
         patience: how long to wait [s].

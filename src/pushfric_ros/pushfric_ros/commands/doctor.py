@@ -1,4 +1,4 @@
-"""Looks at all that a cell needs, one small check each, without moving anything, and says what to do about what is amiss."""
+"""Checks everything that a cell needs, without moving anything, and says what to do about each fault."""
 
 import contextlib
 import ctypes
@@ -47,25 +47,25 @@ from pushfric_ros.vision.sighting import NotSeen, Tracker
 
 TRIED_DISTROS, TRIED_RMW = ("jazzy", "kilted"), "rmw_fastrtps_cpp"
 LAST_DOMAIN = 101
-"""Higher ROS domains use ports that Linux gives to whoever asks for any."""
+"""Higher ROS domains use ephemeral ports, which Linux may give to any program."""
 PATIENCE = 5.0
-"""For another process, or the first frame [s]."""
+"""How long to wait for another process, or for the first frame [s]."""
 FRAMES, WATCHED = 20, 3.0
-"""A camera is watched for so many frames, or so long [s]."""
+"""A camera is watched for this many frames, or for this long [s]."""
 SLOWEST = 10.0
-"""A push at 2 cm/s needs as many frames [1/s]."""
+"""Frame rate that a push at 2 cm/s needs [1/s]."""
 BRIGHTEST, MOST_SATURATED = 235, 0.01
-"""Video ends at this grey level, and a still picture has little left beyond it; at most this share of the pixels is there."""
+"""Grey level from which a pixel counts as saturated (video ends there), and the largest fraction of such pixels."""
 COARSEST = 0.5e-3
-"""Size of a pixel on the table [m]."""
+"""Largest useful size of a pixel on the table [m]."""
 LENS_ERROR_PX = 0.5
-"""A lens that leads from a pixel to the table and back this far off is none."""
+"""The way from a pixel to the table and back must end within this distance of the pixel."""
 STALE = 1.0
-"""Frames older than this on arrival [s], or from the future, carry another clock's stamps."""
+"""Frames older than this on arrival [s], or from the future, have stamps of another clock."""
 BAG_RATE = 10e3
-"""A recorded cell fills as much [byte/s], without images."""
+"""Disk space that a recorded cell needs, without images [byte/s]."""
 LEAST_SPACE, AMPLE_SPACE = 100e6, 1e9  # [byte]
-TIME_ERROR = 5  # what adjtimex returns where nothing disciplines the clock (linux/timex.h)
+TIME_ERROR = 5  # what adjtimex returns if nothing disciplines the clock (linux/timex.h)
 
 
 class Frame(NamedTuple):
@@ -77,12 +77,12 @@ class Frame(NamedTuple):
 
 
 def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[str], None]) -> Iterator[Check]:
-    """All checks, one after the other; those that rest on one that failed are left out.
+    """All checks, one after another; checks that depend on a failed one are left out.
 
     Args:
-        path: of the cell's file; None: only what does not depend on a cell.
+        path: path of the cell's file; None: check only what does not depend on a cell.
         bags: folder in which bags will be recorded.
-        progress: is told what is looked at now.
+        progress: called with the name of what is checked next.
     Raises:
         InvalidInput: the cell's file cannot be read, or describes no cell; before any check.
     """
@@ -102,7 +102,7 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
         try:
             claim.enter_context(supervisor.lock(cell.namespace))
         except InvalidInput as error:
-            yield Check("cell", Level.FAILED, str(error), "end that run before you look at its parts")
+            yield Check("cell", Level.FAILED, str(error), "end that run before you check its parts")
             return
         yield Check("cell", Level.OK, f"{path}: {cell.namespace}")
         yield from _examine_cell(cell, progress)
@@ -119,19 +119,19 @@ def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[C
     try:
         camera = load_camera(cell.camera.calibration)
     except InvalidInput as error:
-        yield Check("calibration", Level.FAILED, str(error), "make it anew: ./pushfric calibrate --help")
+        yield Check("calibration", Level.FAILED, str(error), "calibrate again: ./pushfric calibrate --help")
     progress("camera")
     try:
         frames = watch(cell.camera, cell.namespace, (camera.width, camera.height) if camera is not None else None)
     except InvalidInput as error:
-        holder = "see that it is plugged in, that you may read /dev/video*, and that no other program holds it"
+        holder = "check that it is plugged in, that you may read /dev/video*, and that no other program holds it"
         yield Check("camera", Level.FAILED, str(error), holder)
         frames = []
     else:
         yield check_camera(frames, cell.camera.source)
     if frames:
         yield check_exposure(frames[-1].image)
-        if cell.camera.source in TOPICS:  # a device's frames are stamped here
+        if cell.camera.source in TOPICS:  # frames of a device get their stamps here
             yield check_stamps(frames)
     if camera is not None:
         yield check_calibration(camera, frames[-1].image if frames else None, cell.pusher)
@@ -149,13 +149,13 @@ def check_ros() -> Check:
     distro, rmw = os.environ.get("ROS_DISTRO", ""), middleware()
     finding = f"Python {sys.version.split()[0]}, ROS 2 {distro or 'of unknown distribution'}, {rmw}"
     if distro not in TRIED_DISTROS or rmw != TRIED_RMW:
-        advice = f"it may well work; tried were {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW}"
+        advice = f"it may well work; tested were {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW}"
         return Check("ROS 2", Level.WARNING, finding, advice)
     return Check("ROS 2", Level.OK, finding)
 
 
 def check_packages() -> Check:
-    """The Python packages that ours declare."""
+    """The Python packages that pushfric needs."""
     wanted = dependencies.declared()
     if amiss := dependencies.unmet(wanted):
         finding = f"missing or too old: {', '.join(f'{requirement} ({found})' for requirement, found in amiss)}"
@@ -164,7 +164,7 @@ def check_packages() -> Check:
 
 
 def check_build() -> Check:
-    """The built interfaces against their source."""
+    """Whether the interfaces are built from their present source."""
     stale = stale_interfaces(pathlib.Path(get_package_share_directory("pushfric_msgs")))
     if stale:
         finding = f"older than the source, or not built: {', '.join(stale)}"
@@ -173,7 +173,7 @@ def check_build() -> Check:
 
 
 def stale_interfaces(share: pathlib.Path) -> list[str]:
-    """Interfaces of pushfric_msgs whose fields are not those of the files they are built from, or that are not built.
+    """Interfaces of pushfric_msgs that are not built, or whose fields differ from their source files.
 
     Args:
         share: where they are installed; links lead to the source.
@@ -196,7 +196,7 @@ def stale_interfaces(share: pathlib.Path) -> list[str]:
 
 INTERFACE_PARTS = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
 PRIMITIVES = {"bool": "boolean", "float32": "float", "float64": "double", "byte": "octet", "char": "uint8"}
-"""What rosidl calls the types of interface files."""
+"""Names of types in interface files -> names that rosidl uses."""
 
 
 def _fields(text: str) -> dict[str, str]:
@@ -217,7 +217,7 @@ def _fields(text: str) -> dict[str, str]:
 
 
 def check_clock() -> Check:
-    """The system clock: not before this file was written, and disciplined."""
+    """Whether the system clock is later than this file and synchronised."""
     now, written = time.time(), pathlib.Path(__file__).stat().st_mtime
     said = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(now))
     if now < written:
@@ -230,13 +230,13 @@ def check_clock() -> Check:
 
 
 def clock_state() -> int:
-    """What the kernel says of its clock, as adjtimex(2) returns it."""
-    # a struct timex of zeros asks and changes nothing; this is more than its size on any machine
+    """The state of the kernel's clock, as adjtimex(2) returns it."""
+    # a struct timex of zeros only asks; this is larger than the struct on any machine
     return int(ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(1024)))
 
 
 def check_disk(folder: pathlib.Path) -> Check:
-    """Room for bags in a folder that need not exist yet."""
+    """Whether there is space for bags in a folder, which need not exist yet."""
     there = next(parent for parent in (folder.resolve(), *folder.resolve().parents) if parent.exists())
     free = shutil.disk_usage(there).free
     finding = f"{free / 1e9:.1f} GB free at {there}, {free / BAG_RATE / 3600:.0f} hours of recording"
@@ -249,7 +249,7 @@ def check_disk(folder: pathlib.Path) -> Check:
 
 
 def check_discovery() -> Check:
-    """A message to another process of this machine and back."""
+    """Whether a message reaches another process on this machine, and the answer comes back."""
     text = os.environ.get("ROS_DOMAIN_ID", "0")
     if not text.isdecimal() or int(text) > LAST_DOMAIN:
         finding, advice = f"ROS_DOMAIN_ID is {text!r}", f"set it to a number from 0 to {LAST_DOMAIN}, the same in all terminals"
@@ -257,13 +257,13 @@ def check_discovery() -> Check:
     seconds = discovery.round_trip(PATIENCE)
     where = f"on domain {int(text)}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
     if seconds is None:
-        advice = "look at ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF), at firewall rules for UDP 7400 and up, at room in /dev/shm"
+        advice = "check ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF), firewall rules for UDP 7400 and up, and free space in /dev/shm"
         return Check("discovery", Level.FAILED, f"another process did not answer within {PATIENCE:g} s {where}", advice)
     return Check("discovery", Level.OK, f"another process answered after {seconds:.1f} s {where}")
 
 
 def check_multicast() -> Check:
-    """What other machines are found by."""
+    """Whether multicast works, by which other machines are found."""
     if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET") != "SUBNET":
         return Check("multicast", Level.OK, "not needed: only this machine is looked for")
     amiss = discovery.multicast(1.0)
@@ -277,12 +277,12 @@ def check_multicast() -> Check:
 
 
 def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> list[Frame]:
-    """The first frames of a camera, of a device or a topic; none where none come in time.
+    """The first frames of a camera, which is a device or a topic; empty if no frame comes in time.
 
     Args:
-        entry: of the cell's file.
-        namespace: of the cell.
-        size: width and height asked of a device [px]; None: as it comes.
+        entry: the section `camera` of the cell's file.
+        namespace: namespace of the cell.
+        size: width and height to ask of a device [px]; None: its default.
     Raises:
         InvalidInput: there is no such device, or the topic carries no pictures.
     """
@@ -340,17 +340,17 @@ def _decoded(msg: CompressedImage) -> Image:
 
 
 def check_camera(frames: list[Frame], source: str) -> Check:
-    """Whether frames come, fast enough, and change."""
+    """Whether frames come, come fast enough, and change."""
     what = TOPICS.get(source, source)
     if not frames:
-        advice = "see that its driver runs and publishes in the cell's namespace" if source in TOPICS else "plug it in anew"
+        advice = "check that its driver runs and publishes in the cell's namespace" if source in TOPICS else "plug it in again"
         return Check("camera", Level.FAILED, f"no frames from {what}", advice)
     height, width = frames[0].image.shape
     seconds = (frames[-1].arrival - frames[0].arrival) / 1e9
     rate = (len(frames) - 1) / seconds if seconds > 0 else math.nan
     finding = f"{what}: {width} x {height} px, {rate:.1f} frames/s"
     if len(frames) > 2 and all(np.array_equal(frame.image, frames[0].image) for frame in frames):
-        return Check("camera", Level.FAILED, f"{finding}, all of them equal", "it hangs: unplug it and plug it in anew")
+        return Check("camera", Level.FAILED, f"{finding}, all of them equal", "it hangs: unplug it and plug it in again")
     if not rate >= SLOWEST:
         advice = f"{SLOWEST:g} frames/s or more are needed: shorter exposure with more light, or another port or format"
         return Check("camera", Level.WARNING, finding, advice)
@@ -358,7 +358,7 @@ def check_camera(frames: list[Frame], source: str) -> Check:
 
 
 def check_exposure(image: Image) -> Check:
-    """Neither saturated nor dark: image (height, width) mono8."""
+    """Whether an image (height, width), mono8, is neither saturated nor too dark."""
     saturated, bright, middle = np.mean(image >= BRIGHTEST), np.percentile(image, 99.9), np.median(image)
     finding = (
         f"{100 * saturated:.1f} % of the pixels are saturated, the brightest have {bright:.0f}, the median is {middle:.0f}"
@@ -366,14 +366,16 @@ def check_exposure(image: Image) -> Check:
     if middle >= SATURATED:
         return Check("exposure", Level.WARNING, finding, "the table must be dark: shorter exposure, less gain")
     if saturated > MOST_SATURATED:
-        return Check("exposure", Level.WARNING, finding, "what is saturated grows: shorter exposure, less gain, no highlights")
+        return Check(
+            "exposure", Level.WARNING, finding, "saturated areas look too large: shorter exposure, less gain, no highlights"
+        )
     if bright < MIN_CONTRAST:
         return Check("exposure", Level.WARNING, finding, "too dark to see an object: more light or exposure, and no lens cap")
     return Check("exposure", Level.OK, finding)
 
 
 def check_stamps(frames: list[Frame]) -> Check:
-    """The frames' stamps against this machine's clock."""
+    """Whether the stamps of the frames agree with this machine's clock."""
     ages = [(frame.arrival - frame.stamp) / 1e9 for frame in frames]
     finding = f"{np.median(ages):.3f} s old on arrival"
     backwards = any(b.stamp <= a.stamp for a, b in itertools.pairwise(frames))
@@ -385,7 +387,7 @@ def check_stamps(frames: list[Frame]) -> Check:
 
 
 def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig) -> Check:
-    """The calibration against the camera's picture, where there is one (height, width), and the pushing line."""
+    """The calibration, compared with the camera's picture (height, width), if there is one, and with the pushing line."""
     if image is not None and image.shape != (camera.height, camera.width):
         got = f"{image.shape[1]} x {image.shape[0]}"
         finding = f"made for {camera.width} x {camera.height} px, the camera gives {got}"
@@ -394,7 +396,7 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     off = np.abs(camera.project(camera.unproject(corners)) - corners).max()
     if not off < LENS_ERROR_PX:
         advice = "calibrate the lens again, with the board in the corners of the picture"
-        return Check("calibration", Level.FAILED, "the lens makes no sense in the corners of the picture", advice)
+        return Check("calibration", Level.FAILED, "the lens model fails in the corners of the picture", advice)
     direction = np.asarray(pusher.line_direction) / np.hypot(*pusher.line_direction)
     line = np.asarray(pusher.line_origin) + np.linspace(0, pusher.stroke, 50)[:, None] * direction
     pixels = camera.project(line)
@@ -405,13 +407,13 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
         advice = "check table_homography, line_origin and line_direction: they must mean the same table frame"
         return Check("calibration", Level.FAILED, finding, advice)
     if pixel > COARSEST:
-        advice = f"{1e3 * COARSEST:g} mm or less are wanted: a camera nearer to the table, or with more pixels"
+        advice = f"{1e3 * COARSEST:g} mm or less are needed: a camera nearer to the table, or with more pixels"
         return Check("calibration", Level.WARNING, finding, advice)
     return Check("calibration", Level.OK, finding)
 
 
 def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Image | None) -> Check:
-    """Whether the tracker can find such an object, and sees it now; it need not lie there yet."""
+    """Whether the tracker can find such an object, and whether it sees it now; the object need not lie there yet."""
     try:
         tracker: Tracker = cell.tracker.open_tracker(camera, model, cell.camera.object_height or model.height)
     except InvalidInput as error:
@@ -432,7 +434,7 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
 
 
 def check_plan(plan: PlanConfig, pusher: PusherConfig, model: ObjectModel) -> Check:
-    """The push plan against object and pusher."""
+    """Whether the push plan fits the object and the pusher."""
     try:
         pushes = load_plan(plan.plan, model)
     except InvalidInput as error:
@@ -448,12 +450,12 @@ def check_plan(plan: PlanConfig, pusher: PusherConfig, model: ObjectModel) -> Ch
 
 
 def passed(checks: list[Check]) -> bool:
-    """Whether nothing failed; warnings are none of it."""
+    """Whether no check failed; a warning is not a failure."""
     return all(check.level is not Level.FAILED for check in checks)
 
 
 def table(checks: list[Check]) -> Table:
-    """The checks for people."""
+    """The checks as a table."""
     colors = {Level.OK: "green", Level.WARNING: "yellow", Level.FAILED: "red"}
     made = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("", "check", "finding", "what to do"):
@@ -476,13 +478,13 @@ app = typer.Typer(add_completion=False)
 @app.command()
 def doctor(
     cell: Annotated[
-        pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is looked at.", show_default=False)
+        pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is checked.", show_default=False)
     ] = None,
     json: JsonFlag = False,
 ) -> None:
     """Exit code 0: nothing failed; 1: a check failed; 2: wrong input, such as a cell file that cannot be read or is invalid."""
     with console.status("") as status:
-        checks = list(examine(cell, RUNS, lambda what: status.update(f"looking at the {what}")))
+        checks = list(examine(cell, RUNS, lambda what: status.update(f"checking the {what}")))
     if json:
         print(to_json(findings(checks)))
     else:

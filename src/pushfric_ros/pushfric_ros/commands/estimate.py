@@ -35,7 +35,8 @@ def estimate(
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
     figure: Annotated[
-        pathlib.Path | None, typer.Option(help="Draw pushes, w, mu_c and p_CF there (.png, .svg, .pdf).", show_default=False)
+        pathlib.Path | None,
+        typer.Option(help="Draw pushes, w, mu_c and p_CF to this file (.png, .svg, .pdf).", show_default=False),
     ] = None,
     save: Annotated[
         pathlib.Path | None, typer.Option(help="Write a model to keep there (.yaml), to predict with.", show_default=False)
@@ -49,13 +50,15 @@ def estimate(
     model = with_support(model, grid, support_points)
     data = data_points.observations(source, model, settings, warn, partial)
     estimator = Estimator(model.support_points, settings.estimator)
-    # only the figure shows how the last estimate came about
+    # only the figure shows the estimates before the last
     course = deque(data_points.taken(estimator.add, data, warn), maxlen=None if figure is not None else 1)
     result = data_points.last(course)
     if result.contradiction is not None:
         warn(result.contradiction)
     if figure is not None:
-        from pushfric_ros.report.figures import summary_figure  # matplotlib takes longer to load than most bags to estimate
+        from pushfric_ros.report.figures import (
+            summary_figure,
+        )  # imported late: loading matplotlib takes longer than estimating most bags
 
         summary_figure(figure, model.outline, course, estimator.observations, None, settings.slipping)
     if save is not None:

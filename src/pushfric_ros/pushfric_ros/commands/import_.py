@@ -17,7 +17,7 @@ IMPORTERS = {zhou2015.NAME: zhou2015.import_pushes, stablepush.NAME: stablepush.
 
 @app.command()
 def import_(
-    dataset: Annotated[str, typer.Argument(help=f"Which public data set: {', '.join(IMPORTERS)}.", show_default=False)],
+    dataset: Annotated[str, typer.Argument(help=f"Name of the public data set: {', '.join(IMPORTERS)}.", show_default=False)],
     source: Annotated[
         pathlib.Path,
         typer.Argument(help="Of zhou2015 a log or push_points.csv, of stablepush stable_pushes.csv.", show_default=False),

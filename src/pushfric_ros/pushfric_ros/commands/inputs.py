@@ -1,4 +1,4 @@
-"""What several commands are given: a bag or a CSV, an object, its support points."""
+"""Arguments that several commands have: a bag or a CSV, an object, its support points."""
 
 import pathlib
 from typing import Annotated
@@ -15,7 +15,7 @@ ObjectOption = Annotated[
     str,
     typer.Option(
         "--object",
-        help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may bring its own as object.yaml.",
+        help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may contain it as object.yaml.",
         show_default=False,
     ),
 ]
@@ -28,18 +28,18 @@ SupportPointsOption = Annotated[
     typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
 ]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
-PartialFlag = Annotated[bool, typer.Option("--partial", help="Make do with a damaged bag, of which messages are missing.")]
-HeadlessFlag = Annotated[bool, typer.Option("--headless", help="No live display: a line for each push.")]
+PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag, from which messages are missing.")]
+HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
 
 
 def object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
-    """The object given, or the one next to the bag; and where it came from.
+    """The object that is given, or the one next to the bag; and where it came from.
 
     Args:
         path: the bag or the CSV.
-        name: of the object, or path of its YAML; empty: not given.
+        name: name of the object, or path of its YAML; empty: not given.
     Raises:
-        InvalidInput: neither is there, or the object's file is not one.
+        InvalidInput: there is no such object, or its file does not describe one.
     """
     data_points.check_source(path)
     beside = data_points.object_beside(path)
@@ -50,7 +50,7 @@ def object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
 
 
 def with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> ObjectModel:
-    """The object on other support points, where some are given; hypotheses that bring their own keep them.
+    """The object with other support points, if any are given; hypotheses with their own support points keep them.
 
     Raises:
         InvalidInput: both a grid and a file are given, or one of them is unusable.

@@ -1,4 +1,4 @@
-"""Writes docs/interfaces.md: what every node offers and asks for, told by the nodes themselves."""
+"""Writes docs/interfaces.md: what every node offers and needs, found by asking the nodes themselves."""
 
 import inspect
 import pathlib
@@ -30,20 +30,20 @@ COMMAND = "python -m pushfric_ros.commands.interface_docs > docs/interfaces.md"
 HEAD = f"""\
 # Interfaces of every node
 
-Written by `{COMMAND}`; do not edit. [graph.md](graph.md) says what it is all for.
+Written by `{COMMAND}`; do not edit. [graph.md](graph.md) explains what it is all for.
 
 Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only: they are set when a node
-starts, and one that is *required* has no default. Left out is what every ROS 2 node has (`use_sim_time`, `/parameter_events`,
-`/rosout`, the parameter services; of a managed node `transition_event`), and the topics of the bag: the player publishes them,
-the recorder subscribes to those it is told of. The fields of all types of `pushfric_msgs` stand in
-[its files](../src/pushfric_msgs).
+starts, and one that is *required* has no default. The lists leave out what every ROS 2 node has (`use_sim_time`,
+`/parameter_events`, `/rosout`, the parameter services; for a managed node `transition_event`), and the topics of a bag, which
+the player publishes and the recorder subscribes to. The fields of all types of `pushfric_msgs` are in [its
+files](../src/pushfric_msgs).
 """
 
 OF_THE_BAG = "std_msgs/msg/Empty"
-"""Type of a topic that only the bag has."""
+"""Type of a topic that exists only in the bag."""
 
 EMPTY = bytes((0, 1, 0, 0, 0))
-"""A message of that type, in CDR: little-endian, and one byte that stands for no field."""
+"""A message of that type in CDR: little-endian, with one byte in place of fields."""
 
 
 class Start(NamedTuple):
@@ -51,15 +51,15 @@ class Start(NamedTuple):
 
     kind: type
     required: dict[str, Any]  # parameters
-    variants: dict[str, dict[str, Any]]  # parameters with which it has other topics, by how they are written
+    variants: dict[str, dict[str, Any]]  # parameters with which it has other topics, by their text
 
 
 class Description(NamedTuple):
-    """What a node has."""
+    """The interfaces of a node."""
 
     node: str
     summary: str
-    endpoints: dict[Endpoint, str]  # and when it has it; empty: always
+    endpoints: dict[Endpoint, str]  # -> when it has this endpoint; empty: always
     settings: list[Setting]
 
 

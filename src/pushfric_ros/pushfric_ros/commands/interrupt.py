@@ -1,4 +1,4 @@
-"""Ctrl-C where there is nothing to undo: it ends the process at once, and quietly."""
+"""Ctrl-C while there is nothing to undo: it ends the process at once and quietly."""
 
 import os
 import signal
@@ -8,9 +8,10 @@ EXIT_INTERRUPTED = 130
 
 
 def end_at_once() -> Any:
-    """From here on SIGINT ends the process, unless it is ignored, as in a background job; returns the handler it had.
+    """Let SIGINT end the process from now on, unless it is ignored, as in a background job; return the earlier handler.
 
-    A KeyboardInterrupt strikes anywhere: in an import or a __del__ it is printed, in compiled code it becomes another error.
+    A KeyboardInterrupt could strike anywhere: in an import or a __del__ it is printed, in compiled code it becomes another
+    error.
     """
     before = signal.getsignal(signal.SIGINT)
     if before is not signal.SIG_IGN:

@@ -1,4 +1,4 @@
-"""What the launch files of this package start."""
+"""The launch descriptions of this package's launch files."""
 
 import dataclasses
 import pathlib

@@ -14,7 +14,7 @@ from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel, load_object
 
 RUNS = pathlib.Path("runs")
-"""Bags go there unless the command line says otherwise."""
+"""Folder for bags, unless the command line gives another."""
 
 
 @contextlib.contextmanager
@@ -28,7 +28,7 @@ def telling_what_is_left(bag: pathlib.Path) -> Iterator[None]:
 
 
 def left_behind(bag: pathlib.Path) -> str:
-    """What a run that was interrupted has left, for people."""
+    """What an interrupted run has left, in words."""
     if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
     try:
@@ -39,7 +39,7 @@ def left_behind(bag: pathlib.Path) -> str:
 
 
 def course_of(bag: pathlib.Path) -> tuple[list[Estimate], tuple[Observation, ...]]:
-    """The estimates after each data point, and the data points, from what the bag recorded; for figures."""
+    """The estimates after each data point, and the data points, from a recorded bag; for figures."""
     model, settings, data = _recorded(bag)
     estimator = Estimator(model.support_points, settings.estimator)
     return list(data_points.taken(estimator.add, data, warn)), estimator.observations

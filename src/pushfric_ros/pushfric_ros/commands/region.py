@@ -35,13 +35,12 @@ def region(
             show_default=f"as recorded, or {RegionConfig().region_margin}",
         ),
     ] = None,
-    exclude_push: Annotated[
-        list[int] | None, typer.Option(help="Leave out this push; may be given again.", show_default=False)
-    ] = None,
+    exclude_push: Annotated[list[int] | None, typer.Option(help="Leave out this push; repeatable.", show_default=False)] = None,
     plan: Annotated[
-        pathlib.Path | None, typer.Option(help="Write a push plan there that shrinks the region fastest.", show_default=False)
+        pathlib.Path | None,
+        typer.Option(help="Write the push plan that shrinks the region fastest to this file.", show_default=False),
     ] = None,
-    pushes: Annotated[int, typer.Option(help="Of that plan.", min=1, max=20)] = 10,
+    pushes: Annotated[int, typer.Option(help="Number of pushes in that plan.", min=1, max=20)] = 10,
     partial: PartialFlag = False,
     json: JsonFlag = False,
 ) -> None:

@@ -15,9 +15,10 @@ app = typer.Typer(add_completion=False)
 
 @app.command()
 def reproduce(
-    out: Annotated[pathlib.Path, typer.Option(help="Folder of the report; a second call goes on there.")] = RUNS / "reproduce",
-    seeds: Annotated[int, typer.Option(help="Repetitions, each with its own noise.", min=1, max=10_000)] = 20,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: one for each core.", min=-1)] = -1,
+    out: Annotated[pathlib.Path, typer.Option(help="Folder of the report; a second call continues there.")] = RUNS
+    / "reproduce",
+    seeds: Annotated[int, typer.Option(help="Number of repetitions, each with its own noise.", min=1, max=10_000)] = 20,
+    jobs: Annotated[int, typer.Option(help="Number of processes; -1: one for each core.", min=-1)] = -1,
     dask: Annotated[
         str | None,
         typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),

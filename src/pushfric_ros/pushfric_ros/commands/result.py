@@ -1,4 +1,4 @@
-"""An estimate, as text for people or as JSON."""
+"""An estimate as text or as JSON."""
 
 from typing import Any
 
@@ -13,8 +13,8 @@ def print_result(figures: dict[str, Any], as_json: bool, loss: Loss) -> None:
 
     Args:
         figures: of `report.report`.
-        as_json: one JSON object, and nothing else.
-        loss: of the estimator, which says in what unit the fit error is.
+        as_json: print one JSON object, and nothing else.
+        loss: of the estimator; it determines the unit of the fit error.
     """
     if as_json:
         print(to_json(figures))

@@ -24,7 +24,7 @@ def run(
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")
     ] = None,
-    start: Annotated[int, typer.Option(help="Push of the plan to begin with, to go on with one.", min=1)] = 1,
+    start: Annotated[int, typer.Option(help="Push of the plan to begin with, to continue an interrupted one.", min=1)] = 1,
     headless: HeadlessFlag = False,
 ) -> None:
     file = load_cell(cell)

@@ -1,4 +1,4 @@
-"""Command line options for how to estimate, one for each field of EstimatorConfig; what is not given is as it was recorded."""
+"""Command line options for the estimator, one for each field of EstimatorConfig; the recorded values are the defaults."""
 
 import dataclasses
 import inspect
@@ -21,17 +21,19 @@ EXCLUDE, SLIPPING = "exclude_push", "slipping_push"
 
 
 def with_settings(command: Callable[..., None], without: Collection[str] = ()) -> Callable[..., None]:
-    """The command with an option for each field of EstimatorConfig, --exclude-push and --slipping-push, in place of `settings`.
+    """The command with an option for each field of EstimatorConfig, --exclude-push and --slipping-push, instead of `settings`.
 
     Args:
         command: its first parameter is `source`, the bag or CSV.
-        without: fields that mean nothing to it.
+        without: fields that have no meaning for the command.
     """
     fields = [field for field in dataclasses.fields(EstimatorConfig) if field.name not in without]
     hints = typing.get_type_hints(EstimatorConfig)
     options = {field.name: _option(field, hints[field.name]) for field in fields}
-    leave_out = typer.Option("--exclude-push", help="Leave out this push; may be given again.", show_default=False)
-    slips = typer.Option("--slipping-push", help="Its contact slips, which gives mu_c; may be given again.", show_default=False)
+    leave_out = typer.Option("--exclude-push", help="Leave out this push; repeatable.", show_default=False)
+    slips = typer.Option(
+        "--slipping-push", help="The contact of this push slips, which gives mu_c; repeatable.", show_default=False
+    )
     options |= {EXCLUDE: Annotated[list[int] | None, leave_out], SLIPPING: Annotated[list[int] | None, slips]}
 
     def run(source: pathlib.Path, **given: Any) -> None:
@@ -47,7 +49,7 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
 
 
 def _option(field: Any, hint: Any) -> Any:
-    """What typer needs to know of a field."""
+    """What typer needs to know about a field."""
     name = field.name.replace("_", "-")
     default = AUTO if field.default is None else field.default
     if isinstance(default, tuple):
@@ -68,13 +70,13 @@ def _option(field: Any, hint: Any) -> Any:
 
 
 def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings:
-    """Those of the recorded run, but for what was chosen."""
+    """The settings of the recorded run, except for those given."""
     data_points.check_source(source)
     recorded = data_points.recorded_settings(source)
     excluded, slipping = (chosen.pop(name) or () for name in (EXCLUDE, SLIPPING))
     given = {name: value for name, value in chosen.items() if value is not None}
     if "cone" not in recorded.estimator.terms:
-        given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # what the run did not use says nothing of mu_c
+        given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c
     if "terms" in given:
         given["terms"] = tuple(given["terms"].split(","))
     if "cor_radius" in given:

@@ -1,4 +1,4 @@
-"""Runs a graph and shows it to the operator: the last estimate of every push, and how far the plan has come."""
+"""Runs a graph and shows the operator the last estimate of every push, and how far the plan has come."""
 
 import contextlib
 import time
@@ -22,7 +22,7 @@ from pushfric_ros.node_kit.visit import Visit
 from pushfric_ros.nodes.monitor import MonitorNode
 
 PATIENCE = 10.0
-"""How long, after the end of a run, its last estimate is waited for [s]."""
+"""How long to wait for the last estimate after the end of a run [s]."""
 
 
 def watch(
@@ -34,20 +34,20 @@ def watch(
     replayed: Sequence[Observation] | None = None,
     unfinished: Callable[[int], None] | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
-    """Run a graph under the eyes of a monitor until it ends and its last estimate is there; Ctrl-C after it ends the process.
+    """Run a graph with a monitor until it has ended and its last estimate has come; afterwards Ctrl-C ends the process.
 
     Args:
         specs: the nodes.
-        namespace: of all of them.
-        what: is going on, for people.
+        namespace: namespace of all nodes.
+        what: what is going on, in words.
         live: with a table that is redrawn in place; otherwise a line for each push.
-        replayed: the data points that a bag holds, where one is played.
+        replayed: the data points in the bag, if one is played.
         unfinished: prompts an operator; called with the push of the plan to go on with, if the run ends before the plan does.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
     def say(name: str, line: str) -> None:
-        # a node's information is for its log; what it warns of, and the one line of a failed start, is for the operator
+        # the information of a node is for its log; its warnings, and the line of a failed start, are for the operator
         if "[INFO]" not in line and "[DEBUG]" not in line:
             console.print(f"{name}: {line}", highlight=False, markup=False)
 
@@ -55,7 +55,7 @@ def watch(
         def all_replayed() -> bool:
             return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
 
-        # here, where the supervisor holds signals back, none interrupts its making or its end
+        # made here, where the supervisor holds signals back, so that none interrupts its start or its end
         with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
             try:
                 return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
@@ -77,18 +77,18 @@ class Monitor:
     """Watches friction_estimate and plan_progress while a supervisor runs the graph, and shows them.
 
     Args:
-        namespace: of the cell.
-        what: is going on, for the progress bar.
-        steps: pushes awaited; None where the plan's progress tells.
-        live: a table that is redrawn in place; otherwise a line for each push.
-        prompts: without the table, tell the operator what is awaited; the table shows it anyway.
+        namespace: namespace of the cell.
+        what: what is going on, for the progress bar.
+        steps: number of pushes expected; None: the plan's progress gives it.
+        live: show a table that is redrawn in place; otherwise print a line for each push.
+        prompts: without the table, print what the run waits for; the table shows it anyway.
     """
 
     def __init__(
         self, console: Console, namespace: str, what: str, steps: int | None, live: bool, prompts: bool = False
     ) -> None:
         self.estimate: FrictionEstimate | None = None
-        self.next_push: int | None = None  # number in the plan of the push at hand; None: no plan is under way
+        self.next_push: int | None = None  # number of the current push in the plan; None: no plan is under way
         self._prompts = prompts and not live
         self._console, self._live = console, live
         self._rows: dict[int, FrictionEstimate] = {}
@@ -101,7 +101,7 @@ class Monitor:
         )
         self._task = self._progress.add_task(what, total=steps or 1)
         self._message = ""
-        self._finished: int | None = None  # when the plan was [ns]
+        self._finished: int | None = None  # when the plan was finished [ns]
         self._plan_leads = steps is None
         make = partial(MonitorNode, self._on_estimate, self._on_progress, starts_player=steps is not None, namespace=namespace)
         self._visit = Visit(make)
@@ -111,14 +111,14 @@ class Monitor:
         self._visit.close()
 
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
-        """Show what happens until the run ends; if it ends well, wait on until `done`, but not for ever."""
+        """Show what happens until the run ends; if it ends well, go on until `done`, but not for ever."""
         ended = None
         deadline = 0.0
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
             while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
                 self._visit.spin_once(0.05)
                 view.update(self._view())
-                now = supervisor.poll()  # to the very end: Ctrl-C, and an estimator that dies before its last word
+                now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
                     ended, deadline = now, time.monotonic() + PATIENCE
         if not self._live and self.estimate is not None:
@@ -126,7 +126,7 @@ class Monitor:
         return ended
 
     def settled(self) -> bool:
-        """Whether the estimator has dealt with all that was seen until the plan was finished."""
+        """Whether the estimator has processed everything that was seen until the plan was finished."""
         if self._finished is None or self._visit.node.settled < self._finished:
             return False
         return self._visit.node.newest in (0, None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp))
@@ -180,7 +180,7 @@ def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
 
 
 class _Quiet:
-    """Takes the place of the live display where there is none."""
+    """Takes the place of the live display if there is none."""
 
     def __enter__(self) -> "_Quiet":
         return self

@@ -57,7 +57,7 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.transforms import TransformBroadcaster
 
 PROGRESS_PERIOD = 0.05
-"""Between reports of how far the estimator has come [s] of wall time."""
+"""Time between reports of how far the estimator has come, in wall time [s]."""
 
 
 class EstimatorNode(Node):
@@ -68,7 +68,7 @@ class EstimatorNode(Node):
         model, config = declare(self, ObjectConfig), declare(self, EstimatorNodeConfig)
         self._settings = EstimatorSettings.of(*[declare(self, part) for part in EstimatorSettings.PARTS])
         self._select(load_object(model.object))
-        self._estimator.estimate()  # loads the compiled solver now, not with the first data point
+        self._estimator.estimate()  # loads the compiled solver now instead of with the first data point
         self._observations_out = None
         self._diagnostics = topics = Diagnostics(self, self._health)
         if config.source is DataPointSource.OBSERVATIONS:
@@ -96,12 +96,12 @@ class EstimatorNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
-        # time that runs backwards means another run of the cell or of a bag: what was learned before may not be mixed with it
+        # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
 
     def _select(self, model: ObjectModel) -> None:
-        """Start afresh with an object."""
+        """Start a new estimate of an object."""
         settings = self._settings
         self._object = model
         self._excluded = set(settings.excluded)
@@ -150,7 +150,7 @@ class EstimatorNode(Node):
             self._take([observation])
 
     def _take_observed(self, observations: list[Observation]) -> None:
-        """Take the data points that were made here, with their forces where these matter."""
+        """Take the data points that were made here, with their forces if these are needed."""
         if self._sensed_force is None:
             self._take(observations)
             return
@@ -197,7 +197,7 @@ class EstimatorNode(Node):
         self._region_out.publish(self._region)
 
     def _publish(self, estimate: Estimate) -> FrictionEstimate:
-        """The estimate, before all that planners do not wait for."""
+        """Publish the estimate first, and then what planners do not wait for."""
         contradiction = estimate.contradiction
         if contradiction is not None and self._problem is None:
             self.get_logger().error(contradiction)
@@ -224,7 +224,7 @@ class EstimatorNode(Node):
         self._contact_friction_out.publish(msg.contact_friction)
 
     def _take_back(self) -> None:
-        """Without data points, nothing that was published holds any longer."""
+        """Publish that nothing is known, as without data points nothing published before is valid any more."""
         msg = nothing_known(self._object.name)
         self._estimate_out.publish(msg)
         self._publish_parts(msg)
@@ -241,7 +241,7 @@ class EstimatorNode(Node):
         self._publish_region()
 
     def _refuse(self, what: str, error: Exception) -> None:
-        """Say once, not at camera rate, that input was refused; the estimate stays as it was."""
+        """Log once, not at camera rate, that input was refused; the estimate stays as it was."""
         self._refused += 1
         if self._problem is None:
             self.get_logger().error(f"{what} refused: {error}")
@@ -249,7 +249,7 @@ class EstimatorNode(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._start_afresh(self._object)
-        response.success, response.message = True, f"estimation of {self._object.name} starts afresh"
+        response.success, response.message = True, f"estimation of {self._object.name} starts again"
         return response
 
     def _on_select_object(self, request: SelectObject.Request, response: SelectObject.Response) -> SelectObject.Response:
@@ -267,7 +267,7 @@ class EstimatorNode(Node):
         except ValueError as error:
             response.message = str(error)
             return response
-        self._excluded.add(request.push_id)  # its data points still to come, too
+        self._excluded.add(request.push_id)  # also its data points that are still to come
         self._publish_settings()
         response.success = True
         response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are left"
@@ -280,18 +280,18 @@ class EstimatorNode(Node):
             self._take_back()
         else:
             self._draw(self._publish(self._estimate))
-        # recognition may have refused all of that push
+        # recognition may have refused all data points of that push
         if self._recognizer is not None and any(o.push_id == request.push_id for o in self._recognizer.observations):
             ranking = self._recognizer.exclude(request.push_id)
             self._recognition_out.publish(recognition_to_msg(ranking) if ranking.data_points else Recognition())
         return response
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
-        self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts afresh")
+        self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
         self._start_afresh(self._object)
 
     def _publish_progress(self) -> None:
-        """Say how far all poses have become data points, if that has changed."""
+        """Publish up to when all poses have become data points, if that has changed."""
         settled, waiting = self._trajectory.settled, None
         if self._sensed_force is not None:
             waiting = self._sensed_force.waiting_since

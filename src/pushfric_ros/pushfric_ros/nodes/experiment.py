@@ -1,4 +1,4 @@
-"""The experiment node: carries out a push plan, one push after the other, with an operator who places the object."""
+"""The experiment node: carries out a push plan, push after push, with an operator who places the object."""
 
 import math
 import time
@@ -29,7 +29,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 
 NANOSECONDS = 1e9
-WITHDRAWN = 1e-3  # a pusher nearer than this to its stroke's beginning is not brought back any further [m]
+WITHDRAWN = 1e-3  # a pusher nearer than this to the beginning of its stroke need not be brought back [m]
 
 HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
@@ -40,7 +40,7 @@ HINDRANCES = {
         "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
     ),
 }
-"""Why a pusher in this mode cannot push, and what the operator does about it."""
+"""Why a pusher in this mode cannot push, and what the operator can do about it."""
 
 
 class ExperimentNode(Node):
@@ -58,7 +58,7 @@ class ExperimentNode(Node):
             where = f"{self.get_fully_qualified_name()}: parameter"
             raise InvalidInput(f"{where} start must be at most {self._count}, the pushes of the plan; got {begin.start}")
         self._region: CenterOfFrictionRegion | None = None
-        self._settled = self._pushed = -1  # what the estimator has dealt with; when the last push ended [ns]
+        self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
         self._newest = -1  # its newest data point [ns]
         self._diagnostics = topics = Diagnostics(self, self._health)
         self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
@@ -68,7 +68,7 @@ class ExperimentNode(Node):
         self._well: set[str] = set()
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
-        self._heard = self._seen = -math.inf  # when pusher and object last showed; these and the next in wall time [s]
+        self._heard = self._seen = -math.inf  # when pusher and object were last seen; these and the next in wall time [s]
         self._idle_since: float | None = None
         self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
         self._condition: tuple[Callable[[], bool], Future] | None = None
@@ -79,13 +79,13 @@ class ExperimentNode(Node):
             topics.subscribe(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self.create_timer(0.05, self._check_condition)
-        # its own group: the plan waits in its callback while the others run
+        # in a group of its own, as the plan waits in this callback while others run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
 
     async def _carry_out(self) -> None:
         self._start.cancel()
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
-        # not only are they running: they hear those they need, so that nothing of the first push is missed
+        # nodes that report OK also receive the topics they need, so that nothing of the first push is missed
         await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
         for push_id in range(self._first, self._count):
             self._progress.push_id = push_id
@@ -105,7 +105,7 @@ class ExperimentNode(Node):
         raise SystemExit(0)
 
     async def _withdraw(self) -> str | None:
-        """Bring the pusher back from where an aborted push, or an earlier run, has left it; why not, if not."""
+        """Bring the pusher back from where an aborted push or an earlier run has left it; return what went wrong, or None."""
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         assert self._pusher is not None
         if self._pusher.position <= WITHDRAWN:
@@ -117,7 +117,7 @@ class ExperimentNode(Node):
         return None if problem is None else f"the pusher could not be brought back: {problem}"
 
     async def _place_and_push(self, push_id: int, planned: PlannedPush) -> str | None:
-        """Have the object placed and push it; what went wrong, if anything."""
+        """Have the object placed, and push it; return what went wrong, or None."""
         push = f"push {push_id + 1} of {self._count}"
         assert self._pusher is not None
         line: PushingLine = pusher_sample_from_msg(self._pusher).line
@@ -136,7 +136,7 @@ class ExperimentNode(Node):
         return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
 
     async def _choose(self) -> PlannedPush | None:
-        """The push that shrinks the region of p_CF most, once the estimator knows all of the last one; None: none does."""
+        """The push that shrinks the region of p_CF most, once the estimator knows the whole last push; None if no push does."""
 
         def missing() -> str | None:
             known = self._region is not None and stamp_from_msg(self._region.header.stamp) == self._newest
@@ -147,7 +147,7 @@ class ExperimentNode(Node):
         return next((PlannedPush(one.edge, one.offset, one.angle) for one in self._region.next_pushes), None)
 
     async def _carry(self, goal: Push.Goal) -> str | None:
-        """Have the pusher carry out a goal; what went wrong, if anything."""
+        """Have the pusher carry out a goal; return what went wrong, or None."""
         answered = self._action.send_goal_async(goal)
         self._idle_since = None
         await self._until(lambda: answered.done() or self._forgotten())
@@ -175,18 +175,18 @@ class ExperimentNode(Node):
         self._progress_out.publish(self._progress)
         self.get_logger().info(message)
 
-    async def _until_well(self, amiss: Callable[[], str | None], phase: int, prompt: str) -> None:
-        """Tell the operator what is amiss, as it changes, until nothing is any more."""
+    async def _until_well(self, problem: Callable[[], str | None], phase: int, prompt: str) -> None:
+        """Tell the operator about a problem, whenever it changes, until there is none."""
 
         def changed() -> bool:
-            return amiss() != said
+            return problem() != said
 
-        while (said := amiss()) is not None:
+        while (said := problem()) is not None:
             self._report(phase, f"{prompt}: {said}" if said else prompt)
             await self._until(changed)
 
     def _until(self, condition: Callable[[], bool]) -> Future:
-        """A future that is done once the condition, looked at 20 times a second, holds."""
+        """A future that is done once a condition holds, which is checked 20 times a second."""
         future: Future = Future()
         self._condition = (condition, future)
         return future
@@ -197,11 +197,11 @@ class ExperimentNode(Node):
             future.set_result(None)
 
     def _unwell(self) -> str | None:
-        """The nodes that are awaited."""
+        """The nodes that have not reported OK yet; None if all have."""
         return ", ".join(sorted(name.rpartition("/")[2] for name in self._awaited - self._well)) or None
 
     def _hindrance(self) -> str | None:
-        """Why the pusher cannot move; None where it can."""
+        """Why the pusher cannot move; None if it can."""
         if self._pusher is None or self._silent:
             return "nothing is heard of it"
         if self._pusher.mode != PusherState.MODE_IDLE:
@@ -213,7 +213,7 @@ class ExperimentNode(Node):
         return time.monotonic() - self._heard > self._config.lost_result
 
     def _forgotten(self) -> bool:
-        """A pusher that idles, or says nothing at all, has forgotten its goal."""
+        """Whether the pusher has forgotten its goal: it idles, or it does not report at all."""
         idles = self._idle_since is not None and time.monotonic() - self._idle_since > self._config.lost_result
         return idles or self._silent
 
@@ -222,11 +222,11 @@ class ExperimentNode(Node):
         return time.monotonic() - self._seen > self._config.lost_object
 
     def _pushes_unseen(self) -> bool:
-        """The pusher goes forward, and nobody knows where the object is."""
+        """Whether the pusher moves forward while the object is not seen."""
         return self._unseen and self._pusher is not None and self._pusher.push_id != PusherState.NO_PUSH
 
     def _misplaced(self, wanted: Pose) -> str | None:
-        """What the object lacks; None once it lies still where it is wanted."""
+        """What is wrong with the placement; None once the object lies still in its place."""
         if not self._poses:
             return ""
         if self._unseen:

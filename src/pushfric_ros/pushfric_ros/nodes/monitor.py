@@ -1,4 +1,4 @@
-"""The monitor node: what the command line hears of a running cell."""
+"""The monitor node: what the command line receives from a running cell."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,17 +12,17 @@ from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.node_kit.qos import LATCHED
 
 LOOK_PERIOD = 0.05
-"""Between two looks for the player [s] of wall time."""
+"""Time between two looks for the player, in wall time [s]."""
 
 
 class MonitorNode(Node):
-    """Hands on estimates and the plan's progress, and keeps how far the estimator has come.
+    """Passes on estimates and the plan's progress, and records how far the estimator has come.
 
     Args:
-        on_estimate: gets every friction_estimate.
-        on_progress: gets every plan_progress.
-        starts_player: resume a paused player once the estimates are heard: discovery may take seconds, in which estimates would
-            go unseen.
+        on_estimate: called with every friction_estimate.
+        on_progress: called with every plan_progress.
+        starts_player: resume a paused player once estimates can be received, because discovery may take seconds, and estimates
+            during this time would be lost.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class MonitorNode(Node):
         **kwargs: Any,
     ) -> None:
         super().__init__("monitor", **kwargs)
-        self.settled = self.newest = -1  # what the estimator has dealt with, and its newest data point [ns]
+        self.settled = self.newest = -1  # what the estimator has processed, and its newest data point [ns]
         self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED)
         self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED)
         self.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)

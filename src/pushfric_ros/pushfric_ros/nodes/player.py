@@ -1,4 +1,4 @@
-"""The player node: a bag's messages published again, at the pace they were recorded or another."""
+"""The player node: publishes the messages of a bag again, at the recorded speed or another."""
 
 from collections.abc import Callable, Collection
 from typing import Any
@@ -29,12 +29,12 @@ from pushfric_ros.node_kit.qos import RELIABLE
 CLOCK_TOPIC = "/clock"
 CLOCK_PERIOD_NS = 10_000_000  # of bag time
 SHORTEST_CLOCK_PERIOD_NS = 2_000_000  # of wall time: no more than 500 /clock messages a second at high rates
-BURST = 100  # messages in one callback: a player that is late still answers its service in between
-WATCH_PERIOD_NS = 20_000_000  # of wall time, between two looks at endpoints and acknowledgements
+BURST = 100  # messages in one callback, so that a late player still answers its service in between
+WATCH_PERIOD_NS = 20_000_000  # of wall time, between checks of endpoints and acknowledgements
 ACKNOWLEDGE_WITHIN_NS = 5_000_000_000  # of wall time
 DEFAULT_DEPTH = 10
-DEPTH_LIMIT = 10_000  # messages kept for late acknowledgements, whatever the bag says
-LATE = 1.0  # of wall time [s]; a player further behind its rate says so
+DEPTH_LIMIT = 10_000  # most messages kept for late acknowledgements, whatever the bag says
+LATE = 1.0  # of wall time [s]; a player that is later than this says so
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 )
@@ -43,7 +43,7 @@ OVERRIDABLE = QoSOverridingOptions(
 class PlayerNode(Node):
     """Plays a bag on a steady wall clock; ~/pause (std_srvs/SetBool) holds and resumes it.
 
-    The QoS is that of the recorded publishers, unless parameters qos_overrides.TOPIC.publisher.POLICY say otherwise.
+    The QoS is that of the recorded publishers, unless parameters qos_overrides.TOPIC.publisher.POLICY override it.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -85,11 +85,11 @@ class PlayerNode(Node):
 
     @property
     def done(self) -> bool:
-        """All is played, and acknowledged by the subscribers that acknowledge."""
+        """Whether all is played, and acknowledged by the subscribers that acknowledge messages."""
         return self._done
 
     def _publisher(self, name: str, kind: type, qos: QoSProfile) -> Publisher:
-        """A topic's publisher; rclpy writes the overrides into `qos`."""
+        """Make the publisher of a topic; rclpy writes the overrides into `qos`."""
         try:
             return self._diagnostics.advertise(kind, name, qos, OVERRIDABLE)
         except (InvalidParameterTypeException, RuntimeError, ValueError) as error:
@@ -105,12 +105,12 @@ class PlayerNode(Node):
         return [topic for topic in topics if topic.name in wanted and topic.name not in unwanted]
 
     def _names(self, parameter: str, texts: tuple[str, ...], known: Collection[str]) -> list[str]:
-        """Full names of the topics a parameter lists."""
+        """Full names of the topics that a parameter lists."""
         where = f"{self.get_fully_qualified_name()}: parameter {parameter}"
         names = []
         for text in filter(None, texts):
             try:
-                # not remapped: that applies to what is published, not to the bag
+                # not remapped, as remapping applies to what is published, not to the bag
                 name = expand_topic_name(text, self.get_name(), self.get_namespace())
                 validate_full_topic_name(name)
             except InvalidTopicNameException as error:
@@ -126,7 +126,7 @@ class PlayerNode(Node):
             self._call_in(0, self._play)
 
     def _rewind(self) -> None:
-        """Go to where playing begins; what was latched there is published again."""
+        """Go to where playing begins; publish again what was latched there."""
         self._messages = self._bag.messages(self._played, self._begin_ns)
         self._next = next(self._messages, None)
         self._next_clock_ns = self._begin_ns
@@ -137,7 +137,7 @@ class PlayerNode(Node):
         self._anchor(self._begin_ns)
 
     def _play(self) -> None:
-        """Publish what is due and come back when the next is."""
+        """Publish what is due, and come back when the next message is due."""
         now_ns = self._bag_time()
         wait_ns = 0
         for _ in range(BURST):
@@ -176,13 +176,13 @@ class PlayerNode(Node):
             raise SystemExit(0)
 
     def _call_in(self, wait_ns: int, callback: Callable[[], None]) -> None:
-        """Let the one timer call `callback` after some wall time [ns]."""
+        """Let the timer call `callback` after some wall time [ns]."""
         self._timer.callback = callback
         self._timer.timer_period_ns = max(1, wait_ns)
         self._timer.reset()
 
     def _anchor(self, bag_ns: int) -> None:
-        """Let the bag's time run on from here."""
+        """Let the time of the bag run from here on."""
         self._anchor_bag_ns, self._anchor_wall_ns = bag_ns, self._wall.now().nanoseconds
 
     def _bag_time(self) -> int:
@@ -218,7 +218,7 @@ class PlayerNode(Node):
 
 
 def _offered(topic: Topic) -> QoSProfile:
-    """One offer that satisfies every subscriber the recorded publishers satisfied; rates and lifetimes are not promised."""
+    """An offer that satisfies every subscriber that the recorded publishers satisfied; it promises no rates or lifetimes."""
     reliable = any(qos.reliability == Reliability.RELIABLE for qos in topic.qos_profiles) or not topic.qos_profiles
     latched = any(qos.durability == Durability.TRANSIENT_LOCAL for qos in topic.qos_profiles)
     return QoSProfile(

@@ -1,4 +1,4 @@
-"""The recorder node: the bytes of every message of the chosen topics into a bag."""
+"""The recorder node: writes the bytes of every message on the chosen topics to a bag."""
 
 import pathlib
 import time
@@ -25,21 +25,21 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import offered, profile
 
 QUEUE_DEPTH = 1000
-FLUSH_PERIOD = 0.5  # [s] of wall time: a crash costs the last second at most, even where a flush is late
+FLUSH_PERIOD = 0.5  # of wall time [s]; a crash costs at most the last second, even if a flush is late
 
 
 class MessagesLost(PushfricError):
-    """A bag does not hold all that was published while it was recorded."""
+    """A bag lacks messages that were published while it was recorded."""
 
 
 class _Losses:
-    """The messages of one topic that never came here, and when."""
+    """The messages of a topic that did not arrive, and when."""
 
     def __init__(self) -> None:
-        self._told = 0  # by the middleware: lost on the way, but not those that a full queue pushed out
-        self._missing = 0  # from the publisher's numbering: both, but known of a single publisher only
+        self._told = 0  # reported by the middleware: lost on the way, without those that a full queue dropped
+        self._missing = 0  # from the publisher's numbers: both kinds, but only for a single publisher
         self._last: int | None = None
-        self._last_ns = 0  # when the last one came, by the recorder's clock
+        self._last_ns = 0  # when the last message came, by the recorder's clock
         self.first_ns: int | None = None  # before the first loss
         self.until_ns = 0  # after the last one
 
@@ -52,8 +52,8 @@ class _Losses:
         self._note(self._last_ns)
 
     def count(self, number: int | None, publishers: Callable[[], int], now_ns: int = 0) -> None:
-        """Take the publisher's number of a message that came; None where the middleware has none."""
-        # numbers that begin again are those of a restarted publisher
+        """Take the publisher's number of a message that came; None if the middleware has no numbers."""
+        # numbers that start again come from a restarted publisher
         if number is not None and self._last is not None and number > self._last + 1 and publishers() == 1:
             self._missing += number - self._last - 1
             self._note(now_ns)
@@ -65,9 +65,9 @@ class _Losses:
 
 
 class RecorderNode(Node):
-    """Records raw messages, stamped with the node's clock as they come; the bag is finished when the node is destroyed.
+    """Records raw messages, stamped with the node's clock on arrival; the bag is finished when the node is destroyed.
 
-    Under use_sim_time, what comes before the first /clock waits for it and gets the first time known.
+    Under use_sim_time, messages that come before the first /clock wait for it and get that time.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -78,7 +78,7 @@ class RecorderNode(Node):
             raise InvalidInput(
                 f"{self.get_fully_qualified_name()}: topics must name what to record unless discover is true, got none"
             )
-        for topic in known:  # before there is a file
+        for topic in known:  # before a file is made
             message_class(topic.type_name)
         model = load_object(recording.object) if recording.object else None
         self._bag = BagWriter(recording.bag)
@@ -89,10 +89,10 @@ class RecorderNode(Node):
             except OSError as error:
                 raise InvalidInput(f"{file}: cannot be written: {error.strerror}") from error
         self._bytes = 0
-        self._reported = (time.monotonic(), 0)  # when the diagnostics last did, and how many messages
+        self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
         self._losses: dict[str, _Losses] = {}  # by topic
         self._reported_lost: dict[str, int] = {}
-        self._waiting: list[tuple[str, bytes]] = []  # for the first /clock
+        self._waiting: list[tuple[str, bytes]] = []  # messages that wait for the first /clock
         self._refused: set[str] = set()
         for topic in known:
             wanted = profile(QUALITIES[topic.quality])
@@ -104,7 +104,7 @@ class RecorderNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
 
     def destroy_node(self) -> None:
-        """Finish the bag and leave.
+        """Finish the bag and destroy the node.
 
         Raises:
             InvalidInput: it could not be finished, as where the disk is full.
@@ -149,7 +149,7 @@ class RecorderNode(Node):
         )
 
     def _on_message(self, name: str, raw: bytes) -> int:
-        """Record a message; returns its log time [ns], 0 while it waits for the first /clock."""
+        """Record a message; return its log time [ns], or 0 while it waits for the first /clock."""
         self._bytes += len(raw)
         now = self.get_clock().now().nanoseconds
         if now == 0:
@@ -171,7 +171,7 @@ class RecorderNode(Node):
         self._bag.flush()
 
     def _discover(self) -> None:
-        """Record the topics that others publish; those named with a leading underscore are hidden."""
+        """Record the topics that other nodes publish, except hidden ones, whose names begin with an underscore."""
         for name, type_names in self.get_topic_names_and_types():
             if name in self._bag.topics or name in self._refused or "/_" in name:
                 continue
