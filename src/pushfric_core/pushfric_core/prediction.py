@@ -21,6 +21,9 @@ SHARE = 0.9
 """The truth lies within a spread this often."""
 
 
+LATEST = 500
+"""Data points that tell the misfit, so that its cost does not grow with their number."""
+
 STICKING = 1e6
 """A contact friction coefficient with which no tip slides."""
 
@@ -212,13 +215,14 @@ def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: in
     Each data point's motion is compared with the one that the mean w predicts where the contact moves as it was seen to move:
     so neither mu_c nor the tip matters. Where it was seen to move away from the pusher, nothing is predicted: pi/2. Of these
     angles it is the one that 90 % of new ones stay below (the order statistic of rank ceil(0.9 (m + 1))), made larger by what
-    the fit of w to the same data points took away. No data points: 0.
+    the fit of w to the same data points took away. No data points: 0; more than LATEST: only these.
 
     Args:
         model: of the object.
         observations: the data points, m.
         fitted: how many parameters were fitted to them: the weights above zero of the optimum, less one.
     """
+    observations = observations[-LATEST:]
     if not observations:
         return 0.0
     points = np.array([observation.contact_point for observation in observations])

@@ -6,17 +6,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from pushfric_core.limit_surface import Ellipsoid, LimitSurface
 from pushfric_core.planar import Array, Twist, Wrench, left_of
 from pushfric_core.records import comparable
 from pushfric_core.support import Support
 
-DIRECTIONS = 400
+DIRECTIONS = 100
 """Fourth powers along this many directions make up the quartic; a quartic form of three variables needs at most 15 of them."""
 
-SAMPLES = 500
+SAMPLES = 200
 """Motions whose wrenches the quartic is fitted to, and errors are taken over."""
 
 EXPONENTS = tuple(powers for powers in itertools.product(range(4, -1, -1), repeat=3) if sum(powers) == 4)
@@ -100,6 +99,8 @@ def convex_quartic(support: Support) -> Quartic:
     Raises:
         ValueError: a single point bears all the weight.
     """
+    from scipy.optimize import nnls  # takes longer to load than all else of this package
+
     wrenches, twists, scaling = _samples(support)
     # about p_CF and in round units, S W and S^-T V
     rounded = np.linalg.solve(scaling.T, twists.T).T
@@ -125,6 +126,18 @@ def quartic_error(quartic: Quartic, support: Support) -> SurfaceError:
     wrenches, twists, scaling = _samples(support)
     loads = np.maximum(_monomials(wrenches) @ quartic.coefficients, 0.0) ** 0.25
     return _error(loads, _gradients(wrenches) @ quartic.coefficients, twists, scaling)
+
+
+def surface_samples(support: Support) -> tuple[Array, Array]:
+    """Wrenches (s, 3) on the exact surface, about the object-frame origin, and the motions (s, 3) there, of unit dissipation.
+
+    The motions are spread evenly over all directions.
+
+    Raises:
+        ValueError: a single point bears all the weight.
+    """
+    wrenches, twists, _ = _samples(support)
+    return wrenches, twists
 
 
 def _error(loads: Array, gradients: Array, twists: Array, scaling: Array) -> SurfaceError:

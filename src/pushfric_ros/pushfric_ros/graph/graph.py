@@ -63,6 +63,7 @@ TOPICS = (
     Topic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
     Topic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
     Topic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
+    Topic("limit_surface", "pushfric_msgs/msg/LimitSurface", "latched"),
     Topic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
     Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
     Topic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),

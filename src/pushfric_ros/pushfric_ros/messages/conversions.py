@@ -6,17 +6,21 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Point32, PoseWithCovarianceStamped, Quaternion, Vector3, WrenchStamped
+from geometry_msgs.msg import Point, Point32, PoseWithCovarianceStamped, Quaternion, Vector3, Wrench, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMsg
+from geometry_msgs.msg import Twist as TwistMsg
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.estimate import Estimate
-from pushfric_core.observation import Observation
+from pushfric_core.observation import UNIT, Observation
 from pushfric_core.planar import Pose, Twist
+from pushfric_core.prediction import FrictionModel, Predictions, Stability
 from pushfric_core.recognition import Ranking
 from pushfric_core.region import Region
 from pushfric_core.sensed_force import ForceSample
+from pushfric_core.simulation import ContactMode
 from pushfric_core.solvers.program import Status
+from pushfric_core.surface_models import convex_quartic, ellipsoid_error, named_ellipsoid, quartic_error, surface_samples
 from pushfric_core.test_pushes import RankedPush
 from pushfric_core.trajectory import PoseSample, PusherSample
 from pushfric_msgs.msg import (
@@ -24,6 +28,7 @@ from pushfric_msgs.msg import (
     ContactFriction,
     FrictionEstimate,
     Hypothesis,
+    LimitSurface,
     PusherState,
     Recognition,
     SupportFriction,
@@ -32,6 +37,7 @@ from pushfric_msgs.msg import (
 from pushfric_msgs.msg import (
     Observation as ObservationMsg,
 )
+from pushfric_msgs.srv import PredictPush, StablePushes
 
 TABLE = "table"
 OBJECT = "object"
@@ -46,6 +52,12 @@ STATUS_TO_MSG = {
     Status.OPTIMAL: FrictionEstimate.STATUS_OPTIMAL,
     Status.UNCERTIFIED: FrictionEstimate.STATUS_UNCERTIFIED,
     Status.INFEASIBLE: FrictionEstimate.STATUS_INFEASIBLE,
+}
+
+MODE_TO_MSG = {
+    ContactMode.FREE: PredictPush.Response.FREE,
+    ContactMode.STICKING: PredictPush.Response.STICKING,
+    ContactMode.SLIDING: PredictPush.Response.SLIDING,
 }
 
 
@@ -237,9 +249,98 @@ def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int,
     return msg
 
 
+def pushes_from_msg(request: PredictPush.Request) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Contact points, normals and tip velocities (k, 2) each.
+
+    Raises:
+        ValueError: they are not as many, there is none, or a normal is not unit.
+    """
+    parts = _planar(request.contact_points), _normals(request.contact_normals), _planar(request.tip_velocities)
+    _as_many("contact_points, contact_normals and tip_velocities", *parts)
+    return parts
+
+
+def predictions_to_msg(predictions: Predictions, response: PredictPush.Response) -> PredictPush.Response:
+    """What pushes do, as the answer to a request."""
+    response.success = True
+    response.twists = [_twist(twist) for twist in predictions.twists]
+    response.modes = [MODE_TO_MSG[mode] for mode in predictions.modes]
+    response.spreads = predictions.spread.tolist()
+    response.forces = [_vector(force) for force in predictions.forces]
+    return response
+
+
+def turns_from_msg(
+    request: StablePushes.Request,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Contact points (k, 2), normals (k, 2), half-widths (k,), centres of rotation (k, 2) and turns (k,).
+
+    Raises:
+        ValueError: they are not as many, there is none, or a normal is not unit.
+    """
+    points, normals = _planar(request.contact_points), _normals(request.contact_normals)
+    half_widths, turns = np.array(request.half_widths), np.array(request.turns, dtype=float)
+    centers = _planar(request.centers_of_rotation)
+    names = "contact_points, contact_normals, half_widths, centers_of_rotation and turns"
+    _as_many(names, points, normals, half_widths, centers, turns)
+    return points, normals, half_widths, centers, turns
+
+
+def stability_to_msg(stability: Stability, response: StablePushes.Response) -> StablePushes.Response:
+    """Which pushes hold the object, as the answer to a request."""
+    response.success = True
+    response.stable, response.margins = stability.stable.tolist(), stability.margins.tolist()
+    response.probabilities = stability.probabilities.tolist()
+    return response
+
+
+def limit_surface_to_msg(estimate: Estimate, model: FrictionModel, object_name: str) -> LimitSurface:
+    """The limit surface of an estimate in the forms that planners use.
+
+    Raises:
+        ValueError: a single point bears all the weight: its surface encloses no volume.
+    """
+    msg = LimitSurface(object=object_name, contact_friction=model.mean_mu_c)
+    msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
+    if estimate.total_friction is not None:
+        msg.total_friction = [estimate.total_friction]
+    ellipsoid, quartic = named_ellipsoid(model.support), convex_quartic(model.support)
+    msg.f_max, msg.m_max, msg.center = ellipsoid.f_max, ellipsoid.m_max, _point(ellipsoid.center)
+    msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid.form(), model.support)
+    msg.quartic = quartic.coefficients
+    msg.quartic_load_error, msg.quartic_twist_error = quartic_error(quartic, model.support)
+    wrenches, twists = surface_samples(model.support)
+    msg.wrenches = [Wrench(force=_vector(row[:2]), torque=Vector3(z=float(row[2]))) for row in wrenches]
+    msg.twists = [_twist(row) for row in twists]
+    return msg
+
+
+def _planar(vectors: Sequence[Point] | Sequence[Vector3]) -> np.ndarray:
+    return np.array([(vector.x, vector.y) for vector in vectors]).reshape(-1, 2)
+
+
+def _normals(vectors: Sequence[Vector3]) -> np.ndarray:
+    normals = _planar(vectors)
+    lengths = np.linalg.norm(normals, axis=1)
+    wrong = ~(np.abs(lengths - 1) <= UNIT)
+    if wrong.any():
+        raise ValueError(f"contact_normals must have length 1, got {lengths[wrong][0]:g}")
+    return normals
+
+
+def _as_many(names: str, *arrays: np.ndarray) -> None:
+    counts = [len(array) for array in arrays]
+    if len(set(counts)) > 1 or not counts[0]:
+        raise ValueError(f"{names} must be as many, at least one, got {', '.join(map(str, counts))}")
+
+
+def _twist(row: np.ndarray) -> TwistMsg:
+    return TwistMsg(linear=_vector(row[:2]), angular=Vector3(z=float(row[2])))
+
+
 def _point(xy: tuple[float, float] | np.ndarray) -> Point:
     return Point(x=float(xy[0]), y=float(xy[1]))
 
 
-def _vector(xy: tuple[float, float]) -> Vector3:
+def _vector(xy: tuple[float, float] | np.ndarray) -> Vector3:
     return Vector3(x=float(xy[0]), y=float(xy[1]))

@@ -14,6 +14,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
+from pushfric_core.prediction import FrictionModel, model_of, predict, stability
 from pushfric_core.recognition import Recognizer
 from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.sensed_force import SensedForce
@@ -24,6 +25,7 @@ from pushfric_msgs.msg import (
     ContactFriction,
     EstimatorProgress,
     FrictionEstimate,
+    LimitSurface,
     PusherState,
     Recognition,
     SupportFriction,
@@ -31,7 +33,7 @@ from pushfric_msgs.msg import (
 from pushfric_msgs.msg import (
     Observation as ObservationMsg,
 )
-from pushfric_msgs.srv import ExcludePush, SelectObject
+from pushfric_msgs.srv import ExcludePush, PredictPush, SelectObject, StablePushes
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, ObjectConfig
@@ -40,14 +42,19 @@ from pushfric_ros.messages.conversions import (
     OBJECT,
     estimate_to_msg,
     force_sample_from_msg,
+    limit_surface_to_msg,
     nothing_known,
     observation_from_msg,
     observation_to_msg,
     pose_sample_from_msg,
+    predictions_to_msg,
     pusher_sample_from_msg,
+    pushes_from_msg,
     recognition_to_msg,
     region_to_msg,
+    stability_to_msg,
     stamp_to_msg,
+    turns_from_msg,
 )
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
@@ -58,6 +65,9 @@ from pushfric_ros.node_kit.transforms import TransformBroadcaster
 
 PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, in wall time [s]."""
+
+QUIET = 0.5
+"""The limit surface is published when the estimate has stood for this long [s] of wall time."""
 
 
 class EstimatorNode(Node):
@@ -96,6 +106,11 @@ class EstimatorNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
+        self.create_service(PredictPush, "~/predict_push", self._on_predict_push)
+        self.create_service(StablePushes, "~/stable_pushes", self._on_stable_pushes)
+        self._limit_surface_out = topics.advertise(LimitSurface, "limit_surface", LATCHED)
+        self._drawn: Estimate | None = None  # whose limit surface was published
+        self.create_timer(QUIET, self._publish_limit_surface, clock=Clock(clock_type=ClockType.STEADY_TIME))
         # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
@@ -111,6 +126,8 @@ class EstimatorNode(Node):
         self._recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
         self._half_planes = HalfPlanes(model.outline, settings.region.region_margin)
         self._estimate: Estimate | None = None
+        self._model: tuple[Estimate, FrictionModel] | None = None  # the last estimate that was asked to predict
+        self._before: Estimate | None = None  # the estimate a moment ago
         self._problem: str | None = None
         self._refused = 0
 
@@ -285,6 +302,47 @@ class EstimatorNode(Node):
             ranking = self._recognizer.exclude(request.push_id)
             self._recognition_out.publish(recognition_to_msg(ranking) if ranking.data_points else Recognition())
         return response
+
+    def _friction(self) -> tuple[Estimate, FrictionModel]:
+        """The last estimate and what predicts from it, made when it is first asked for.
+
+        Raises:
+            ValueError: there is no estimate to predict from.
+        """
+        estimate = self._estimate
+        if estimate is None:
+            raise ValueError("there is no estimate yet; push the object first")
+        if estimate.contradiction is not None:
+            raise ValueError(estimate.contradiction)
+        if self._model is None or self._model[0] is not estimate:
+            self._model = estimate, model_of(estimate, self._estimator.observations)
+        return self._model
+
+    def _on_predict_push(self, request: PredictPush.Request, response: PredictPush.Response) -> PredictPush.Response:
+        try:
+            return predictions_to_msg(predict(self._friction()[1], *pushes_from_msg(request)), response)
+        except (ValueError, PushfricError) as error:
+            response.message = str(error)
+            return response
+
+    def _on_stable_pushes(self, request: StablePushes.Request, response: StablePushes.Response) -> StablePushes.Response:
+        try:
+            return stability_to_msg(stability(self._friction()[1], *turns_from_msg(request)), response)
+        except (ValueError, PushfricError) as error:
+            response.message = str(error)
+            return response
+
+    def _publish_limit_surface(self) -> None:
+        """The limit surface of an estimate that has stood for a while: it takes longer than data points may wait."""
+        settled, self._before = self._before is self._estimate, self._estimate
+        if not settled or self._drawn is self._estimate:
+            return
+        self._drawn = self._estimate
+        try:
+            msg = limit_surface_to_msg(*self._friction(), self._object.name)
+        except (ValueError, PushfricError):  # no estimate any longer, or one that says so itself
+            msg = LimitSurface(object=self._object.name)
+        self._limit_surface_out.publish(msg)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
