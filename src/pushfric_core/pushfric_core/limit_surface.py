@@ -1,11 +1,12 @@
-"""The limit surface of a support friction distribution, what planners make of it, and which of two a push can tell apart.
+"""The limit surface of a support friction distribution, ellipsoids in its place, and which supports a push can tell apart.
 
-It is the locus of the wrenches W = (fx, fy, m) a pusher applies to the sliding object, opposite to the support friction; the
-motion V = (vx, vy, omega) is parallel to its outward normal at W (section 6.3). W and V are about the object-frame origin.
+The limit surface is the locus of the wrenches W = (fx, fy, m) that a pusher applies to the sliding object, opposite to the
+support friction. The motion V = (vx, vy, omega) is parallel to its outward normal at W (section 6.3). W and V are about the
+object-frame origin.
 
 The surface bounds the sum of the discs {(u, p_j x u) : |u| <= w_j}. So its support function is the dissipation h(V) = sum_j w_j
-|v_j|, and the motion under a wrench W is the V that minimises h on W . V = 1. Where V rotates about a support point, the disc
-of that support appears as a flat part of the surface, a facet: all its wrenches have the same motion.
+|v_j|, and the motion under a wrench W is the V that minimises h on W . V = 1. If V rotates about a support point, the disc of
+that support appears as a flat part of the surface, a facet: all its wrenches have the same motion.
 """
 
 import math
@@ -23,28 +24,28 @@ from pushfric_core.records import comparable
 from pushfric_core.support import Support
 
 SMOOTHING = 10.0 ** -np.arange(1, 10)
-"""Speeds are rounded off at zero by these fractions of the mean speed, one after the other: Newton needs a smooth h."""
+"""Speeds are rounded off at zero by these fractions of the mean speed, one after another, because Newton needs a smooth h."""
 
 STEPS = 100
-"""Cap on Newton's steps at each of them; some five are usual."""
+"""Cap on Newton's steps at each of them; about five are usual."""
 
 CONVERGED = 1e-14
 """Newton stops when one more step would lower h by less than this fraction."""
 
 RIM = 1e-9
-"""A wrench this fraction of the radius inside the rim of a facet lies on it: on the rim other motions may fit as well."""
+"""A wrench counts as on a facet if it is this fraction of the radius inside its rim; on the rim other motions may fit, too."""
 
 RIDGE = 1e-12
-"""Part of the identity in Newton's matrix, which is singular where supports on one line all move across it."""
+"""Part of the identity in Newton's matrix, which is singular if supports on one line all move across it."""
 
 TINY = 1e-300
 """Keeps a division by zero defined whose quotient is multiplied by zero."""
 
 ACROSS_CONE = 65
-"""Directions of the force across each friction cone."""
+"""Number of directions of the force across each friction cone."""
 
 WRENCHES = 1000
-"""How many points of the surface the fitted ellipsoid is fitted to."""
+"""Number of points of the surface to which the ellipsoid is fitted."""
 
 DISTINGUISHABLE = 3.0
 """Standard deviations of the noise that a difference of motions must exceed to be told from it."""
@@ -82,7 +83,7 @@ class Reachable(NamedTuple):
 @comparable
 @dataclass(frozen=True)
 class Ellipsoid:
-    """An ellipsoid W' A W = 1 in place of a limit surface: wrenches and motions in closed form.
+    """An ellipsoid W' A W = 1 instead of a limit surface: wrenches and motions in closed form.
 
     Args:
         form: A (3, 3), for moments about the object-frame origin in metres times unit force.
@@ -109,7 +110,7 @@ class Ellipsoid:
         return Wrench(*(along / np.sqrt(along @ twist)).tolist())
 
     def twist(self, wrench: Wrench) -> Twist:
-        """The motion under a wrench, brought to the ellipsoid: A W / sqrt(W' A W), which dissipates one unit there.
+        """The motion under a wrench scaled to the ellipsoid: A W / sqrt(W' A W), which dissipates one unit there.
 
         Raises:
             ValueError: the wrench is zero.
@@ -122,7 +123,7 @@ class LimitSurface:
     """The exact limit surface of a support.
 
     Args:
-        support: with weight at two places or more: the surface of a single point encloses no volume.
+        support: with weight at two places or more, because the surface of a single point encloses no volume.
     Raises:
         ValueError: a single point bears all the weight.
     """
@@ -147,13 +148,13 @@ class LimitSurface:
         """The wrench that keeps the object moving along `twist`: minus the friction of eqs 1 and 2.
 
         Raises:
-            UninformativePush: no motion, or one about a support point: then it may be any of a facet.
+            UninformativePush: there is no motion, or it is one about a support point, where any wrench of a facet is possible.
         """
         fx, fy, m = self._support.friction_wrench(twist)
         return Wrench(-fx, -fy, -m)
 
     def twist(self, wrench: Wrench) -> Twist:
-        """The motion under a wrench brought to the surface: the outward normal there, of unit dissipation.
+        """The motion under a wrench scaled to the surface: the outward normal there, of unit dissipation.
 
         A translation of unit dissipation has unit speed. The motion is unique unless the support points lie on one line; then
         a force across that line may have several, and this is one of them.
@@ -165,17 +166,17 @@ class LimitSurface:
         return Twist(*self._twists(_checked("wrench", wrench)[None])[0].tolist())
 
     def load(self, wrench: Wrench) -> float:
-        """The wrench as a multiple of the one on the surface along it: the object slides at 1, and rests below.
+        """The wrench as a multiple of the wrench on the surface in its direction: the object slides at 1, and rests below.
 
-        The rest as for `twist`.
+        Raises as `twist`.
         """
         return float(self._loads(_checked("wrench", wrench)[None])[0])
 
     @cached_property
     def facets(self) -> list[Facet]:
-        """The flat parts where the object turns counter-clockwise, one for each place that bears weight.
+        """The flat parts for counter-clockwise turns, one for each place that bears weight.
 
-        Those of clockwise turns lie opposite: twist and centre change their signs.
+        Those for clockwise turns lie opposite: twist and centre change their signs.
         """
         points, weights = self._support.points, self._support.weights
         facets = []
@@ -184,21 +185,21 @@ class LimitSurface:
             distances = np.linalg.norm(arms, axis=1)
             omega = 1 / float(weights @ distances)
             vx, vy = (-omega * left_of(point)).tolist()
-            # this support's own force, which has no arm, is what the facet leaves open
+            # the facet leaves open this support's own force, which has no arm
             forces = left_of(arms) * (weights / np.maximum(distances, TINY))[:, None]
             fx, fy = forces.sum(axis=0).tolist()
             facets.append(Facet(point, Twist(vx, vy, omega), Wrench(fx, fy, float(cross(points, forces).sum())), float(weight)))
         return facets
 
     def cross_section(self, first: Wrench, second: Wrench, count: int = 180) -> CrossSection:
-        """The curve in which the plane of two wrenches cuts the surface, its straight parts exact.
+        """The curve in which the plane of two wrenches cuts the surface; its straight parts are exact.
 
         The plane fx = 0 of Figure 12 is that of (0, 1, 0) and (0, 0, 1).
 
         Args:
-            first: what the first coordinate counts.
-            second: what the second coordinate counts.
-            count: points of the curve besides the ends of its straight parts.
+            first: unit of the first coordinate.
+            second: unit of the second coordinate.
+            count: number of points of the curve besides the ends of its straight parts.
         Raises:
             ValueError: a wrench is zero or not finite, they are parallel, or count < 4.
             SolverFailed: a motion was not found.
@@ -220,7 +221,7 @@ class LimitSurface:
         return CrossSection(points[np.argsort(np.arctan2(y, x))], chords)
 
     def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid planners assume: about p_CF, its semi-axes are the force of a translation and the moment of a turn."""
+        """The ellipsoid that planners assume; its semi-axes about p_CF are the force of a translation and a turn's moment."""
         return Ellipsoid(self._scaling.T @ self._scaling)
 
     def fitted_ellipsoid(self) -> Ellipsoid:
@@ -241,7 +242,7 @@ class LimitSurface:
         return Ellipsoid(self._scaling.T @ (upper + upper.T) @ self._scaling / 2)
 
     def reachable(self, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float) -> Reachable:
-        """What pushes with one point contact can explore: the wrenches of forces in the friction cones of the contacts.
+        """The wrenches that pushes with one point contact can reach, with forces in the friction cones of the contacts.
 
         Args:
             contact_points: (k, 2) [m].
@@ -321,7 +322,7 @@ class LimitSurface:
                 value, step, decrease = self._newton_step(twists[moving], directions[moving], floor[moving])
                 going = decrease > CONVERGED * value
                 moving, value, step, decrease = moving[going], value[going], step[going], decrease[going]
-                # shorten each step until it gains what it promises, or until what it promises drowns in rounding
+                # shorten each step until it gains what was expected, or until the expected gain is lost in rounding
                 length = np.ones(len(moving))
                 searching = np.arange(len(moving))
                 while len(searching):
@@ -365,14 +366,14 @@ class LimitSurface:
         curvature -= (growth * (share / speeds**2)[:, None]) @ growth.transpose(0, 2, 1)
         slope = np.sum(directions * gradient[:, None], axis=2)
         hessian = directions @ curvature @ directions.transpose(0, 2, 1)
-        # a trace of curvature keeps the step finite where the dissipation is linear
+        # a trace of curvature keeps the step finite if the dissipation is linear
         hessian += np.eye(2) * (RIDGE * share.sum(axis=1))[:, None, None]
         shift = -np.linalg.solve(hessian, slope[..., None])[..., 0]
         return speeds @ self._support.weights, np.sum(shift[..., None] * directions, axis=1), -np.sum(slope * shift, axis=1)
 
 
 class Measurement(NamedTuple):
-    """How a vision system sees a motion: a displacement of the object, with errors of these standard deviations."""
+    """How a vision system sees a motion: as a displacement of the object, with errors of these standard deviations."""
 
     travel: float  # of the contact point between the two poses that are compared [m]
     position: float  # error of each coordinate of the object-frame origin's displacement [m]
@@ -380,9 +381,9 @@ class Measurement(NamedTuple):
 
 
 class Separation(NamedTuple):
-    """The push whose motion tells an object best from another."""
+    """The push whose motion best tells one object from another."""
 
-    deviations: float  # standard deviations of the measurement between its motion and the nearest one the other allows
+    deviations: float  # distance from its motion to the nearest one of the other object, in standard deviations
     contact: int  # index of the contact
     twist: Twist  # its motion, of unit dissipation
 

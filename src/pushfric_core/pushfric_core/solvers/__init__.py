@@ -1,13 +1,13 @@
 """The linear and quadratic programs for w, what solves them, and what certifies the result.
 
-Each solver is a peer behind `program.Program`, and loaded when it is first asked for.
+All solvers are peers behind `program.Program`; each is loaded when it is first needed.
 """
 
 from pushfric_core.errors import SolverUnavailable
 from pushfric_core.solvers.program import Loss, Program, Solver
 
 PACKAGES = ("numba", "osqp")
-"""What solvers need besides numpy and scipy."""
+"""Packages that solvers need besides numpy and scipy."""
 
 
 def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX, with_scale: bool = False) -> Program:
@@ -15,9 +15,9 @@ def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX,
 
     Args:
         n: number of support points.
-        loss: with L2 the solver is the one for least squares.
+        loss: L2 takes the solver for least squares.
         solver: of the linear program.
-        with_scale: the rows have one more column, that of the scale; the simplex solver alone knows it.
+        with_scale: the rows have one more column, that of the scale; only the simplex solver can handle it.
     Raises:
         ValueError: n < 1, or a scale with another solver.
         SolverUnavailable: the solver needs a package that is not installed.

@@ -17,21 +17,21 @@ Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
 QUADRATIC = {"eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000, "verbose": False}
-"""Enough to tell what is zero from what is not."""
+"""Tolerance of OSQP, small enough to tell what is zero from what is not."""
 
 RIDGE = 1e-10
-"""Makes a linear system without a unique solution regular; refinement takes its effect out again."""
+"""Makes a linear system without a unique solution regular; refinement removes its effect."""
 
 REFINEMENTS = 4
 
 PROXIMITY = 1e-6
-"""Weight of |w - start|^2 / 2 beside the largest curvature, where many w are nearly as good and pivoting does not end."""
+"""Weight of |w - start|^2 / 2 relative to the largest curvature, if many w are nearly as good and pivoting does not end."""
 
 PIVOTS = 30
 """Cap on the exchanges of active conditions."""
 
 PATIENCE = 3
-"""Exchanges of all wrong conditions at once that may fail to reduce their number; from then on, one at a time."""
+"""Number of exchanges of all wrong conditions at once that may fail to reduce their number; afterwards, one at a time."""
 
 ROUNDS = 20
 """Cap on the descents of a solve, and on the halvings of a step."""
@@ -66,10 +66,10 @@ class Minimum(NamedTuple):
 
 
 def minimise(hessian: Array, linear: Array, hard: HardRows, start: Array) -> Minimum | None:
-    """min w' H w / 2 - linear . w over the simplex and the hard rows; None where these could not be met.
+    """min w' H w / 2 - linear . w over the simplex and the hard rows; None if these could not be met.
 
-    The conditions active at `start` are tried first, then those that OSQP finds, and the point they lead to is approached by
-    proximal steps until its own do. Inactive hard rows join when they are violated.
+    The conditions active at `start` are tried first, then those that OSQP finds. The point they lead to is approached by
+    proximal steps until its own conditions do. Inactive hard rows join when they are violated.
     """
     scale = float(hessian.diagonal().max()) or 1.0
     hessian, linear = hessian / scale, linear / scale
@@ -104,7 +104,7 @@ def minimise(hessian: Array, linear: Array, hard: HardRows, start: Array) -> Min
 def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Mask, start: Array) -> Minimum | None:
     """Block principal pivoting: solve with the w_j not in `free` zero and the low rows in `active` met, exchange what is wrong.
 
-    Of optimal w, one near `start`. None where that does not end.
+    If several w are optimal, one near `start`; None if the exchanges do not end.
     """
     n, equal = len(start), len(hard.equal)
     free, active = free.copy(), active.copy()
@@ -139,7 +139,7 @@ def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Ma
 
 
 def _stationary(hessian: Array, linear: Array, conditions: Array, free: Mask, start: Array) -> tuple[Array, Array]:
-    """The free w where the gradient is a combination of the conditions, the first of them sum w = 1; and its coefficients."""
+    """The free w at which the gradient is a combination of the conditions, of which the first is sum w = 1; its factors."""
     size, rest = int(free.sum()), len(conditions)
     matrix = np.zeros((size + rest, size + rest))
     matrix[:size, :size] = hessian[np.ix_(free, free)]
@@ -154,8 +154,8 @@ def _stationary(hessian: Array, linear: Array, conditions: Array, free: Mask, st
 
 
 def _approximate(hessian: Array, linear: Array, hard: HardRows) -> tuple[Array, Mask, Mask]:
-    """What OSQP makes of it: w, which of them are not zero, and which low rows are active."""
-    # hardly any program comes here
+    """The result of OSQP: w, which of them are not zero, and which low rows are active."""
+    # hardly any program needs this
     import osqp
     from scipy import sparse
 
@@ -171,7 +171,7 @@ def _approximate(hessian: Array, linear: Array, hard: HardRows) -> tuple[Array, 
     solver.setup(sparse.triu(hessian, format="csc"), -linear, sparse.csc_matrix(conditions), low, high, **QUADRATIC)
     result = solver.solve(raise_error=False)
     w = np.nan_to_num(result.x)
-    # as OSQP's own polish tells: a condition is active where its multiplier exceeds its value
+    # as in OSQP's own polish, a condition is active if its multiplier exceeds its value
     active = (conditions @ w < -np.nan_to_num(result.y))[1 + equal :]
     w = np.maximum(w, 0.0)
     w = w / w.sum() if w.any() else np.full(n, 1 / n)
@@ -194,7 +194,7 @@ def unit_rows(a: Array) -> Array:
 
 
 def row_space(a: Array) -> Array:
-    """An orthonormal basis of what the rows span."""
+    """An orthonormal basis of the space that the rows span."""
     if not len(a):
         return a
     _, singular, basis = np.linalg.svd(np.linalg.qr(a, mode="r"))

@@ -12,20 +12,20 @@ from pushfric_core.solvers.pivoting import COUNT, FIT, UPDATES, VIOLATION, Indic
 Number = TypeVar("Number", np.float64, np.int64)
 
 NEGATIVE_PART = 1e3
-"""Cost of a negative x_j, in units of that of a violated row: w stays in the simplex even where hard rows are contradictory."""
+"""Cost of a negative x_j relative to that of a violated row; it keeps w in the simplex even if hard rows are contradictory."""
 
 ROOM = 384
-"""A basis takes as many more rows as it was given, plus this number, before it is time to settle some of them."""
+"""A basis takes this number of rows more than twice those it was given before some of them must be settled."""
 
 BROKEN = 1e-6
-"""Where the sum of w misses 1 by this, the inverse is useless: the active conditions all but depend on each other."""
+"""If the sum of w differs from 1 by this much, the inverse is unusable: the active conditions nearly depend on each other."""
 
 
 class Basis:
     """n active conditions, the inverse of their normals, and every condition that may become active.
 
     Args:
-        weights: how many of the columns are weights, of sum 1.
+        weights: number of columns that are weights, with sum 1.
         n: number of columns.
     """
 
@@ -48,7 +48,7 @@ class Basis:
             x=np.zeros(n),
             dual=np.zeros(n),
         )
-        self._limit = self._fixed + ROOM  # of the count: beyond, it is time to settle some
+        self._limit = self._fixed + ROOM  # of the count; beyond it, some must be settled
         self._reserve(ROOM)
         self.restart()
 
@@ -57,7 +57,7 @@ class Basis:
         return int(self.state.tally[COUNT])
 
     def restart(self) -> None:
-        """Stand where the last support point bears everything."""
+        """Start where the last support point bears everything."""
         state = self.state
         state.side[state.active] = 1.0
         state.active[:] = np.delete(np.arange(self._fixed), self._weights)
@@ -65,7 +65,7 @@ class Basis:
         self.refresh()
 
     def refresh(self) -> None:
-        """Compute everything again from the active conditions; from others where these turn out to depend on each other."""
+        """Compute everything again from the active conditions; from others if these turn out to depend on each other."""
         state = self.state
         try:
             state.inverse[:] = np.linalg.inv(state.a[:, state.active].T)
@@ -78,7 +78,7 @@ class Basis:
         self.check()
 
     def check(self) -> None:
-        """Start over where the inverse is useless."""
+        """Start over if the inverse is unusable."""
         if not abs(self.state.x[: self._weights].sum() - 1) < BROKEN:
             self.restart()
 
@@ -86,9 +86,9 @@ class Basis:
         return self.count + rows <= self._limit
 
     def replace(self, numbers: Indices, rows: Rows, settled: Array) -> None:
-        """Exchange all rows for others, and the gradient of the settled ones.
+        """Replace all rows, and the gradient of the settled ones.
 
-        The numbers must ascend, and the active rows be among them.
+        The numbers must ascend, and include the active rows.
         """
         active = self.state.number[self.state.active]
         self._limit = self._fixed + 2 * len(numbers) + ROOM
@@ -103,7 +103,7 @@ class Basis:
         pivoting.sum_gradients(state)
 
     def free(self, numbers: Indices) -> Mask:
-        """Take the costs of these consecutive rows away; tells which of them are here."""
+        """Remove the costs of these consecutive rows; return which of them are here."""
         here = self.state.number[self._fixed : self.count]
         first, last = self._fixed + np.searchsorted(here, (numbers[0], numbers[-1] + 1))
         for position in range(first, last):
@@ -112,7 +112,7 @@ class Basis:
         return np.isin(numbers, self.state.number[first:last])
 
     def forget(self, gradient: Array) -> None:
-        """Take this part of the gradient of the settled rows away."""
+        """Subtract this part from the gradient of the settled rows."""
         self.state.settled[:] -= gradient
         self.state.gradient[FIT] -= gradient
 
@@ -131,7 +131,7 @@ class Basis:
         return self.state.number[self.state.active[rows]], self.state.dual[rows]
 
     def contradiction(self, smallest: float) -> Indices:
-        """The rows with a multiplier in the least violation that is larger than this."""
+        """The rows whose multiplier in the least violation is larger than this."""
         state = self.state
         y = np.array([pivoting.slope(state.cost[VIOLATION], k, state.side[k]) for k in range(self.count)])
         y[state.active] = -state.gradient[VIOLATION] @ state.inverse
@@ -139,7 +139,7 @@ class Basis:
         return state.number[np.flatnonzero(np.abs(y) > smallest)]
 
     def _reserve(self, rows: int) -> None:
-        """Make room for this many rows; those that are here are lost."""
+        """Make room for this many rows; the present rows are lost."""
         state = self.state
 
         room = 16 * ((self._fixed + rows) // 16) + 24  # not a multiple of a page: a column is read across all rows of `a`

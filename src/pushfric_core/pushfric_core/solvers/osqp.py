@@ -1,4 +1,4 @@
-"""The linear program for w as OSQP solves it, a first-order method for quadratic programs: approximately, for comparison."""
+"""The linear program for w, solved approximately by OSQP, a first-order method for quadratic programs; for comparison."""
 
 import numpy as np
 import osqp
@@ -12,13 +12,13 @@ from pushfric_core.solvers.quadratic import distinct, least_violation
 from pushfric_core.solvers.row_table import SPARE, RowTable
 
 LINEAR = {"eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 2000, "polishing": True, "verbose": False}
-"""Leaves gaps of some thousandths of F, unless its own polish succeeds; a smaller tolerance is not worth its time."""
+"""Tolerance that leaves gaps of some thousandths of F, unless OSQP's polish succeeds; a smaller one is not worth its time."""
 
 
 class OsqpLinearProgram:
     """Minimises F over the weights of n support points by OSQP, approximately: a `Program`.
 
-    OSQP gets the dual, where a new row is a new column: it is filled into one of those in reserve, and all iterates remain.
+    OSQP gets the dual, in which a new row is a new column. It is filled into a column in reserve, and all iterates remain.
 
     Args:
         n: number of support points.
@@ -46,7 +46,7 @@ class OsqpLinearProgram:
         self._groups += 1
 
     def remove(self, group: int) -> None:
-        """Take the rows of one data point out again; OSQP starts afresh.
+        """Take the rows of one data point out again; OSQP starts again.
 
         Raises:
             ValueError: there is no such group, or it was removed before.
@@ -58,7 +58,7 @@ class OsqpLinearProgram:
         self._dual = None
 
     def solve(self) -> Optimum:
-        """The w found, and how far it may be from the optimum: as a rule UNCERTIFIED.
+        """The w found, and how far it may be from the optimum; the status is usually UNCERTIFIED.
 
         O(M n) for each iteration of OSQP, of which there are hundreds.
         """
@@ -79,7 +79,7 @@ class OsqpLinearProgram:
         return certify(rows, nearest.w, y).optimum
 
     def nearest_uniform(self) -> Optimum:
-        """The same: an approximate w does not tell which others are as good."""
+        """The same as `solve`, because an approximate w does not show which others are as good."""
         return self.solve()
 
     def conflicts(self) -> list[int]:
@@ -90,7 +90,7 @@ class OsqpLinearProgram:
 class _Dual:
     """OSQP's copy of a linear program: maximise t over A' y >= t, -below <= y <= above; the multipliers of A' y >= t are w.
 
-    In units in which coefficients and costs are about one.
+    It is in units in which coefficients and costs are about one.
     """
 
     def __init__(self, n: int, capacity: int) -> None:
@@ -103,7 +103,7 @@ class _Dual:
         self._solver = osqp.OSQP()
 
     def solve(self, rows: ConstraintRows) -> tuple[Array, Array]:
-        """Approximate w and y; not even that where OSQP gave up."""
+        """Approximate w and y, or nothing useful if OSQP gave up."""
         first, self._count = self._count, len(rows.a)
         values = self._columns(ConstraintRows(*(part[first:] for part in rows)), first)
         if first == 0:

@@ -1,4 +1,4 @@
-"""Pivoting from one vertex to the next until none is better, compiled: the simplex method for a piecewise linear cost.
+"""The simplex method for a piecewise linear cost, compiled: it pivots from one vertex to the next until none is better.
 
 At a vertex n conditions a . x = 0 are active, x being w and, where there is one, the scale. Column i of B^-1, the inverse of
 their normals, is the edge that leaves condition i alone; the first column is x itself.
@@ -9,12 +9,12 @@ their normals, is the edge that leaves condition i alone; the first column is x 
    (above + below) |a . d| at each. The row that turns it upwards becomes active.
 3. Exchange the two conditions: a rank-one update of B^-1.
 
-Hard rows, x_j >= 0 among them, are met lexicographically: first the sum of their violations is minimised, by the same three
-steps with other costs; then F, with their costs infinite. Where hard rows contradict each other, F is minimised among the x of
-least violation. A new data point changes g alone: a few exchanges restore optimality.
+Hard rows, including x_j >= 0, are met lexicographically. First the sum of their violations is minimised, by the same three
+steps with other costs; then F, with infinite costs for them. If hard rows contradict each other, F is minimised among the x of
+least violation. A new data point changes only g, so that a few exchanges restore optimality.
 
-Numba compiles each function when it is first called, and keeps the result for later runs. It looks at the date of this file
-alone to tell whether that is still true: so whatever the functions are made of stands here, or is handed to them.
+Numba compiles each function when it is first called, and keeps the result for later runs. It checks only the date of this file
+to see whether the result is still valid, so everything the functions use is defined here or passed to them.
 """
 
 import logging
@@ -36,13 +36,13 @@ F = TypeVar("F", bound=Callable[..., object])
 # Rows are scaled to a largest coefficient in [1/2, 1), so that tolerances on them are absolute.
 
 ZERO = 1e-14
-"""Values within this of zero are rounding: the side of such a row is remembered, not read off."""
+"""Values this close to zero are rounding; the side of such a row is remembered, not derived from its value."""
 
 PARALLEL = 1e-9
-"""A row that changes by less than this along an edge is parallel to it: exchanging it would make B all but singular."""
+"""A row that changes by less than this along an edge is parallel to it: exchanging it would make B nearly singular."""
 
 TIE = 1e-15
-"""Breakpoints closer than this are one; of its rows, the steepest makes the best-conditioned exchange."""
+"""Breakpoints closer than this count as one; the steepest of its rows makes the best-conditioned exchange."""
 
 LEVEL = 1e-9
 """Edges whose slope is within this fraction of the gradient leave the violation as it is."""
@@ -61,7 +61,7 @@ is a good start for the next, and without bound in the corners of the simplex, w
 """
 
 REFRESH = 100
-"""B^-1 is to be computed afresh after this many updates, before their rounding errors show."""
+"""B^-1 is computed again from scratch after this many updates, before their rounding errors show."""
 
 LARGEST = 1e150
 """No coefficient and no finite cost is larger; a row whose coefficients are all smaller than its inverse is one of zeros."""
@@ -78,17 +78,17 @@ class State(NamedTuple):
     Conditions are numbered by position: sum w = 1; then x_j >= 0, j = 1..n; then the rows that are not settled.
     """
 
-    tally: Indices  # (2,) number of conditions; updates of the inverse since it was computed afresh
+    tally: Indices  # (2,) number of conditions; updates of the inverse since it was last computed from scratch
     number: Indices  # (room,) of the row, -1 for the other conditions
     a: Array  # (n, room) normals, one per column: along an edge all of them are met, component by component
     value: Array  # (room,) a . x, or shifted from it while a degenerate vertex is left
     side: Array  # (room,) +1, -1, or 0 while active: explicit, for at zero the value does not tell
     cost: Array  # (2, 2, room) VIOLATION and FIT; above and below zero
     settled: Array  # (n,) gradient of F of the settled rows: none of them is violated
-    gradient: Array  # (2, n) of all inactive conditions, per cost; kept up to date, and summed up afresh with the inverse
+    gradient: Array  # (2, n) of all inactive conditions, per cost; kept up to date, and summed up again with the inverse
     active: Indices  # (n,) positions; the first is always sum w = 1
     inverse: Array  # (n, n) B^-1
-    x: Array  # (n,) where this is
+    x: Array  # (n,) the present vertex
     dual: Array  # (n,) multipliers of the active rows, as `bounds` left them
 
 
@@ -215,7 +215,7 @@ def side_of(value: float, side: float) -> float:
 
 @compiled
 def sum_gradients(state: State) -> None:
-    """Both gradients afresh."""
+    """Compute both gradients from scratch."""
     count = state.tally[COUNT]
     sloping, slopes = np.empty(count, np.int64), np.empty(count)
     for phase in range(2):
@@ -232,12 +232,12 @@ def sum_gradients(state: State) -> None:
             state.gradient[phase, j] = total
 
 
-# ---- where it is
+# ---- the present vertex
 
 
 @compiled
 def holds(ball: Ball, x: Array, reach: float) -> bool:
-    """Whether x lies in the ball, were its radius so many times as large."""
+    """Whether x lies in the ball with its radius multiplied by this factor."""
     if math.isinf(ball.radius):
         return True
     return norm(transformed(ball.metric, x - ball.center)) <= reach * ball.radius
@@ -268,9 +268,9 @@ def evaluate(state: State, direction: Array, out: Array) -> None:
 
 @compiled
 def locate(state: State, tolerance: float) -> bool:
-    """x and all values afresh from the active conditions; False if a condition turns out to be on its other side.
+    """Compute x and all values from the active conditions; False if a condition turns out to be on its other side.
 
-    Hard rows may be violated by the tolerance before they count as that.
+    Hard rows may be violated by the tolerance before they count as such.
     """
     n, count = len(state.active), state.tally[COUNT]
     x = state.x
@@ -315,10 +315,10 @@ def violation(state: State) -> float:
 def improve(
     state: State, ball: Ball, weights: int, flat: float, shift: float, tolerance: float
 ) -> tuple[bool, bool, bool, bool, float, float, float]:
-    """Descend to the least violation, then to the least F; stops for a fresh inverse as well, and short of leaving the ball.
+    """Descend to the least violation, then to the least F; it also stops for a new inverse, and before it leaves the ball.
 
     Args:
-        weights: so many of the columns, the first, are weights.
+        weights: number of columns, the first ones, that are weights.
         flat: slopes within this fraction of the gradient do not descend.
         shift: conditions of a degenerate vertex are moved apart by about this.
         tolerance: hard rows violated by no more are met.
@@ -348,7 +348,7 @@ def improve(
 
 @compiled
 def meet(state: State) -> None:
-    """Take the tolerable violations of hard conditions for none."""
+    """Ignore the tolerable violations of hard conditions."""
     for k in range(1, state.tally[COUNT]):
         if slope(state.cost[VIOLATION], k, state.side[k]) != 0:
             state.value[k] = 0.0
@@ -357,10 +357,10 @@ def meet(state: State) -> None:
 
 @compiled
 def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shift: float) -> bool:
-    """Exchange conditions until no edge descends; where it says so, along edges that leave the violation as it is.
+    """Exchange conditions until no edge descends; if asked to, along edges that leave the violation as it is.
 
     Returns:
-        False where it stopped because the edge to follow leads too far out of the ball, or is turned by a settled row.
+        False if it stopped because the edge to follow leads too far out of the ball, or is turned by a settled row.
     """
     slopes = np.empty((2, 2 * len(state.active)))
     room = np.empty((3, len(state.value)))
@@ -386,7 +386,7 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
 
 @compiled
 def choose(state: State, phase: int, level: bool, flat: float, slopes: Array) -> int:
-    """The edge to follow, or -1 where none descends; and the slopes (2, 2n) of all."""
+    """The edge to follow, or -1 if none descends; and the slopes (2, 2n) of all edges."""
     price(state, phase, slopes[phase])
     flattest = -flat * norm(state.gradient[phase])
     highest = LEVEL * norm(state.gradient[VIOLATION])
@@ -432,11 +432,11 @@ def ratio_test(
 ) -> float:
     """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step.
 
-    It is NO_STEP, and nothing has changed, where that condition is too far out of the ball, or nothing turns the edge.
+    It is NO_STEP, and nothing has changed, if that condition is too far out of the ball, or if nothing turns the edge.
 
     Args:
-        place: metric' (x - center of the ball); goes along.
-        firm: hard rows are met, and must stay so.
+        place: metric' (x - center of the ball); it is updated.
+        firm: hard rows are met and must stay met.
     """
     n, count = len(state.active), state.tally[COUNT]
     i = edge % n
@@ -531,7 +531,7 @@ def exchange(state: State, i: int, entering: int) -> None:
 
 @compiled
 def perturb(state: State, shift: float) -> None:
-    """Move the conditions that are nearly zero off zero, each by another amount, so that edges have a length."""
+    """Move the conditions that are nearly zero away from zero, each by another amount, so that edges have a length."""
     for k in range(state.tally[COUNT]):
         if state.side[k] * state.value[k] < shift:
             state.value[k] += state.side[k] * shift * (1.0 + k * GOLDEN % 1.0)

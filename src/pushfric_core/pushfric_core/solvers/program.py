@@ -1,10 +1,10 @@
-"""The program for w, what every solver of it can do, and the certificate that says how good a solution is, whoever found it.
+"""The program for w, the protocol of its solvers, and the certificate that says how good a solution is, whoever found it.
 
     minimise  F(w, s) = sum_k phi_k(a_k . w + b_k s)   over   w >= 0, sum w = 1, s >= 0
     phi_k(r) = above_k * max(r, 0) + below_k * max(-r, 0)
 
-An infinite `above` or `below` makes that side of a row hard. The scale s and the last column b of the rows are there only where
-forces were measured. The dual is: maximise min_j (A' y)_j over -below <= y <= above, b . y >= 0: so any such y gives a lower
+An infinite `above` or `below` makes that side of a row hard. The scale s and the last column b of the rows exist only if
+forces were measured. The dual is: maximise min_j (A' y)_j over -below <= y <= above, b . y >= 0. So any such y gives a lower
 bound, and any w in the simplex with any s >= 0 an upper one (Lynch 1993, section 3.3, eqs 7 and 11).
 """
 
@@ -54,7 +54,7 @@ class Optimum(NamedTuple):
     """The w with the smallest F, and how far that is proven."""
 
     w: Array  # (n,) weights, >= 0, sum 1
-    scale: float  # s >= 0; 0 where the program has none, or nothing to tell it from
+    scale: float  # s >= 0; 0 if the program has no scale, or nothing determines it
     objective: float  # F(w, s), of the finite costs
     lower_bound: float  # no w and s have a smaller F
     gap: float  # objective - lower_bound, >= 0
@@ -62,7 +62,7 @@ class Optimum(NamedTuple):
 
 
 class Program(Protocol):
-    """A program for w whose rows come and go, data point by data point: all that the estimator asks of any solver."""
+    """A program for w whose rows are added and removed, data point by data point; the protocol of every solver."""
 
     def add(self, added: ConstraintRows, /) -> None:
         """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
@@ -79,10 +79,10 @@ class Program(Protocol):
         """
 
     def solve(self) -> Optimum:
-        """The optimum over the present rows; where hard rows contradict each other, the w that violates them least."""
+        """The optimum over the present rows; if hard rows contradict each other, the w that violates them least."""
 
     def nearest_uniform(self) -> Optimum:
-        """As `solve`; but of equally good w the one nearest to equal weights, where this solver can tell."""
+        """As `solve`, but of equally good w the one nearest to equal weights, if this solver can find it."""
 
     def conflicts(self) -> list[int]:
         """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""
@@ -93,7 +93,7 @@ class Solution(NamedTuple):
     """A point of the simplex, and a scale, with their certificate."""
 
     w: Array  # (n,) weights, >= 0, sum 1
-    scale: float  # s >= 0; 0 where the rows have no column for it
+    scale: float  # s >= 0; 0 if the rows have no column for it
     multipliers: Array  # (m,) dual y, one per row
     objective: float  # F(w, s), of the finite costs
     lower_bound: float  # no w and s have a smaller F
@@ -148,20 +148,20 @@ def certify(rows: ConstraintRows, w: Array, multipliers: Array, scale: float | N
 
 
 def _lower_bound(rows: ConstraintRows, n: int, multipliers: Array, objective: float) -> tuple[Array, float]:
-    """The bound that multipliers in their box give, and the multipliers, those that would spoil it taken out."""
+    """The bound that multipliers in their box give, and the multipliers without those that would spoil it."""
     a, b = rows.a[:, :n], rows.a[:, n:].sum(axis=1)
     shortfall = max(0.0, -float(multipliers @ b))
     if shortfall > 0:
         most = largest_scale(a, b, np.where(b > 0, rows.above, rows.below), objective)
         if most < np.inf:
             return multipliers, float((multipliers @ a).min(initial=np.inf)) - most * shortfall
-        # no row minds a larger scale, so that y b <= 0 in all of them
+        # a larger scale costs nothing in any row, so that y b <= 0 in all of them
         multipliers = np.where(b == 0, multipliers, 0.0)
     return multipliers, float((multipliers @ a).min()) if len(a) else 0.0
 
 
 def largest_scale(a: Array, b: Array, cost: Array, objective: float) -> float:
-    """A bound on s in all (w, s) that are as good as the objective; infinite where no row minds a larger s.
+    """A bound on s in all (w, s) that are as good as the objective; infinite if a larger s costs nothing in any row.
 
     phi_k >= cost_k (|b_k| s - relief_k), with cost_k on the side to which s moves row k and relief_k the most that w can move
     it back; these add up to F at most. A hard row allows |b_k| s <= relief_k.
@@ -194,7 +194,7 @@ def check_size(n: int) -> int:
     """The number of support points.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there are no support points.
     """
     if n < 1:
         raise ValueError(f"n must be at least 1, got {n}")

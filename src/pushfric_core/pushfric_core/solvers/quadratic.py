@@ -21,7 +21,7 @@ from pushfric_core.solvers.row_table import RowTable
 Indices = npt.NDArray[np.intp]
 
 RENEWED = 1e-3
-"""H is summed up anew when its trace falls to this part of its largest: its rounding errors stay below 1e-13 of it."""
+"""H is summed up again when its trace falls to this fraction of its largest, so that rounding errors stay below 1e-13 of it."""
 
 
 class LeastSquares:
@@ -33,9 +33,9 @@ class LeastSquares:
     the least squares of section 7 without its negative w. An infinite cost makes a side hard, here too. F has the unit of a
     cost times that of a . w squared.
 
-    F is w' H w while no row changes sides, H = sum_k c_k a_k a_k', (n, n). A row with one cost for both sides adds to H once,
-    so the cost of a data point does not depend on the number of such rows before it. Of the others, a descent looks at all,
-    O(M n), and keeps in H what they cost on the side they are on. It minimises w' H w (Newton's method), and is halved until F
+    F is w' H w while no row changes sides, with H = sum_k c_k a_k a_k', (n, n). A row with one cost for both sides adds to H
+    once, so the cost of a data point does not depend on the number of such rows before it. A descent looks at all other rows,
+    O(M n), and keeps in H what they cost on their present side. It minimises w' H w (Newton's method), and is halved until F
     falls, as it must in the end: F is convex and starts with this slope. Hard rows constrain a descent once it turns out to
     violate them.
 
@@ -78,7 +78,7 @@ class LeastSquares:
         self._groups += 1
 
     def remove(self, group: int) -> None:
-        """Take the rows of one data point out again. O(M n^2): H is summed up anew, as subtraction would leave rounding errors.
+        """Take the rows of one data point out. O(M n^2): H is summed up again, as subtraction would leave rounding errors.
 
         Raises:
             ValueError: there is no such group, or it was removed before.
@@ -93,7 +93,7 @@ class LeastSquares:
         self._counted, self._largest = np.zeros(0), 0.0
 
     def solve(self) -> Optimum:
-        """The optimum over the present rows, from the last one."""
+        """The optimum over the present rows, starting from the last one."""
         self._conflicts = []
         hard = HardRows(self._equal.rows, self._low.rows)
         for _ in range(ROUNDS):
@@ -108,7 +108,7 @@ class LeastSquares:
         return optimum
 
     def nearest_uniform(self) -> Optimum:
-        """The same: of equally good w, the one near the last."""
+        """The same as `solve`: of equally good w, the one near the last."""
         return self.solve()
 
     def conflicts(self) -> list[int]:
@@ -116,7 +116,7 @@ class LeastSquares:
         return self._conflicts
 
     def _hessian(self, w: Array) -> Array:
-        """H at w, where F is w' H w."""
+        """H at w, with F = w' H w."""
         rows, n = self._uneven.rows, self._n
         cost = np.where(rows[:, :n] @ w > 0, rows[:, n], rows[:, n + 1])
         change = cost - np.pad(self._counted, (0, len(cost) - len(self._counted)))
@@ -176,7 +176,7 @@ class LeastSquares:
 def least_violation(hard: HardRows) -> tuple[Array, Status, Indices]:
     """The w that violates the hard rows least, in squares; INFEASIBLE, and the rows at fault, if no w meets them.
 
-    Weighted with their violations, these rows add up to one that every w violates (Farkas).
+    Weighted with their violations, the rows at fault add up to a row that every w violates (Farkas).
     """
     rows = hard.stacked
     equal = np.arange(len(rows)) < len(hard.equal)

@@ -6,11 +6,11 @@ import numpy.typing as npt
 from pushfric_core.planar import Array
 
 SPARE = 64
-"""Rows there is room for at first; the room doubles whenever it is too small."""
+"""Number of rows that there is room for at first; the room doubles whenever it is too small."""
 
 
 class RowTable:
-    """Rows of numbers, each of a group, with room to grow."""
+    """Rows of numbers, each of which belongs to a group, with room to grow."""
 
     def __init__(self, columns: int) -> None:
         self._room = np.empty((SPARE, columns))

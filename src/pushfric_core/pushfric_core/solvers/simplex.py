@@ -1,6 +1,6 @@
 """The linear program for w, solved exactly and incrementally: each solve starts from the last optimal basis.
 
-`pivoting` exchanges its conditions; this module makes the cost independent of how many data points came before, and certifies
+`pivoting` exchanges its conditions. This module makes the cost independent of the number of earlier data points, and certifies
 the result.
 
 A row far from zero keeps its side, so it is linear: |a . (x - c)| <= |a|* |x - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
@@ -30,26 +30,26 @@ from pushfric_core.solvers.program import (
 from pushfric_core.solvers.tie_break import nearest_uniform
 
 OWN_GAP = RELATIVE_GAP / 2
-"""Half of what `program.certify` allows: it adds up in another order, and must come to the same conclusion."""
+"""Half of what `program.certify` allows, because it sums in another order and must come to the same conclusion."""
 
 VIOLATED = HARD_VIOLATION / 4
 """A hard row is violated beyond this: well within what the certificate allows, which measures by the largest coefficient."""
 
 FLAT = (1e-12, 1e-15)
-"""Slopes within this fraction of the gradient do not descend; the second is rounding itself, tried where that fails."""
+"""Slopes within this fraction of the gradient do not descend; the second, rounding itself, is tried if the first fails."""
 
 SHIFT = 1e-10
 """Conditions of a degenerate vertex are shifted apart by about this: far above rounding, hardly ever misleading an exchange."""
 
 ROUNDS = 15
-"""Cap on the descents of a solve: then the certificate judges what there is."""
+"""Cap on the descents of a solve; afterwards the certificate judges the result."""
 
 CLOSE, CLOSE_PER_COLUMN = 96, 4
 """Rows left unsettled in the small ball: an exchange hardly slows down until a few hundred, and more columns travel farther."""
 
 FAR, WIDER = 12, 4
-"""So many times the rows of the small ball are left in the large one, and if the small one grows, at least so many times: then
-it has room in half of the large one.
+"""Number of rows left in the large ball, as a multiple of those in the small one, and the least such multiple if the small one
+grows, so that it has room in half of the large one.
 """
 
 FLOOR = 1e-9
@@ -59,22 +59,22 @@ RIDGE = 1e-5
 """Part of the identity in C: keeps it invertible before the rows span all directions."""
 
 SAMPLE = 2048
-"""Rows, or 2 n if that is more, that C is taken from."""
+"""Number of rows, or 2 n if that is more, from which C is computed."""
 
 BLOCK = 512
-"""Norms are computed for so many rows at a time: the product for all of them would double the memory."""
+"""Norms are computed for this many rows at a time, because the product for all of them would double the memory."""
 
 
 STEEP = 1e-9
-"""An edge along which F rises by less than this fraction of its gradient is taken for level."""
+"""An edge along which F rises by less than this fraction of its gradient counts as level."""
 
 
 class Simplex:
-    """Minimises F over the weights of n support points, and the scale if there is one, while rows come and go.
+    """Minimises F over the weights of n support points, and the scale if there is one, while rows are added and removed.
 
     Args:
         n: number of support points.
-        with_scale: the rows have a last column more, of the scale: a variable >= 0 beside the weights.
+        with_scale: the rows have an additional last column for the scale, a variable >= 0 besides the weights.
     Raises:
         ValueError: n < 1.
     """
@@ -88,12 +88,12 @@ class Simplex:
         self._rows = pivoting.empty_rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
         self._count = self._removed = self._groups = 0
         self._present: set[int] = set()  # groups
-        self._scaled = 0  # rows that say something about the scale
-        self._worst = 0.0  # the most that any w without a scale costs
+        self._scaled = 0  # number of rows that contain the scale
+        self._worst = 0.0  # the largest cost of any w without a scale
         self._basis = Basis(n, self._columns)
         self._optimum: Optimum | None = None  # of the present rows
         self._infeasible = False
-        self._strained = False  # the balls had to be enlarged: around the optimum, small ones will do again
+        self._strained = False  # the balls had to be enlarged; around the optimum, small ones will be enough again
         self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
         self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
