@@ -1,20 +1,112 @@
-"""What others are told of a node's parameters."""
+"""A node's parameters from a dataclass of settings."""
 
-from rcl_interfaces.srv import GetParameters, ListParameters
+import dataclasses
+import math
+from enum import Enum
+
+import pytest
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_core.errors import InvalidInput
+from pushfric_core.settings import AUTO, REQUIRED, check_ranges, plain, setting
+from pushfric_ros.node_kit.parameters import declare
 
 
-def test_every_parameter_can_be_asked_for(ros):
-    """One without a value made rclpy answer with nothing at all: `ros2 param dump` printed {}."""
-    ros.compose(EstimatorNode(parameter_overrides=[Parameter("object", value="wood_rect4")]))
-    peer = ros.node("peer")
-    clients = {kind: peer.create_client(kind, f"/estimator/{name}") for kind, name in
-               ((ListParameters, "list_parameters"), (GetParameters, "get_parameters"))}  # fmt: skip
-    for client in clients.values():
-        assert client.wait_for_service(10.0)
-    listed = clients[ListParameters].call(ListParameters.Request(), 10.0).result.names
-    values = clients[GetParameters].call(GetParameters.Request(names=listed), 10.0).values
-    assert {"object", "exclude_pushes", "cor_radius"} <= set(listed)
-    assert len(values) == len(listed)
+class Color(Enum):
+    RED = "red"
+    GREEN = "green"
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """One setting of each kind."""
+
+    name: str = setting(REQUIRED, "what it is called")
+    size: float = setting(1.0, "[m]", 0.5, 2.0)
+    count: int = setting(3, "of something", 0, 10)
+    flag: bool = setting(False, "whether")
+    place: tuple[float, float] = setting((0.0, 1.0), "[m]")
+    words: tuple[str, ...] = setting(("a", "b"), "some")
+    pushes: tuple[int, ...] = setting((), "left out")
+    radius: float | None = setting(None, "[m]", 0.0, 1.0)
+    penalty: float = setting(math.inf, "cost", 0.0, math.inf)
+    color: Color = setting(Color.RED, "of it")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+def declared(called, /, **values) -> tuple[Node, Config]:
+    overrides = [Parameter(key, value=value) for key, value in values.items()]
+    node = Node(called, parameter_overrides=overrides)
+    try:
+        return node, declare(node, Config)
+    except InvalidInput:
+        node.destroy_node()
+        raise
+
+
+def test_defaults_are_those_of_the_class(ros):
+    node, config = declared("defaults", name="x")
+    assert config == Config("x")
+    values = {key: parameter.value for key, parameter in node.get_parameters_by_prefix("").items() if key in plain(config)}
+    assert {key: list(value) if key in ("place", "words") else value for key, value in values.items()} == plain(config)
+    assert (values["radius"], values["color"]) == (AUTO, "red")
+    node.destroy_node()
+
+
+def test_every_parameter_has_a_type_and_stays_as_it_is(ros):
+    node, _ = declared("typed", name="x")
+    for field in dataclasses.fields(Config):
+        # one of no type makes `ros2 param dump` print none at all
+        assert node.get_parameter(field.name).type_ is not Parameter.Type.NOT_SET, field.name
+        descriptor = node.describe_parameter(field.name)
+        assert descriptor.read_only
+        assert descriptor.description == field.metadata["description"]
+    assert node.get_parameter("pushes").type_ is Parameter.Type.INTEGER_ARRAY
+    assert node.describe_parameter("name").additional_constraints == "required"
+    (span,) = node.describe_parameter("size").floating_point_range
+    assert (span.from_value, span.to_value) == (0.5, 2.0)
+    assert not node.set_parameters([Parameter("count", value=4)])[0].successful
+    node.destroy_node()
+
+
+def test_values_given_are_converted(ros):
+    given = {"size": 2, "place": [1.0, 2.0], "pushes": [4, 5], "radius": 0.25, "penalty": 3, "color": "green"}
+    node, config = declared("given", name="x", **given)
+    assert config == Config("x", 2.0, 3, False, (1.0, 2.0), ("a", "b"), (4, 5), 0.25, 3.0, Color.GREEN)
+    assert node.get_parameter("size").type_ is Parameter.Type.DOUBLE
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({}, "parameter name must be given: what it is called"),
+        ({"name": 5}, "parameter name must be a text, in quotes if it looks like a number, got 5"),
+        ({"name": "x", "size": 3.0}, "parameter size must lie in [0.5, 2.0], got 3.0"),
+        ({"name": "x", "size": "big"}, "parameter size must be a finite number, got 'big'"),
+        ({"name": "x", "size": math.nan}, "parameter size must be a finite number, got nan"),
+        ({"name": "x", "count": 11}, "parameter count must lie in [0, 10], got 11"),
+        ({"name": "x", "count": 1.5}, "parameter count must be a whole number, got 1.5"),
+        ({"name": "x", "flag": 1}, "parameter flag must be true or false, got 1"),
+        ({"name": "x", "place": [1.0]}, "parameter place must be a list of 2 finite numbers, got [1.0]"),
+        ({"name": "x", "pushes": ["a"]}, "parameter pushes must be a list of whole numbers, got ['a']"),
+        ({"name": "x", "radius": "wide"}, "parameter radius must be auto or a finite number, got 'wide'"),
+        ({"name": "x", "radius": 2.0}, "parameter radius must lie in [0.0, 1.0], got 2.0"),
+        ({"name": "x", "penalty": -math.inf}, "parameter penalty must be a finite number, got -inf"),
+        ({"name": "x", "color": "blue"}, "parameter color must be one of red, green, got 'blue'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(ros, values, words):
+    with pytest.raises(InvalidInput) as refusal:
+        declared("refusing", **values)
+    assert str(refusal.value) == f"/refusing: {words}"
+
+
+def test_a_name_may_not_be_declared_twice(ros):
+    node, _ = declared("twice", name="x")
+    with pytest.raises(InvalidInput, match="/twice: Config repeats the setting name, size, "):
+        declare(node, Config)
+    node.destroy_node()

@@ -18,6 +18,7 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.console import console, fail
 from pushfric_ros.commands.inputs import HeadlessFlag
 from pushfric_ros.commands.recorded_run import RUNS, course_of, telling_what_is_left
+from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig
@@ -45,18 +46,13 @@ def demo(
     json: Annotated[
         pathlib.Path | None, typer.Option("--json", help="Write the result to this file as JSON.", show_default=False)
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the camera's noise and the operator's hand.", min=0, max=2**31)] = 0,
+    seed: Annotated[int, option(SimulatedRunConfig, "seed")] = SimulatedRunConfig.seed,
     object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
     ] = None,
     plan: Annotated[pathlib.Path | None, typer.Option(help="Push plan YAML.", show_default="the paper's pushes")] = None,
-    choose: Annotated[
-        int,
-        typer.Option(
-            help="Instead, choose this many pushes one by one, to shrink the region of p_CF fastest.", min=0, max=1000
-        ),
-    ] = 0,
+    choose: Annotated[int, option(PlanConfig, "choose")] = PlanConfig.choose,
 ) -> None:
     if object_name not in TABLE_1:
         raise InvalidInput(f"no object {object_name!r} in the simulated cell; expected one of {', '.join(TABLE_1)}")

@@ -13,6 +13,7 @@ from pushfric_core.test_pushes import next_pushes, planned_pushes
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, warn
 from pushfric_ros.commands.inputs import JsonFlag, ObjectOption, PartialFlag, object_of
+from pushfric_ros.commands.settings_options import option_as_recorded
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import save_plan
@@ -30,10 +31,7 @@ def region(
     object_name: ObjectOption = "",
     region_margin: Annotated[
         float | None,
-        typer.Option(
-            help="How far data points may err (m); 0: not at all.",
-            show_default=f"as recorded, or {RegionConfig().region_margin}",
-        ),
+        option_as_recorded(RegionConfig, "region_margin"),
     ] = None,
     exclude_push: Annotated[list[int] | None, typer.Option(help="Leave out this push; repeatable.", show_default=False)] = None,
     plan: Annotated[

@@ -5,12 +5,13 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.errors import InvalidInput
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, fail, warn
 from pushfric_ros.commands.inputs import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag, object_of
 from pushfric_ros.commands.result import print_result
+from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
+from pushfric_ros.files.node_settings import PlayerConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.report.report import report
 
@@ -21,13 +22,11 @@ app = typer.Typer(add_completion=False)
 def replay(
     bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.", show_default=False)],
     object_name: ObjectOption = "",
-    rate: Annotated[float, typer.Option(help="Multiple of the recorded speed.")] = 1.0,
+    rate: Annotated[float, option(PlayerConfig, "rate")] = PlayerConfig.rate,
     partial: PartialFlag = False,
     json: JsonFlag = False,
     headless: HeadlessFlag = False,
 ) -> None:
-    if not 0.01 <= rate <= 1000:
-        raise InvalidInput(f"--rate must lie in [0.01, 1000], got {rate:g}")
     model, object_file = object_of(bag, object_name)
     settings = data_points.recorded_settings(bag)
     data = data_points.observations(bag, model, settings, warn, partial)

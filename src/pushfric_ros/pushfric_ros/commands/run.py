@@ -10,8 +10,10 @@ from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console, fail
 from pushfric_ros.commands.inputs import HeadlessFlag
 from pushfric_ros.commands.recorded_run import RUNS, telling_what_is_left
+from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.files.node_settings import ExperimentConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph import graph
 
@@ -24,7 +26,7 @@ def run(
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")
     ] = None,
-    start: Annotated[int, typer.Option(help="Push of the plan to begin with, to continue an interrupted one.", min=1)] = 1,
+    start: Annotated[int, option(ExperimentConfig, "start")] = ExperimentConfig.start,
     headless: HeadlessFlag = False,
 ) -> None:
     file = load_cell(cell)

@@ -13,11 +13,27 @@ from rich.markup import escape
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import EstimatorConfig
-from pushfric_core.settings import AUTO
+from pushfric_core.settings import AUTO, plain, read
 from pushfric_ros.bags import data_points
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 
 EXCLUDE, SLIPPING = "exclude_push", "slipping_push"
+
+
+def option(config: type, name: str) -> Any:
+    """The typer option of one setting: its help and range; its default is the class's attribute of that name."""
+    field = _field(config, name)
+    return typer.Option(help=_help(field), min=field.metadata["low"], max=field.metadata["high"])
+
+
+def option_as_recorded(config: type, name: str) -> Any:
+    """The same where None stands for what a bag was recorded with; its range is the class's to check."""
+    field = _field(config, name)
+    return typer.Option(help=_help(field), show_default=f"as recorded, or {field.default}")
+
+
+def _field(config: Any, name: str) -> Any:
+    return next(field for field in dataclasses.fields(config) if field.name == name)
 
 
 def with_settings(command: Callable[..., None], without: Collection[str] = ()) -> Callable[..., None]:
@@ -59,14 +75,18 @@ def _option(field: Any, hint: Any) -> Any:
     else:
         kind, metavar = hint, None
     flag = f"--{name}/--no-{name}" if kind is bool else f"--{name}"
-    text = field.metadata["description"]
-    if not text.split()[0].endswith(":"):  # the name of a value is written as it is
-        text = text[0].upper() + text[1:]
     shown = f"--{name}" if default is True else str(default)
     return Annotated[
         kind | None,
-        typer.Option(flag, help=escape(f"{text}."), metavar=metavar, show_default=f"as recorded, or {shown}"),
+        typer.Option(flag, help=_help(field), metavar=metavar, show_default=f"as recorded, or {shown}"),
     ]
+
+
+def _help(field: Any) -> str:
+    text = field.metadata["description"]
+    if not text.split()[0].endswith(":"):  # the name of a value is written as it is
+        text = text[0].upper() + text[1:]
+    return escape(f"{text}.")
 
 
 def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings:
@@ -78,19 +98,10 @@ def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings
     if "cone" not in recorded.estimator.terms:
         given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c
     if "terms" in given:
-        given["terms"] = tuple(given["terms"].split(","))
-    if "cor_radius" in given:
-        given["cor_radius"] = _radius(given["cor_radius"])
+        given["terms"] = given["terms"].split(",")
     try:
-        config = dataclasses.replace(recorded.estimator, **given)
+        (config,) = read(plain(recorded.estimator) | given, EstimatorConfig)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
     slipping = tuple(sorted({*recorded.slipping, *slipping}))
     return dataclasses.replace(recorded.without(excluded), estimator=config, slipping=slipping)
-
-
-def _radius(text: str) -> float | None:
-    try:
-        return None if text == AUTO else float(text)
-    except ValueError:
-        raise InvalidInput(f"cor_radius must be {AUTO} or a number of metres, got {text!r}") from None

@@ -49,7 +49,7 @@ class CameraConfig:
 class ExperimentConfig:
     """Where a plan begins; the command line's to give."""
 
-    start: int = setting(1, "push of the plan to begin with, to go on with one that was interrupted", 1, 2**31)
+    start: int = setting(1, "push of the plan to begin with, to continue an interrupted one", 1, 2**31)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -63,16 +63,18 @@ class PlanConfig:
         "", "path of a push plan; empty: the paper's plan, or a few pushes along each edge", key="file", path=True
     )
     choose: int = setting(
-        0, "this many pushes are chosen one by one, to shrink the region of p_CF fastest; 0: those of the plan", 0, 1000
+        0, "number of pushes to choose one by one, to shrink the region of p_CF fastest; 0: those of the plan", 0, 1000
     )
     distance: float = setting(0.05, "length of a push [m]", 0.001, 10.0)
     speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
-    gap: float = setting(0.005, "from the resting tip to where the object is wanted [m]", 0.0, 0.1)
+    gap: float = setting(0.005, "distance from the resting tip to the object when it is placed [m]", 0.0, 0.1)
     position_tolerance: float = setting(0.01, "the object may lie this far from where it is wanted [m]", 0.0, 1.0)
-    angle_tolerance: float = setting(0.2, "the object may be turned this much against it [rad]", 0.0, math.pi)
+    angle_tolerance: float = setting(0.2, "the object may be turned by this much from what is wanted [rad]", 0.0, math.pi)
     still: float = setting(0.5, "the object must lie still for this long [s]", 0.0, 60.0)
     still_distance: float = setting(0.0005, "still: moved less than this [m], turned less than it over 10 cm", 0.0, 0.1)
-    awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes that must report themselves well before the first push")
+    awaits: tuple[str, ...] = setting(
+        ("estimator", "recorder"), "nodes that must report that they are well before the first push"
+    )
     lost_object: float = setting(1.0, "a push is stopped when the object is unseen for this long, of wall time [s]", 0.1, 60.0)
     lost_result: float = setting(
         3.0, "a push is given up when the pusher idles or is silent for this long, of wall time [s]", 0.1, 60.0
@@ -175,11 +177,15 @@ class EstimatorNodeConfig:
 class SimulationConfig:
     """What is simulated, and how well. Section `simulation`."""
 
-    frame_rate: float = setting(14.0, "of the camera [Hz]", 0.1, 200.0)
-    noise: float = setting(2.0, "of a pixel, standard deviation, of 255; a camera without any would seem frozen", 0.5, 100.0)
-    blur: float = setting(0.7, "of the lens, standard deviation [px]", 0.0, 10.0)
-    away: float = setting(0.3, "the operator holds the object out of view for this long when placing it [s]", 0.0, 10.0)
-    placement_error: float = setting(0.001, "of the operator, standard deviation [m]; the angle errs by it over 2 cm", 0.0, 0.1)
+    frame_rate: float = setting(14.0, "frames of the camera [Hz]", 0.1, 200.0)
+    noise: float = setting(
+        2.0, "standard deviation of a pixel's noise, of 255 grey levels; without noise, a camera seems frozen", 0.5, 100.0
+    )
+    blur: float = setting(0.7, "standard deviation of the lens's blur [px]", 0.0, 10.0)
+    away: float = setting(0.3, "time for which the operator holds the object out of view when placing it [s]", 0.0, 10.0)
+    placement_error: float = setting(
+        0.001, "standard deviation of the operator's placement [m]; the angle errs by this over 2 cm", 0.0, 0.1
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -189,9 +195,9 @@ class SimulationConfig:
 class SimulatedRunConfig:
     """Which run of the simulation; the command line's to give."""
 
-    seed: int = setting(0, "of the camera's noise and the operator's hand", 0, 2**31)
+    seed: int = setting(0, "seed of the camera's noise and the operator's hand", 0, 2**31)
     speed: float = setting(
-        5.0, "multiple of real time; a slower machine slows the simulated clock, and loses nothing", 0.01, 100.0
+        5.0, "multiple of real time; a slow machine slows the simulated clock down and loses nothing", 0.01, 100.0
     )
 
     def __post_init__(self) -> None:

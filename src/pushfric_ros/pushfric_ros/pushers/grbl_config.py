@@ -15,7 +15,7 @@ class GrblConfig:
     """Where the controller is, and which of its axes the stage is."""
 
     port: str = setting(REQUIRED, "serial port of the GRBL controller")
-    baud: int = setting(115200, "[bit/s]", 300, 4_000_000)
+    baud: int = setting(115200, "baud rate of the serial port [bit/s]", 300, 4_000_000)
     axis: str = setting("X", "axis of the controller, with a minus sign where the stroke runs to negative coordinates")
     connect_timeout: float = setting(2.0, "how long the controller may take to boot [s]", 0.1, 60.0)
 

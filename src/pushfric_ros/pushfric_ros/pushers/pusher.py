@@ -45,7 +45,7 @@ class StageConfig:
     """The linear stage that bears the tip, and its line on the table."""
 
     line_origin: tuple[float, float] = setting(REQUIRED, "centre of the round tip at stroke position 0, in the table frame [m]")
-    line_direction: tuple[float, float] = setting(REQUIRED, "of the forward stroke, in the table frame; any length")
+    line_direction: tuple[float, float] = setting(REQUIRED, "direction of the forward stroke, in the table frame; any length")
     tip_radius: float = setting(REQUIRED, "radius of the tip [m]", 0.0, 0.1)
     stroke: float = setting(REQUIRED, "greatest stroke position [m]", 0.001, 10.0)
     max_speed: float = setting(REQUIRED, "greatest speed [m/s]", 0.0001, 10.0)
@@ -61,7 +61,7 @@ class PusherConfig(StageConfig):
 
     driver: str = setting("grbl", "what drives the pusher: an entry point of the group pushfric.pushers")
     home: bool = setting(False, "seek the home switch at activation; otherwise the controller's work zero is stroke position 0")
-    poll_rate: float = setting(20.0, "reports of the pusher [Hz]", 1.0, 100.0)
+    poll_rate: float = setting(20.0, "reports of the pusher's position [Hz]", 1.0, 100.0)
     autostart: bool = setting(True, "configure and activate by itself, as soon as the controller answers")
 
     @property
