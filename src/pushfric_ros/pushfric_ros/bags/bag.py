@@ -1,4 +1,4 @@
-"""Reading bags: every byte is checked once before the first message is handed out, and what is missing is known."""
+"""Reading bags: every byte is checked once before the first message is returned, so that what is missing is known."""
 
 import heapq
 import os
@@ -22,14 +22,14 @@ from pushfric_ros.messages.types import message_class, type_hash
 PathLike = str | os.PathLike[str]
 
 FILE_LIMIT = 16 * 2**30
-"""Bytes of a compressed file once decompressed."""
+"""Most bytes of a compressed file after decompression."""
 
 MESSAGE_LIMIT = 256 * 2**20
-"""Bytes of a compressed message once decompressed."""
+"""Most bytes of a compressed message after decompression."""
 
 
 class DamagedBag(PushfricError):
-    """Messages of a bag are missing."""
+    """Messages are missing from a bag."""
 
 
 class BagMessage(NamedTuple):
@@ -55,7 +55,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Summary:
-    """What can be read of a bag. Both times [ns] are 0 where it holds no message."""
+    """What can be read of a bag. Both times [ns] are 0 if it has no message."""
 
     topics: tuple[Topic, ...]
     start_ns: int
@@ -77,8 +77,8 @@ class FileGap(NamedTuple):
 class Damage:
     """What is wrong with a bag."""
 
-    gaps: tuple[FileGap, ...]  # of bytes that cannot be believed
-    missing: dict[str, int] | None  # messages that cannot be read, by topic; None: the bag does not say how many it held
+    gaps: tuple[FileGap, ...]  # bytes that cannot be trusted
+    missing: dict[str, int] | None  # messages that cannot be read, by topic; None: the bag does not say how many it had
     contradictions: tuple[str, ...]  # between what the bag says and what it holds
 
     @property
@@ -92,7 +92,7 @@ class StoredFile(Protocol):
 
     path: pathlib.Path
     gaps: list[Gap]
-    doubtful: bool  # whether a message that is read may not be what was written
+    doubtful: bool  # whether a message that is read may differ from what was written
     start_ns: int
     end_ns: int
 
@@ -103,7 +103,7 @@ class StoredFile(Protocol):
 
     @property
     def expected(self) -> dict[str, int] | None:
-        """How many messages of each topic the file says it holds; None where it does not say."""
+        """Number of messages of each topic according to the file; None if it does not say."""
         ...
 
     def read(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
@@ -112,17 +112,17 @@ class StoredFile(Protocol):
 
 
 class Bag:
-    """A bag, read through once to see what it holds and what it lost.
+    """A bag, read through once to find what it contains and what is lost.
 
     Args:
         path: a folder as rosbag2 writes it, or one of its files.
         ignore_metadata: take the files in the folder, whatever its metadata.yaml says.
     Attributes:
-        path: the same.
+        path: the argument.
         summary: what can be read.
-        damage: what is wrong; None for a bag that is whole.
+        damage: what is wrong; None if the bag is whole.
     Raises:
-        InvalidInput: it is not a bag, cannot be read, or holds other than ROS 2 messages.
+        InvalidInput: it is not a bag, cannot be read, or contains messages that are not of ROS 2.
     """
 
     def __init__(self, path: PathLike, ignore_metadata: bool = False) -> None:
@@ -137,12 +137,16 @@ class Bag:
         self._definitions = {topic.type_name: topic.definition for topic in self.summary.topics}
 
     def require_whole(self) -> None:
-        """Raises DamagedBag where messages are missing, in one line that says which."""
+        """Refuse a bag from which messages are missing.
+
+        Raises:
+            DamagedBag: messages are missing; one line says which.
+        """
         if self.damage is not None and self.damage.loses_messages:
             raise DamagedBag(f"{self.what_is_missing()}; --partial goes on without them, `pushfric bag verify` says more")
 
     def what_is_missing(self, with_places: bool = True) -> str:
-        """One line: how many messages of which topics and, with places, when."""
+        """A line that says how many messages of which topics are missing and, with places, when."""
         assert self.damage is not None
         gaps, missing, contradictions = self.damage.gaps, self.damage.missing, self.damage.contradictions
         if missing:
@@ -171,14 +175,14 @@ class Bag:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """All messages that can be read, by log time; equal ones in the order they were written.
+        """All messages that can be read, in order of log time; those of the same time in the order they were written.
 
         Args:
-            topics: full names of those wanted; None for all.
-            start_ns: the first log time wanted.
-            end_ns: the first one no longer wanted.
+            topics: full names of the topics to read; None: all.
+            start_ns: first log time to read.
+            end_ns: first log time not to read.
         Raises:
-            InvalidInput: a file cannot be read any longer.
+            InvalidInput: a file can no longer be read.
         """
         for message in heapq.merge(
             *(self._read(file, topics) for file in self._files), key=lambda message: message.log_time_ns
@@ -189,7 +193,7 @@ class Bag:
                 yield message
 
     def deserialize(self, message: BagMessage) -> Any:
-        """What a message says: an object with an attribute for each field of its type.
+        """The content of a message: an object with an attribute for each field of its type.
 
         Raises:
             InvalidInput: the definition of its type cannot be used.
@@ -221,12 +225,12 @@ class Bag:
             raise InvalidInput(f"{file}: cannot be read: {error.strerror}, expected a bag") from error
         if not is_sqlite:
             raise InvalidInput(f"{file}: is neither an MCAP file nor a database, expected a bag's folder or one of its files")
-        from pushfric_ros.bags.sqlite_file import SqliteFile  # loads SQLite, which few bags need
+        from pushfric_ros.bags.sqlite_file import SqliteFile  # imported late: it loads SQLite, which few bags need
 
         return SqliteFile(file)
 
     def _decompress(self, file: pathlib.Path) -> pathlib.Path:
-        """A copy of a compressed file, within limits, in a temporary folder that goes with this object."""
+        """A decompressed copy of a file, within limits, in a temporary folder that is removed with this object."""
         if self._decompressed is None:
             self._decompressed = tempfile.TemporaryDirectory(prefix="pushfric-bag-")
         copy = pathlib.Path(self._decompressed.name) / file.stem
@@ -241,17 +245,17 @@ class Bag:
         except zstandard.ZstdError as error:
             if not size:
                 raise InvalidInput(f"{file}: cannot be decompressed: {error}") from error
-        return copy  # where it is cut short, so is the file in it
+        return copy  # if it is cut short, so is the file in it
 
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 
 
 def bag_files(path: pathlib.Path, metadata: BagMetadata | None) -> list[pathlib.Path]:
-    """The files of a bag: those that its metadata lists, those in its folder, or the one file given.
+    """The files of a bag: those that its metadata lists, those in its folder, or the one file that is given.
 
     Raises:
-        InvalidInput: a folder without any.
+        InvalidInput: a folder without files of a bag.
     """
     if metadata is not None:
         return list(metadata.files)
@@ -337,7 +341,7 @@ def _summary(files: list[StoredFile]) -> Summary:
     for file in files:
         for topic in file.topics:
             known = topics.get((topic.name, topic.type_name))
-            if known is not None:  # in an earlier file of the bag, or from another publisher
+            if known is not None:  # known from an earlier file of the bag, or from another publisher
                 if known.definition.text != topic.definition.text:
                     raise InvalidInput(f"{file.path}: {topic.name} has two definitions of {topic.type_name}, expected one")
                 profiles = known.qos_profiles + tuple(qos for qos in topic.qos_profiles if qos not in known.qos_profiles)
@@ -377,7 +381,7 @@ def _damage(files: list[StoredFile], summary: Summary, metadata: BagMetadata | N
 
 
 def _compared(expected: Counter[str], found: Counter[str], said: str, contradictions: list[str]) -> dict[str, int]:
-    """How many messages are missing, by topic; more than expected contradict."""
+    """Number of missing messages by topic; more messages than expected are a contradiction."""
     for name, count in found.items():
         if count > expected[name]:
             contradictions.append(f"{said} {expected[name]} messages of {name}, but there are {count}")

@@ -1,4 +1,4 @@
-"""Writing bags as `ros2 bag record -s mcap` lays them out, so that what was flushed survives a crash."""
+"""Writing bags in the layout of `ros2 bag record -s mcap`, so that what was flushed survives a crash."""
 
 import contextlib
 import os
@@ -23,14 +23,14 @@ loses twice as many messages with each damaged sector of a disk (3.7 % instead o
 
 
 class BagWriter:
-    """A new bag in a folder of its own; a context manager that finishes the bag on the way out.
+    """A new bag in a folder of its own; a context manager that finishes the bag on exit.
 
     Args:
         path: the folder, new or empty.
     Attributes:
-        folder: the same.
+        folder: the folder.
     Raises:
-        InvalidInput: the folder holds something, cannot be made, or another writer has it; later, from every method: the
+        InvalidInput: the folder is not empty, cannot be made, or belongs to another writer. Later, from every method: the
             disk is full, or the folder was removed. What was flushed before can be recovered from a full disk.
     """
 
@@ -40,7 +40,7 @@ class BagWriter:
             self.folder.mkdir(parents=True, exist_ok=True)
             if any(self.folder.iterdir()):
                 raise InvalidInput(f"{self.folder}: already holds files, expected a new or empty folder")
-            # exclusively: of two writers that both saw an empty folder one must lose
+            # exclusively, because of two writers that both saw an empty folder one must fail
             self._file = (self.folder / f"{self.folder.name}_0.mcap").open("xb")
         except OSError as error:
             raise InvalidInput(f"{self.folder}: cannot record there ({error.strerror}), expected a new folder") from error
@@ -94,7 +94,7 @@ class BagWriter:
         )
 
     def write(self, topic: str, stamp_ns: int, raw: bytes) -> None:
-        """Append a message: its topic, when it was received [ns], its CDR bytes.
+        """Append a message, given its topic, the time of its receipt [ns], and its CDR bytes.
 
         Raises:
             ValueError: the topic was not added, or the bag is closed.
@@ -104,13 +104,13 @@ class BagWriter:
         self.append(self._channels[topic], stamp_ns, raw)
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system: it survives the end of this process, however it ends."""
+        """Hand everything written to the operating system, so that it survives the end of this process, however it ends."""
         with self.writing():
             self._writer.flush()
             self._check_place()
 
     def _check_place(self) -> None:
-        """Writing on into a file that was removed or moved would succeed, and nobody would find it."""
+        """Check that the file is still there: writing to one that was removed or moved would succeed, and be lost."""
         try:
             there = os.path.samestat(os.stat(self._file.name), os.fstat(self._file.fileno()))
         except FileNotFoundError:
@@ -125,7 +125,7 @@ class BagWriter:
             return
         information = self._information()
         with self.writing():
-            # what is in the file makes a bare .mcap a whole bag
+            # with this in the file, a single .mcap is a complete bag
             self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
             self._writer.finish()
             self._check_place()
@@ -140,21 +140,21 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            with contextlib.suppress(OSError):  # closing flushes, into the same full disk
+            with contextlib.suppress(OSError):  # closing flushes to the same full disk
                 self._file.close()
             raise InvalidInput(f"{self.folder}: cannot write the bag: {error.strerror}") from error
 
     def register(
         self, name: str, type_name: str, qos_profiles: Sequence[OfferedQos], hash_text: str, encoding: str, schema: bytes
     ) -> int:
-        """Add a topic whose type need not be installed; returns its channel, for `append`.
+        """Add a topic whose type need not be installed; return its channel, for `append`.
 
         Args:
             name: full name.
             type_name: package/msg/Type.
             qos_profiles: what its publishers offered.
-            hash_text: RIHS01 hash of the type; empty where it is not known.
-            encoding: of the schema, as ros2msg.
+            hash_text: RIHS01 hash of the type; empty if it is not known.
+            encoding: of the schema, for example ros2msg.
             schema: the definition of the type.
         """
         qos = [profile.entry() for profile in qos_profiles]
@@ -174,7 +174,7 @@ class BagWriter:
         return channel
 
     def append(self, channel: int, stamp_ns: int, raw: bytes) -> None:
-        """Append a message to a channel: when it was received [ns], its CDR bytes."""
+        """Append a message to a channel, given the time of its receipt [ns] and its CDR bytes."""
         with self.writing():
             self._writer.add_message(channel, log_time=stamp_ns, data=raw, publish_time=stamp_ns)
         self._counts[channel] += 1

@@ -1,4 +1,4 @@
-"""Messages of a bag taken apart by the definitions that the bag brings along, whatever is installed."""
+"""Messages of a bag, decoded by the definitions in the bag, whatever is installed."""
 
 import re
 from collections.abc import Callable
@@ -14,30 +14,30 @@ from pushfric_ros.messages.types import definition
 TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9_]*")
 
 DEFINITION_LIMIT = 2**18
-"""Characters of the definition of one type."""
+"""Most characters of the definition of a type."""
 
 ARRAY_LIMIT = 1024
-"""Elements of an array of fixed size: the library writes a line of code for each."""
+"""Most elements of an array of fixed size, for each of which the library writes a line of code."""
 
 SEQUENCE_LIMIT = 2**26
-"""Elements of any other one."""
+"""Most elements of any other array."""
 
 
 class Definition(NamedTuple):
-    """The text that defines a type and all types it refers to."""
+    """The text that defines a type and all types that it refers to."""
 
-    encoding: str  # ros2msg or ros2idl; empty where the bag brings none
+    encoding: str  # ros2msg or ros2idl; empty if the bag has no definition
     text: str
 
 
 class Decoder:
-    """Takes messages of one type apart.
+    """Decodes messages of one type.
 
     Args:
         type_name: package/msg/Type.
-        embedded: how the bag defines it; without a text, the installed definition counts.
+        embedded: the definition in the bag; if it has no text, the installed definition is used.
     Raises:
-        InvalidInput: the definition is missing, breaks a limit or cannot be understood.
+        InvalidInput: the definition is missing, exceeds a limit or cannot be understood.
     """
 
     def __init__(self, type_name: str, embedded: Definition) -> None:
@@ -54,7 +54,7 @@ class Decoder:
                 parsed = {name: each for part in parts if part.strip() for name, each in get_types_from_idl(part).items()}
             else:
                 parsed = get_types_from_msg(text, type_name)
-            # constants are not needed, and are the one part of a definition that would reach the generated code as a text
+            # constants are dropped: they are not needed, and only they would reach the generated code as text
             types: Any = {name: ([], fields) for name, (_, fields) in parsed.items()}
             for _, fields in types.values():
                 for _, described in fields:
@@ -67,7 +67,7 @@ class Decoder:
             raise InvalidInput(f"{type_name}: the bag's definition of it is not understood: {_first_line(error)}") from error
 
     def __call__(self, raw: bytes) -> Any:
-        """The message in CDR bytes: an object with an attribute for each field.
+        """The message in these CDR bytes: an object with an attribute for each field.
 
         Raises:
             ValueError: the bytes are not such a message.
@@ -79,7 +79,11 @@ class Decoder:
 
 
 def encoder(type_name: str) -> Callable[[Any], bytes]:
-    """What turns messages of an installed type into CDR bytes; raises InvalidInput where the type is not installed."""
+    """A function that turns messages of an installed type into CDR bytes.
+
+    Raises:
+        InvalidInput: the type is not installed.
+    """
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(definition(type_name), type_name))
     return lambda message: bytes(store.serialize_cdr(message, type_name))

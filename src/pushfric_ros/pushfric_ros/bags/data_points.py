@@ -1,4 +1,4 @@
-"""Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate a live run would end with."""
+"""Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate with which a live run would end."""
 
 import pathlib
 from collections import deque
@@ -30,7 +30,7 @@ Warn = Callable[[str], None]
 Taken = TypeVar("Taken")
 
 POSES, OBSERVATIONS, WRENCH = ("object_pose", "pusher_state"), ("observation",), "wrench"
-"""Topics that data points are made from, the one of data points themselves, and the one their forces are made from."""
+"""The topics from which data points are made, the topic of data points themselves, and that of forces."""
 
 TYPES = {
     "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -39,14 +39,14 @@ TYPES = {
     "wrench": "geometry_msgs/msg/WrenchStamped",
     SETTINGS_TOPIC: "std_msgs/msg/String",
 }
-"""Of the messages on these topics."""
+"""Types of the messages on these topics."""
 
 BAG_FILES = (METADATA, "*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
-"""What a bag's folder holds, one of them at least."""
+"""Patterns of files, of which a bag's folder contains at least one."""
 
 
 class Source(NamedTuple):
-    """What a bag's data points come from."""
+    """The source of a bag's data points."""
 
     kind: str  # poses or observations: the estimator node's parameter `source`
     namespace: str  # of the cell that was recorded
@@ -54,10 +54,10 @@ class Source(NamedTuple):
 
 
 def check_source(path: pathlib.Path) -> None:
-    """Whether something is there that may hold data points.
+    """Check that there is something that may contain data points.
 
     Raises:
-        InvalidInput: there is nothing, or a folder of bags, of which one must be named.
+        InvalidInput: there is nothing, or there is a folder of bags, one of which must be named.
     """
     if not path.exists():
         raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
@@ -68,19 +68,19 @@ def check_source(path: pathlib.Path) -> None:
 
 
 def object_beside(path: pathlib.Path) -> pathlib.Path | None:
-    """The object's YAML file that lies in a bag's folder, if there is one."""
+    """The object's YAML file in a bag's folder, if there is one."""
     file = (path if path.is_dir() else path.parent) / OBJECT_FILE
     return file if path.suffix != ".csv" and file.is_file() else None
 
 
 def source_of(path: pathlib.Path, with_forces: bool = False) -> Source:
-    """What the data points of a bag come from: poses where there are any, so that they are made as in a live run.
+    """The source of a bag's data points: poses if there are any, so that they are made as in a live run.
 
     Args:
         path: the bag.
-        with_forces: poses need the force sensor's topic beside them.
+        with_forces: poses also need the topic of the force sensor.
     Raises:
-        InvalidInput: it holds neither poses with pusher states nor observations, or cannot be read.
+        InvalidInput: it contains neither poses with pusher states nor observations, or it cannot be read.
     """
     return _source(Bag(path), with_forces)
 
@@ -105,10 +105,10 @@ def _check_type(bag: Bag, topic: str, type_name: str) -> None:
 
 
 def recorded_settings(path: pathlib.Path) -> EstimatorSettings:
-    """How the estimator of the recorded run estimated; the defaults of a CSV, and of a bag that does not say.
+    """The settings of the recorded run's estimator; the defaults for a CSV, and for a bag without settings.
 
     Raises:
-        InvalidInput: the bag cannot be read, or says it in words that are not understood.
+        InvalidInput: the bag, or the settings in it, cannot be read.
     """
     if path.suffix == ".csv":
         return EstimatorSettings()
@@ -136,11 +136,11 @@ def observations(
         path: the file or the bag.
         model: the object.
         settings: how poses become data points, which pushes are left out, and whether forces are needed.
-        warn: gets a line for each message that is refused, and one for a bag that is damaged.
-        partial: make do with a bag that messages are missing of.
+        warn: called with a line for each message that is refused, and one for a damaged bag.
+        partial: accept a bag from which messages are missing.
     Raises:
-        InvalidInput: the file cannot be read, or holds no data points, or not such as are needed.
-        DamagedBag: messages of the bag are missing.
+        InvalidInput: the file cannot be read, or does not contain the data points that are needed.
+        DamagedBag: messages are missing from the bag.
     """
     check_source(path)
     if path.suffix == ".csv":
@@ -201,9 +201,10 @@ def _recorded(bag: Bag, source: Source, model: ObjectModel, warn: Warn) -> Itera
 
 
 def _content(bag: Bag, message: BagMessage, convert: Callable[[Any], Taken]) -> Taken:
-    """What a message says; raises ValueError where it does not make sense.
+    """The record that a message contains.
 
     Raises:
+        ValueError: it contains impossible values.
         InvalidInput: it was recorded with a definition that lacks one of the fields.
     """
     content = bag.deserialize(message)
@@ -214,7 +215,7 @@ def _content(bag: Bag, message: BagMessage, convert: Callable[[Any], Taken]) -> 
 
 
 def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], warn: Warn) -> Iterator[Taken]:
-    """What comes of each data point, one by one, as in a live node; `warn` gets a line for each that is refused."""
+    """The result of each data point, one by one, as in a live node; `warn` is called with a line for each that is left out."""
     for observation in data:
         try:
             yield take(observation)
@@ -223,10 +224,10 @@ def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], war
 
 
 def last(results: Iterable[Taken]) -> Taken:
-    """What comes of all the data points.
+    """The result of the last data point.
 
     Raises:
-        InvalidInput: all of them were refused.
+        InvalidInput: all of them were left out.
     """
     newest = deque(results, maxlen=1)
     if not newest:

@@ -1,7 +1,7 @@
-"""The records of one MCAP file, each checked before it is believed; after damage, reading resumes at the next sound record.
+"""The records of an MCAP file, each checked before it is trusted; after damage, reading resumes at the next sound record.
 
-The format: https://mcap.dev/spec. A chunk is believed if its checksum is right, any other record if its inner lengths add up to
-its outer one.
+The format is that of https://mcap.dev/spec. A chunk is trusted if its checksum is right, and any other record if its inner
+lengths add up to its outer one.
 """
 
 import heapq
@@ -20,10 +20,10 @@ import zstandard
 MAGIC = b"\x89MCAP0\r\n"
 
 CHUNK_LIMIT = 256 * 2**20
-"""Bytes of a chunk once decompressed; recorders write 1 MiB, or one large message."""
+"""Most bytes of a chunk after decompression; recorders write 1 MiB, or one large message."""
 
 RECORD_LIMIT = 16 * 2**20
-"""Bytes of a record that is neither a chunk, a message nor an attachment."""
+"""Most bytes of a record that is neither a chunk, a message nor an attachment."""
 
 LATEST_NS = 2**63 - 1
 """ROS cannot express a later time [ns]."""
@@ -45,15 +45,15 @@ _LOOSE_RUN = 2**20  # bytes of messages outside chunks that are taken as one pie
 
 
 class _Unsound(Exception):
-    """Bytes that are not what the format asks for; the text says why."""
+    """Bytes that do not follow the format; the text says why."""
 
 
 class _CutShort(_Unsound):
-    """A record that the file ends in."""
+    """A record within which the file ends."""
 
 
 class Schema(NamedTuple):
-    """How messages of one type are defined."""
+    """The definition of a message type."""
 
     name: str
     encoding: str
@@ -61,7 +61,7 @@ class Schema(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """Messages of one publisher or topic."""
+    """A channel: the messages of one publisher or topic."""
 
     schema_id: int
     topic: str
@@ -78,21 +78,21 @@ class Message(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """What the file says it holds."""
+    """The contents of the file, according to the file itself."""
 
     messages: int
     chunks: int
-    by_channel: dict[int, int]  # empty where the writer did not count them
+    by_channel: dict[int, int]  # empty if the writer did not count them
 
 
 class Gap(NamedTuple):
-    """Bytes of a file that cannot be believed."""
+    """Bytes of a file that cannot be trusted."""
 
     begin: int
     end: int
     reason: str
-    after_ns: int | None  # log time of the last message before it, in the order of the file; None: there is none
-    before_ns: int | None  # and of the first one after it
+    after_ns: int | None  # log time of the last message before it, in the order of the file; None: no such message
+    before_ns: int | None  # log time of the first message after it
 
 
 class _Piece(NamedTuple):
@@ -107,7 +107,7 @@ class _Piece(NamedTuple):
 
 @dataclass
 class McapFile:
-    """What is sound in a file, found by reading it once from begin to end.
+    """The sound parts of a file, found by reading it once from beginning to end.
 
     Args:
         path: the file.
@@ -122,7 +122,7 @@ class McapFile:
     gaps: list[Gap] = field(default_factory=list, init=False)
     statistics: Statistics | None = field(default=None, init=False)
     finished: bool = field(default=False, init=False)  # whether the file ends as a finished one does
-    doubtful: bool = field(default=False, init=False)  # whether a message that is read may not be what was written
+    doubtful: bool = field(default=False, init=False)  # whether a message that is read may differ from what was written
     start_ns: int = field(default=0, init=False)  # least and largest log time; 0 without messages
     end_ns: int = field(default=0, init=False)
 
@@ -130,7 +130,7 @@ class McapFile:
         self._pieces: list[_Piece] = []
         self._summary_channels: dict[int, Channel] = {}
         self._summary_schemas: dict[int, Schema] = {}
-        self._summary: int | None = None  # where it begins
+        self._summary: int | None = None  # position where it begins
         self._chunked = False
         self._checked = True  # whether each message had a checksum
         with self.path.open("rb") as stream:
@@ -141,17 +141,21 @@ class McapFile:
 
     @staticmethod
     def recognized(path: pathlib.Path) -> bool:
-        """Whether a file begins or ends as MCAP files do; raises OSError where it cannot be read."""
+        """Whether a file begins or ends as MCAP files do.
+
+        Raises:
+            OSError: it cannot be read.
+        """
         with path.open("rb") as stream:
             begin = stream.read(len(MAGIC))
             stream.seek(max(0, path.stat().st_size - len(MAGIC)))
             return MAGIC in (begin, stream.read())
 
     def messages(self, wanted: Callable[[int], bool]) -> Iterator[Message]:
-        """The sound messages of the wanted channels by log time; equal ones in the order of the file.
+        """The sound messages of the wanted channels in order of log time; those of the same time in the order of the file.
 
         Raises:
-            OSError: the file cannot be read any longer.
+            OSError: the file can no longer be read.
         """
         waiting: list[tuple[int, int, int, Message]] = []
         with self.path.open("rb") as stream:
@@ -184,7 +188,7 @@ class McapFile:
             self.gaps.append(Gap(size, size, "the recording was cut short", self._last_ns(), None))
         elif position < size:
             self.gaps.append(Gap(position, size, "something follows the end of the bag", self._last_ns(), None))
-        # the summary repeats what chunks that were lost may have defined
+        # the summary repeats definitions that may have been in lost chunks
         self.channels = self._summary_channels | self.channels
         self.schemas = self._summary_schemas | self.schemas
 
@@ -192,7 +196,7 @@ class McapFile:
         return self._pieces[-1].end_ns if self._pieces else None
 
     def _skip(self, stream: BinaryIO, position: int, size: int, reason: str, search_from: int | None = None) -> int:
-        """Note a gap from `position` on; returns where it ends."""
+        """Record a gap from `position` on; return where it ends."""
         resumed = self._next_sound(stream, position + 1 if search_from is None else search_from, size)
         if self.gaps and self.gaps[-1].end == position:  # one gap, for the first reason
             position, reason = self.gaps[-1].begin, self.gaps[-1].reason
@@ -208,7 +212,7 @@ class McapFile:
             self.gaps[index] = self.gaps[index]._replace(before_ns=piece.start_ns)
 
     def _take(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Take in the record at `position`; returns where the next one begins. Raises _Unsound."""
+        """Read the record at `position`; return where the next one begins. Raises _Unsound."""
         code, length = _sound_record(stream, position, size)
         begin, end = position + _RECORD_HEAD.size, position + _RECORD_HEAD.size + length
         if code == CHUNK:
@@ -257,7 +261,7 @@ class McapFile:
                     number, channel = _channel(content[begin : begin + length])
                     channels[number] = channel
         except _Unsound as error:
-            # if a sound record follows, the length of the chunk is to be believed, and nothing but the chunk is lost
+            # if a sound record follows, the length of the chunk can be trusted, and only the chunk is lost
             try:
                 _sound_record(stream, end, size)
             except _Unsound:
@@ -274,7 +278,7 @@ class McapFile:
             self._note_piece(_Piece(position, end, True, min(times), max(times)))
 
     def _take_loose(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Take in the messages outside chunks that begin at `position`; returns where they end, or a gap after them ends."""
+        """Read the messages outside chunks that begin at `position`; return where they end, or where a gap after them ends."""
         taken: list[tuple[int, int, int]] = []  # begin, channel, log time
         begin = position
         unsound: _Unsound | None = None
@@ -293,7 +297,7 @@ class McapFile:
             position += _RECORD_HEAD.size + length
         end = position
         if unsound is not None and not isinstance(unsound, _CutShort):
-            end, _, _ = taken.pop()  # it has no checksum: what damaged the bytes after it may have begun in it
+            end, _, _ = taken.pop()  # it has no checksum, and the damage after it may have begun in it
         if taken:
             self._checked = False
             self.counts.update(channel_id for _, channel_id, _ in taken)
@@ -319,7 +323,7 @@ class McapFile:
             self._summary_channels, self._summary_schemas = {}, {}
 
     def _next_sound(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Where the first record begins at or after `position` that can be believed; the size of the file if there is none."""
+        """Where the first trustworthy record at or after `position` begins; the size of the file if there is no such record."""
         overlap = _RECORD_HEAD.size - 1
         while position < size:
             block = _read(stream, position, _SEARCH_BLOCK + overlap)
@@ -330,7 +334,7 @@ class McapFile:
         return size
 
     def _trusted(self, stream: BinaryIO, position: int, size: int) -> bool:
-        """Whether what looks like a record is one: a message has so little structure that two sound records must follow it."""
+        """Whether what looks like a record is one. A message has little structure, so two sound records must follow it."""
         following = 2
         try:
             while following and position < size - len(MAGIC):
@@ -339,7 +343,7 @@ class McapFile:
                     return False
                 if code != MESSAGE:
                     return True
-                if self._chunked:  # it would be the inside of a chunk that fails its checksum
+                if self._chunked:  # it would be part of a chunk that fails its checksum
                     return False
                 following -= 1
                 position += _RECORD_HEAD.size + length
@@ -432,7 +436,7 @@ def _message_head(content: bytes, begin: int, length: int) -> tuple[int, int, in
 
 
 def _chunk(stream: BinaryIO, position: int, end: int) -> bytes:
-    """The records of a chunk, decompressed, and equal to its checksum where it has one."""
+    """The records of a chunk, decompressed, and checked against its checksum if it has one."""
     content = memoryview(_read(stream, position + _RECORD_HEAD.size, end - position - _RECORD_HEAD.size))
     _, _, size, expected, names = _CHUNK_HEAD.unpack_from(content)
     compression = bytes(content[_CHUNK_HEAD.size : _CHUNK_HEAD.size + names]).decode("ascii", "replace")
@@ -442,7 +446,7 @@ def _chunk(stream: BinaryIO, position: int, end: int) -> bytes:
     try:
         if compression == "zstd":
             declared = zstandard.frame_content_size(stored)
-            if declared not in (-1, size):  # what a frame declares is allocated before it is read
+            if declared not in (-1, size):  # the size that a frame declares is allocated before it is read
                 raise _Unsound(f"a chunk of {size} bytes declares {declared}")
             raw = zstandard.ZstdDecompressor().decompress(stored, max_output_size=size, allow_extra_data=False) if size else b""
         elif compression == "lz4":
@@ -462,7 +466,7 @@ def _chunk(stream: BinaryIO, position: int, end: int) -> bytes:
 
 
 class _Fields:
-    """Takes apart the content of a record; raises _Unsound where it ends too early."""
+    """Reads the content of a record; raises _Unsound if it ends too early."""
 
     def __init__(self, content: bytes) -> None:
         self._content = content
@@ -557,7 +561,7 @@ def _attachment(stream: BinaryIO, length: int) -> None:
 
 
 def _parts(*sizes: int | None) -> Callable[[bytes], None]:
-    """A check that a record consists of numbers of these sizes; None stands for what brings its own size."""
+    """A check that a record consists of numbers of these sizes; None stands for a part with its own size."""
 
     def check(content: bytes) -> None:
         fields = _Fields(content)

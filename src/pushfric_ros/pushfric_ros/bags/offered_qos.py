@@ -1,4 +1,4 @@
-"""What a publisher offered, as bags keep it."""
+"""The qualities of service that a publisher offered, as bags store them."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any
 from pushfric_ros.messages.qos import Qos
 
 INFINITE_NS = 2**63 - 1
-"""A duration without limit, as the middleware tells it [ns]."""
+"""A duration without limit, as the middleware represents it [ns]."""
 
 SECOND_NS = 10**9
 
@@ -17,14 +17,14 @@ POLICIES = {
     "durability": ("system_default", "transient_local", "volatile", "unknown", "best_available"),
     "liveliness": ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown", "best_available"),
 }
-"""The policies of rmw in the order of their numbers: rosbag2 writes names since version 9 of its metadata, numbers before."""
+"""The policies of rmw in the order of their numbers; rosbag2 writes names since version 9 of its metadata, earlier numbers."""
 
 DURATIONS = ("deadline", "lifespan", "liveliness_lease_duration")
 
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """One publisher's qualities of service; policies are spelled as rosbag2 spells them."""
+    """One publisher's qualities of service; policies are spelled as in rosbag2."""
 
     depth: int
     reliability: str
@@ -37,16 +37,16 @@ class OfferedQos:
 
     @classmethod
     def of(cls, quality: Qos) -> "OfferedQos":
-        """What a publisher of that quality offers."""
+        """The offer of a publisher with this quality."""
         return cls(quality.depth, str(quality.reliability), str(quality.durability))
 
     @classmethod
     def of_policies(cls, found: Any, nanoseconds: Callable[[Any], int]) -> "OfferedQos":
-        """From a library's record with the fields of this one: enumerations for policies, its own type of duration.
+        """The offer in a library's record with the same fields, which has enumerations for policies and its own durations.
 
         Args:
             found: the record.
-            nanoseconds: of one of its durations.
+            nanoseconds: converts one of its durations.
         """
         policies = {name: getattr(found, name).name.lower() for name in POLICIES}
         durations: dict[str, Any] = {name: min(max(0, nanoseconds(getattr(found, name))), INFINITE_NS) for name in DURATIONS}
@@ -71,10 +71,10 @@ class OfferedQos:
 
     @classmethod
     def from_entry(cls, entry: Mapping[str, Any]) -> "OfferedQos":
-        """What rosbag2 wrote.
+        """The offer that rosbag2 wrote.
 
         Raises:
-            ValueError: it did not.
+            ValueError: rosbag2 did not write this.
         """
         try:
             values: dict[str, Any] = {name: _policy(name, entry[name]) for name in POLICIES}

@@ -1,4 +1,4 @@
-"""Whatever can be read of a damaged bag, as a new bag."""
+"""Saves what can be read of a damaged bag as a new bag."""
 
 import os
 import pathlib
@@ -13,11 +13,11 @@ PathLike = str | os.PathLike[str]
 
 
 def recover(path: PathLike, out: PathLike) -> Bag:
-    """Write all messages of a bag that can be read into a new bag; returns the damaged one, which knows what is missing.
+    """Write all messages of a bag that can be read to a new bag; return the damaged one, which knows what is missing.
 
     Args:
         path: folder of a bag, or one of its files.
-        out: folder of the new bag; object.yaml goes along.
+        out: folder of the new bag; object.yaml is copied, too.
     Raises:
         InvalidInput: it is not a bag, or the new bag cannot be written.
     """

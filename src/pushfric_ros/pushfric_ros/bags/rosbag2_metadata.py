@@ -1,4 +1,4 @@
-"""metadata.yaml, the file in which rosbag2 says what a bag's folder holds."""
+"""metadata.yaml, the file in which rosbag2 describes the contents of a bag's folder."""
 
 import pathlib
 from collections.abc import Mapping
@@ -18,12 +18,12 @@ STORAGES = ("mcap", "sqlite3")
 COMPRESSION_MODES = ("", "none", "file", "message")
 
 FILE_LIMIT = 10_000
-"""Files of one bag."""
+"""Most files of a bag."""
 
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """What of a metadata.yaml is used."""
+    """The part of a metadata.yaml that is used."""
 
     storage: str  # one of STORAGES
     files: tuple[pathlib.Path, ...]
@@ -34,10 +34,10 @@ class BagMetadata:
 
 
 def read_metadata(folder: pathlib.Path) -> BagMetadata | None:
-    """The metadata of a bag's folder; None where there is no metadata.yaml.
+    """The metadata of a bag's folder; None if there is no metadata.yaml.
 
     Raises:
-        InvalidInput: it is not that of a bag.
+        InvalidInput: the file is not the metadata of a bag.
     """
     path = folder / METADATA
     if not path.is_file():
@@ -69,7 +69,7 @@ def _metadata(folder: pathlib.Path, content: Any) -> BagMetadata:
     for name in names:
         if not isinstance(name, str) or not name or "\0" in name:
             raise ValueError(f"expected relative_file_paths to list names of files, got {str(name)[:80]!r}")
-    # old bags list them from the folder the recorder ran in
+    # old bags list them relative to the folder in which the recorder ran
     files = [folder / pathlib.PurePath(name).name for name in names]
     if twice := sorted({file.name for file in files if files.count(file) > 1}):
         raise ValueError(f"relative_file_paths lists {', '.join(twice)} more than once")

@@ -20,7 +20,7 @@ ENCODINGS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL
 
 
 class SqliteFile:
-    """One database of a bag. It has no checksums: SQLite checks its structure, and metadata.yaml knows the counts.
+    """A database of a bag. It has no checksums, but SQLite checks its structure, and metadata.yaml has the counts.
 
     Raises:
         InvalidInput: it is not the database of a bag.
@@ -47,7 +47,7 @@ class SqliteFile:
             self.gaps.append(Gap(0, 0, f"the recording was cut short, part of it is in {log.name}", self.end_ns, None))
 
     def read(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
-        """Messages by log time."""
+        """Messages in order of log time."""
         with self._opened() as reader:
             wanted = [each for each in reader.connections if topics is None or each.topic in topics]
             if wanted:

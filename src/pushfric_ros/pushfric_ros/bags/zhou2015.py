@@ -34,16 +34,16 @@ CORNERS = [(0.0, 0.0), (0.15, 0.0), (0.0, 0.15)]
 """Of the triangle: the origin is the right angle [m]."""
 
 GRID = SupportFile(grid=(10, 10), inset=0.0075)
-"""Hypothesised support: the middles of 15 mm cells, 55 of which lie on the triangle."""
+"""Hypothesised support: the middles of 15 mm cells, of which 55 lie on the triangle."""
 
 TOUCHING = 0.25
-"""The finger touches from when the force first exceeds this share of its maximum."""
+"""The contact begins when the force first exceeds this fraction of its maximum."""
 
 BUILDING_UP = 0.3
-"""The mean force leaves out this first share of the contact, as push_points.csv does: the force has yet to build up."""
+"""The mean force leaves out this first fraction of the contact, in which the force builds up, as push_points.csv does."""
 
 LARGEST_GAP = 0.004
-"""A push is left out where the finger, in the middle of it, is further than this from the outline [m]: the log is wrong."""
+"""A push is left out if the finger is farther than this from the outline in its middle [m], as the log must be wrong."""
 
 SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 """From the sensor's reading to the force ON the object, in the frame of the tool."""
@@ -66,7 +66,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
 
     Args:
         source: a log (.txt or .txt.gz), or push_points.csv.
-        out: folder of the bag; for a CSV with several logs, of a bag each.
+        out: folder of the bag; for a CSV with several logs, of the bags.
     Raises:
         InvalidInput: the source cannot be read, or a bag exists already.
     """
@@ -82,7 +82,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
 
 
 def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
-    """The data points of push_points.csv, log by log. It holds no times: pushes count as one second each.
+    """The data points of push_points.csv, log by log. The file has no times, so each push counts as one second.
 
     Raises:
         InvalidInput: a column or a number is missing.
@@ -115,7 +115,7 @@ def read_log(path: pathlib.Path) -> list[Observation]:
     """The data points of a log: one for each push whose finger met an edge.
 
     Raises:
-        InvalidInput: the file is no log, or ends early.
+        InvalidInput: the file is not a log, or ends early.
     """
     try:
         text = gzip.decompress(path.read_bytes()).decode() if path.suffix == ".gz" else path.read_text()
@@ -134,7 +134,7 @@ def read_log(path: pathlib.Path) -> list[Observation]:
 
 
 class _Push(NamedTuple):
-    """What a log says of one push, in metres."""
+    """What a log says about a push, in metres."""
 
     before: Pose  # of the object, in the robot's frame
     after: Pose
@@ -196,7 +196,7 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
 
 
 def _object_of(log: pathlib.Path) -> str:
-    """The part of a log's name that says what the triangle stood on."""
+    """The part of a log's name that says on what the triangle stood."""
     return log.name.partition("__exp")[0]
 
 

@@ -1,4 +1,4 @@
-"""The simulated cell: physics, camera, GRBL controller and operator behind the interfaces of the real ones; keeps the clock."""
+"""The simulated cell: physics, camera, GRBL controller and operator behind the real interfaces; it publishes the clock."""
 
 import array
 import contextlib
@@ -34,10 +34,10 @@ from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.vision.camera import load_camera
 
 STEPS_PER_FRAME = 4
-"""Steps of the physics, and ticks of /clock, from one frame to the next."""
+"""Number of physics steps, and of ticks of /clock, from one frame to the next."""
 
 START = 1_000_000_000_000_000_000
-"""Simulated time begins here [ns], so that no stamp looks like the 0 of a missing one."""
+"""Simulated time begins here [ns], so that no stamp looks like the 0 of a missing stamp."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class SimulatedCellNode(Node):
         self._line = pushing_line(stage.line_origin, stage.line_direction, stage.tip_radius)
         self._object = PushedObject(truth.outline, truth.support, truth.mu_c, Pose(0.0, 0.0, 0.0))
         self._present = False
-        self._placing: tuple[float, Pose] | None = None  # when [s], and where
+        self._placing: tuple[float, Pose] | None = None  # (when [s], where)
         self._elapsed = 0.0
         self._steps = 0
         camera = load_camera(place.calibration)
@@ -91,14 +91,14 @@ class SimulatedCellNode(Node):
         self.create_timer(period / run.speed, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
-        """Take the serial port away with the node."""
+        """Remove the serial port, too."""
         with contextlib.suppress(FileNotFoundError):
             os.unlink(self._place.port_link)
         self._grbl.close()
         super().destroy_node()
 
     def _link(self, path: str) -> None:
-        """Let the pseudo-terminal, whose name nobody can know beforehand, appear under a known one."""
+        """Link the pseudo-terminal, whose name is not known beforehand, to a known path."""
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)
         os.symlink(self._grbl.port, path)
@@ -119,7 +119,7 @@ class SimulatedCellNode(Node):
             self._publish_frame(stamp)
 
     def _operate(self) -> None:
-        """Put the object down once the operator's hand has been away with it long enough."""
+        """Put the object down once the operator has held it long enough."""
         if self._placing is not None and self._elapsed >= self._placing[0]:
             self._object.pose, self._placing, self._present = self._placing[1], None, True
 
@@ -134,7 +134,7 @@ class SimulatedCellNode(Node):
         self._info_out.publish(self._info)
 
     def _on_placement(self, msg: PoseStamped) -> None:
-        """Do as a human operator would: take the object away and put it where it is wanted, nearly."""
+        """Take the object away and put it almost where it is wanted, as a human operator would."""
         try:
             wanted = pose_from_msg(msg.pose)
         except ValueError as error:

@@ -1,4 +1,4 @@
-"""What a tracker tells of a frame, and what the tracker node asks of any tracker."""
+"""The result of a tracker for a frame, and the protocol of every tracker."""
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -19,7 +19,7 @@ class Sighting(NamedTuple):
 
     pose: Pose  # in the table frame
     residual_px: float  # rms distance between what was found and its place in this pose
-    visible_fraction: float  # fraction found of what there is to find
+    visible_fraction: float  # found fraction of what can be found
     orientations: int  # number of orientations that fit equally well
     covariance: Array  # (3, 3) of (x, y, theta) in the table frame [m, m, rad]
 
@@ -32,7 +32,7 @@ class Tracker(Protocol):
 
         Args:
             image: (height, width) mono8 frame, the size of the camera's.
-            expected: about where it should be, in the table frame; of orientations that look alike the nearest is taken.
+            expected: approximate pose, in the table frame; of orientations that look alike, the nearest is taken.
         Raises:
             NotSeen: the frame does not show where the object is.
         """
@@ -46,11 +46,11 @@ class TrackerDriver(Protocol):
     """
 
     def open_tracker(self, camera: "Camera", model: "ObjectModel", height: float) -> Tracker:
-        """A tracker of an object whose outline or markers lie `height` [m] over the table.
+        """A tracker of an object whose outline or markers are `height` [m] over the table.
 
         Raises:
-            InvalidInput: it cannot be found in this camera's images, or a file that the settings name is wrong.
+            InvalidInput: the object cannot be found in this camera's images, or a file that the settings name is wrong.
         """
 
     def absence(self) -> str | None:
-        """What it lacks to find anything, such as the name of a file; None where it lacks nothing."""
+        """The setting that it lacks to find anything, such as the name of a file; None if it lacks nothing."""

@@ -1,4 +1,4 @@
-"""The settings of the trackers that come along: the entry points `contour` and `fiducial` of the group `pushfric.trackers`."""
+"""The settings of pushfric's own trackers: the entry points `contour` and `fiducial` of the group `pushfric.trackers`."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
