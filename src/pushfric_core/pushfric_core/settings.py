@@ -12,10 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 AUTO = "auto"
-"""What people write where a setting is None: to be found."""
+"""What people write if a setting is None, that is, to be found by the program."""
 
 REQUIRED: Any = dataclasses.MISSING
-"""In place of a default, where there is none."""
+"""Takes the place of the default of a setting without one."""
 
 Config = TypeVar("Config")
 
@@ -28,13 +28,13 @@ def setting(
     key: str | None = None,
     path: bool = False,
 ) -> Any:
-    """A dataclass field that says what it is.
+    """A dataclass field with its description.
 
     Args:
-        default: its value where none is given, or REQUIRED.
+        default: its value if none is given, or REQUIRED.
         description: what it does, with its unit in brackets.
-        low, high: its inclusive range. A float may be infinite only where `high` is.
-        key: its name in a cell's file, where that is not the field's.
+        low, high: its inclusive range. A float may be infinite only if `high` is.
+        key: its name in a cell's file, if that differs from the field's.
         path: it may name a file; in a cell's file, a relative path starts at that file's folder.
     """
     metadata = {"description": description, "low": low, "high": high, "key": key, "path": path}
@@ -111,7 +111,7 @@ def is_required(field: Any) -> bool:
 def plain(config: Any) -> dict[str, Any]:
     """A config's values as node parameters have them: lists for tuples, texts for enums, and AUTO for None.
 
-    An empty list is left out: of what it is one, ROS cannot tell.
+    An empty list is left out, because ROS cannot tell its type.
     """
     values = {field.name: plain_value(getattr(config, field.name)) for field in dataclasses.fields(config)}
     return {name: value for name, value in values.items() if value != []}
@@ -148,7 +148,7 @@ _SINGULAR = {
 _PLURAL = {bool: "true or false", int: "whole numbers", float: "finite numbers", str: "texts"}
 
 _LONGEST = 80
-"""No more of a wrong value is shown."""
+"""Number of characters of a wrong value that are shown."""
 
 
 def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
@@ -166,7 +166,7 @@ def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
 
 
 def _convert(hint: Any, value: Any, infinite: bool) -> Any:
-    """A value as a field of this type has it; ValueError or OverflowError where it is none."""
+    """A value converted to the type of a field; raises ValueError or OverflowError if that is not possible."""
     if is_optional(hint):
         return None if value is None or value == AUTO else _convert(written(hint), value, infinite)
     if typing.get_origin(hint) is tuple:

@@ -29,7 +29,7 @@ def topics(described):
 
 def test_the_document_describes_the_nodes(described):
     text = "\n".join((interface_docs.HEAD, *map(interface_docs.section, described.values())))
-    assert (ROOT / "docs/interfaces.md").read_text() == text, f"stale; write it anew with: {interface_docs.COMMAND}"
+    assert (ROOT / "docs/interfaces.md").read_text() == text, f"stale; write it again with: {interface_docs.COMMAND}"
 
 
 def test_every_node_that_is_installed_is_described(described):

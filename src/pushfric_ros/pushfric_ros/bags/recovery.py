@@ -26,10 +26,10 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     except InvalidInput:  # its metadata may be what is damaged
         damaged = Bag(path, ignore_metadata=True)
     with BagWriter(out) as writer:
-        beside = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / OBJECT_FILE
-        if beside.is_file():
+        object_file = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / OBJECT_FILE
+        if object_file.is_file():
             with writer.writing():
-                shutil.copyfile(beside, pathlib.Path(out) / OBJECT_FILE)
+                shutil.copyfile(object_file, pathlib.Path(out) / OBJECT_FILE)
         channels = {}
         for topic in damaged.summary.topics:
             text = topic.definition

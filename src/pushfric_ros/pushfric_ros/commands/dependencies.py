@@ -44,15 +44,15 @@ def unmet(requirements: Iterable[str]) -> list[Unmet]:
         from packaging.requirements import Requirement
     except ImportError:
         return [Unmet("packaging", "not installed")]
-    amiss = []
+    lacking = []
     for text in requirements:
         wanted = Requirement(text)
         version = _version(wanted.name)
         if version is None:
-            amiss.append(Unmet(text, "not installed"))
+            lacking.append(Unmet(text, "not installed"))
         elif version and not wanted.specifier.contains(version, prereleases=True):
-            amiss.append(Unmet(text, version))
-    return amiss
+            lacking.append(Unmet(text, version))
+    return lacking
 
 
 def _version(name: str) -> str | None:
@@ -70,15 +70,15 @@ def _version(name: str) -> str | None:
 
 def complaint(requirements: Iterable[str]) -> str | None:
     """A line that names what is missing or too old, and the command that installs it; None if nothing is."""
-    if not (amiss := unmet(requirements)):
+    if not (lacking := unmet(requirements)):
         return None
-    found = ", ".join(f"{requirement} ({found})" for requirement, found in amiss)
-    return f"missing or too old: {found}; install with: {advice(amiss)}"
+    found = ", ".join(f"{requirement} ({found})" for requirement, found in lacking)
+    return f"missing or too old: {found}; install with: {advice(lacking)}"
 
 
-def advice(amiss: Iterable[Unmet]) -> str:
+def advice(lacking: Iterable[Unmet]) -> str:
     """The command that installs these requirements."""
-    return " ".join(["python3 -m pip install", *(f"'{requirement}'" for requirement, _ in amiss)])
+    return " ".join(["python3 -m pip install", *(f"'{requirement}'" for requirement, _ in lacking)])
 
 
 if __name__ == "__main__":

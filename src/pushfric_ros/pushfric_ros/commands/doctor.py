@@ -157,9 +157,9 @@ def check_ros() -> Check:
 def check_packages() -> Check:
     """The Python packages that pushfric needs."""
     wanted = dependencies.declared()
-    if amiss := dependencies.unmet(wanted):
-        finding = f"missing or too old: {', '.join(f'{requirement} ({found})' for requirement, found in amiss)}"
-        return Check("packages", Level.FAILED, finding, dependencies.advice(amiss))
+    if lacking := dependencies.unmet(wanted):
+        finding = f"missing or too old: {', '.join(f'{requirement} ({found})' for requirement, found in lacking)}"
+        return Check("packages", Level.FAILED, finding, dependencies.advice(lacking))
     return Check("packages", Level.OK, f"{len(wanted)} needed, all there")
 
 
@@ -266,10 +266,10 @@ def check_multicast() -> Check:
     """Whether multicast works, by which other machines are found."""
     if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET") != "SUBNET":
         return Check("multicast", Level.OK, "not needed: only this machine is looked for")
-    amiss = discovery.multicast(1.0)
-    if amiss is not None:
+    fault = discovery.multicast(1.0)
+    if fault is not None:
         advice = "other machines will not be found; for this one alone set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-        return Check("multicast", Level.WARNING, f"does not work: {amiss}", advice)
+        return Check("multicast", Level.WARNING, f"does not work: {fault}", advice)
     return Check("multicast", Level.OK, "works")
 
 

@@ -42,10 +42,10 @@ def object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
         InvalidInput: there is no such object, or its file does not describe one.
     """
     data_points.check_source(path)
-    beside = data_points.object_beside(path)
-    if not name and beside is None:
+    next_to_bag = data_points.object_beside(path)
+    if not name and next_to_bag is None:
         raise InvalidInput(f"{path} does not say of what object it is; give --object OBJ.yaml or one of {', '.join(TABLE_1)}")
-    where = name or str(beside)
+    where = name or str(next_to_bag)
     return load_object(where), where
 
 

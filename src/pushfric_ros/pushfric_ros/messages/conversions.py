@@ -253,7 +253,7 @@ def pushes_from_msg(request: PredictPush.Request) -> tuple[np.ndarray, np.ndarra
     """Contact points, normals and tip velocities (k, 2) each.
 
     Raises:
-        ValueError: they are not as many, there is none, or a normal is not unit.
+        ValueError: their numbers differ, there are none, or a normal is not unit.
     """
     parts = _planar(request.contact_points), _normals(request.contact_normals), _planar(request.tip_velocities)
     _as_many("contact_points, contact_normals and tip_velocities", *parts)
@@ -276,7 +276,7 @@ def turns_from_msg(
     """Contact points (k, 2), normals (k, 2), half-widths (k,), centres of rotation (k, 2) and turns (k,).
 
     Raises:
-        ValueError: they are not as many, there is none, or a normal is not unit.
+        ValueError: their numbers differ, there are none, or a normal is not unit.
     """
     points, normals = _planar(request.contact_points), _normals(request.contact_normals)
     half_widths, turns = np.array(request.half_widths), np.array(request.turns, dtype=float)
