@@ -14,7 +14,7 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, pipeline, prediction, real_pushes, recording, tracker, updates
+from bench import display, footprint, pipeline, prediction, real_pushes, recording, tracker, updates
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
 from pushfric_core.errors import InvalidInput
@@ -25,6 +25,10 @@ QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100
 DEFAULT_PLOT = pathlib.Path("runs/bench.png")
 
 LIBRARIES = ("numpy", "scipy", "osqp", "highspy", "cvxpy", "clarabel")
+
+HIGHS_WARM = "highs_warm: HiGHS kept warm, the better of its primal and dual form."
+
+COLUMNS = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
 
 app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
@@ -53,6 +57,12 @@ def bench(
     live: Annotated[
         bool, typer.Option("--live", help="Also measure the live graph and the recorder, in real time: 3 minutes.")
     ] = False,
+    footprint_only: Annotated[
+        bool,
+        typer.Option(
+            "--footprint", help="Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
+        ),
+    ] = False,
     json: Annotated[
         pathlib.Path | None, typer.Option("--json", help="Write all figures to this file as JSON.", show_default=False)
     ] = None,
@@ -72,11 +82,12 @@ def bench(
             raise typer.BadParameter(f"{file}: is a folder; expected the name of a file to write")
         if file is not None and not file.parent.is_dir() and file != DEFAULT_PLOT:
             raise typer.BadParameter(f"{file}: its folder does not exist")
+    if footprint_only:
+        return _measure_footprint(json)
     plot.parent.mkdir(exist_ok=True)
     start = time.monotonic()
-    columns = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
     # without a thread that refreshes the bar, as its CPU time would be counted for a contender
-    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as bar:
+    with Progress(*COLUMNS, console=Console(stderr=True), auto_refresh=False) as bar:
         steps = (
             len(supports) * (len(points) + 1)
             + tracker.ROUNDS
@@ -103,7 +114,7 @@ def bench(
     console.print(
         display.updates_table(rows),
         display.memory_table(held),
-        display.verdict_table(targets),
+        display.verdict_table(targets, HIGHS_WARM),
         display.tracker_table(frames),
         *([display.accuracy_table(accuracy), display.learning_table(accuracy)] if accuracy is not None else []),
         *([display.prediction_table(predicted), display.stability_table(predicted)] if predicted is not None else []),
@@ -129,6 +140,19 @@ def bench(
     for line in measured["disagreements"]:
         print(f"error: {line}", file=sys.stderr)
     return int(bool(measured["disagreements"]))
+
+
+def _measure_footprint(json: pathlib.Path | None) -> int:
+    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=footprint.STEPS, completed=-1)
+        figures = footprint.measure(lambda what: bar.update(task, description=what, advance=1))
+        bar.update(task, description="done", advance=1)
+    targets = list(footprint.verdicts(figures))
+    Console().print(display.footprint_table(figures), display.verdict_table(targets), sep="\n")
+    if json is not None:
+        report = {"footprint": figures, "targets": [target._asdict() for target in targets]}
+        json.write_text(jsons.dumps(report, indent=1) + "\n")
+    return 0
 
 
 def main() -> None:

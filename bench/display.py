@@ -40,8 +40,8 @@ def updates_table(updates: Sequence[Figures]) -> Table:
     return table
 
 
-def verdict_table(verdicts: Iterable[Verdict]) -> Table:
-    table = Table(title="Targets", caption="highs_warm: HiGHS kept warm, the better of its primal and dual form.")
+def verdict_table(verdicts: Iterable[Verdict], caption: str = "") -> Table:
+    table = Table(title="Targets", caption=caption)
     for heading in ("target", "asked", "measured", ""):
         table.add_column(heading, justify="left" if heading == "target" else "right")
     for target, asked, measured, met in verdicts:
@@ -135,6 +135,22 @@ def live_table(figures: Figures) -> Table:
         table.add_row(f"frames dropped at {row['published_hz']:.0f} frames/s", f"{row['dropped']} of {row['published']}")
     table.add_row(f"images recorded at {images['published_hz']:.0f} Hz", f"{images['recorded']} of {images['published']}")
     table.add_row("a bag estimated offline", f"{offline['times_real_time']:.0f} times real time")
+    return table
+
+
+def footprint_table(figures: Figures) -> Table:
+    """Memory of the demo's processes, and what else a bare rclpy node is the measure of."""
+    table = Table("figure", "pushfric", "bare rclpy node", title="Footprint of the processes")
+    memory, ends = figures["memory_mib"], figures["end_s"]
+    for name, mebibytes in memory.items():
+        count = len(memory) - 1 if name == "total" else 1
+        table.add_row(f"memory, {name}", f"{mebibytes:.0f} MiB", f"{count * figures['bare_memory_mib']:.0f} MiB")
+    table.add_row("CPU time of --help", f"{figures['help_cpu_s']:.2f} s", f"{figures['bare_start_cpu_s']:.2f} s to start")
+    table.add_row("CPU time of estimate", f"{figures['estimate_cpu_s']:.2f} s", "")
+    table.add_row("run to first pose", f"{figures['first_pose_s']:.2f} s", "")
+    for name in ("alone", "together", "together_busy"):
+        label = f"SIGINT to the end, {name.replace('_', ', ')}"
+        table.add_row(label, f"{ends[name]:.2f} s", f"{ends['bare']:.2f} s" if name == "alone" else "")
     return table
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from pushfric_ros.bags.bag import Bag
 from pushfric_ros.bags.recovery import recover as recovered
 from pushfric_ros.commands.console import console
-from pushfric_ros.commands.inputs import JsonFlag
+from pushfric_ros.commands.options import JsonFlag
 from pushfric_ros.report.condition import condition
 from pushfric_ros.report.report import to_json
 

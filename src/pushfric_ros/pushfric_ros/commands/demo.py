@@ -16,7 +16,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.console import console, fail
-from pushfric_ros.commands.inputs import HeadlessFlag
+from pushfric_ros.commands.options import HeadlessFlag
 from pushfric_ros.commands.recorded_run import RUNS, course_of, telling_what_is_left
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch

@@ -26,7 +26,7 @@ from sensor_msgs.msg import Image as ImageMsg
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands import dependencies, discovery
 from pushfric_ros.commands.console import console
-from pushfric_ros.commands.inputs import JsonFlag
+from pushfric_ros.commands.options import JsonFlag
 from pushfric_ros.commands.recorded_run import RUNS
 from pushfric_ros.files.cell_file import CellFile, load_cell
 from pushfric_ros.files.node_settings import CameraConfig, PlanConfig

@@ -1,35 +1,11 @@
-"""Arguments that several commands have: a bag or a CSV, an object, its support points."""
+"""Loads what several commands are given: the object of a bag or a CSV, and its support points."""
 
 import pathlib
-from typing import Annotated
-
-import typer
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.bags import data_points
 from pushfric_ros.files.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
-
-Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
-ObjectOption = Annotated[
-    str,
-    typer.Option(
-        "--object",
-        help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may contain it as object.yaml.",
-        show_default=False,
-    ),
-]
-GridOption = Annotated[
-    tuple[int, int] | None,
-    typer.Option("--grid", help="Support points: a grid of NX by NY over the object.", metavar="NX NY", show_default=False),
-]
-SupportPointsOption = Annotated[
-    pathlib.Path | None,
-    typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
-]
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
-PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag, from which messages are missing.")]
-HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
 
 
 def object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:

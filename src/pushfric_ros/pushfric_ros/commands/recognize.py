@@ -9,16 +9,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.recognition import Recognizer
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import warn
-from pushfric_ros.commands.inputs import (
-    GridOption,
-    Input,
-    JsonFlag,
-    ObjectOption,
-    PartialFlag,
-    SupportPointsOption,
-    object_of,
-    with_support,
-)
+from pushfric_ros.commands.inputs import object_of, with_support
+from pushfric_ros.commands.options import GridOption, Input, JsonFlag, ObjectOption, PartialFlag, SupportPointsOption
 from pushfric_ros.commands.settings_options import with_settings
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.messages.conversions import recognition_to_msg

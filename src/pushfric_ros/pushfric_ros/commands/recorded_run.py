@@ -8,7 +8,6 @@ from pushfric_core.errors import PushfricError
 from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
-from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, warn
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel, load_object
@@ -40,6 +39,8 @@ def left_behind(bag: pathlib.Path) -> str:
 
 def course_of(bag: pathlib.Path) -> tuple[list[Estimate], tuple[Observation, ...]]:
     """The estimates after each data point, and the data points, from a recorded bag; for figures."""
+    from pushfric_ros.bags import data_points
+
     model, settings, data = _recorded(bag)
     estimator = Estimator(model.support_points, settings.estimator)
     return list(data_points.taken(estimator.add, data, warn)), estimator.observations
@@ -47,5 +48,7 @@ def course_of(bag: pathlib.Path) -> tuple[list[Estimate], tuple[Observation, ...
 
 def _recorded(bag: pathlib.Path) -> tuple[ObjectModel, EstimatorSettings, list[Observation]]:
     """The object of a bag, the settings it was estimated with, and its data points."""
+    from pushfric_ros.bags import data_points  # not before the run has ended: it would hold 10 MB meanwhile
+
     model, settings = load_object(str(bag / OBJECT_FILE)), data_points.recorded_settings(bag)
     return model, settings, data_points.observations(bag, model, settings, warn)

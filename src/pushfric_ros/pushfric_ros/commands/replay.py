@@ -7,7 +7,8 @@ import typer
 
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, fail, warn
-from pushfric_ros.commands.inputs import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag, object_of
+from pushfric_ros.commands.inputs import object_of
+from pushfric_ros.commands.options import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag
 from pushfric_ros.commands.result import print_result
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch

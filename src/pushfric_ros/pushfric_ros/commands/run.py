@@ -8,7 +8,7 @@ import typer
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console, fail
-from pushfric_ros.commands.inputs import HeadlessFlag
+from pushfric_ros.commands.options import HeadlessFlag
 from pushfric_ros.commands.recorded_run import RUNS, telling_what_is_left
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch

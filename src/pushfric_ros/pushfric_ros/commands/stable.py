@@ -8,7 +8,7 @@ from rich.console import Console
 
 from pushfric_core.prediction import stability
 from pushfric_ros.commands.console import warn
-from pushfric_ros.commands.inputs import JsonFlag, ObjectOption
+from pushfric_ros.commands.options import JsonFlag, ObjectOption
 from pushfric_ros.commands.planning import ModelArgument, known
 from pushfric_ros.files.pushes_file import TURNED, read_edge_pushes
 from pushfric_ros.report.report import to_json

@@ -3,15 +3,17 @@
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import plain
-from pushfric_ros.bags.data_points import Source
 from pushfric_ros.files import estimator_settings
 from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.pushers.grbl_config import GrblConfig
+
+if TYPE_CHECKING:  # only a replay reads bags
+    from pushfric_ros.bags.data_points import Source
 
 PACKAGE = "pushfric_ros"
 NAMESPACE = CellFile.namespace
@@ -128,7 +130,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
 def replay(
     bag: str,
     object_name: str,
-    source: Source,
+    source: "Source",
     rate: float,
     settings: EstimatorSettings,
     paused: bool = False,

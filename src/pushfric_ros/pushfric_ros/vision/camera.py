@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import yaml
@@ -23,7 +22,6 @@ Loaded = TypeVar("Loaded")
 DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 DISTORTION_COEFFICIENTS = (4, 5, 8)
 _ZERO = np.zeros(3)
-_UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-10)
 
 
 class CameraInfoFields(Protocol):
@@ -150,13 +148,18 @@ class Camera(Lens):
     def project(self, points: npt.ArrayLike, height: float = 0.0) -> Array:
         """Distorted pixels (n, 2) of table points (n, 2) [m] at `height` [m] over the table."""
         plane = self._plane(height)
+        import cv2  # not above: a process that only writes a calibration, such as the demo, does without its 13 MB
+
         pixels, _ = cv2.projectPoints(np.asarray(points, dtype=float) @ plane[:2] + plane[2], _ZERO, _ZERO, self.K, self.D)
         return np.asarray(pixels.reshape(-1, 2))
 
     def unproject(self, pixels: npt.ArrayLike, height: float = 0.0) -> Array:
         """Table points (n, 2) [m] at `height` [m] over the table that appear at distorted pixels (n, 2)."""
         seen = np.asarray(pixels, dtype=float).reshape(-1, 1, 2)
-        rays = cv2.undistortPoints(seen, self.K, self.D, criteria=_UNDISTORT_CRITERIA)
+        import cv2
+
+        enough = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-10)
+        rays = cv2.undistortPoints(seen, self.K, self.D, criteria=enough)
         return np.asarray(cv2.perspectiveTransform(rays, np.linalg.inv(self._plane(height).T)).reshape(-1, 2))
 
     def metres_per_pixel(self, height: float = 0.0) -> float:

@@ -1,0 +1,238 @@
+"""What the processes weigh: memory of the demo, CPU time of two commands, how long nodes take to start and to end.
+
+Next to all of it, in the same run, the same figures of a bare rclpy node: one publisher, one subscription, nothing else.
+
+Memory is the proportional set size: a page that several processes share counts for each with its share.
+"""
+
+import os
+import pathlib
+import re
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+
+from bench.verdict import Verdict
+from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.supervisor import command
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.visit import visit
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+OBJECT = "rubber_rect4"
+DEMO_BAG = ROOT / "bags" / OBJECT
+
+WATCHED = 8.0
+"""How long the memory of the demo is sampled, from the first pose [s]; the largest total counts."""
+
+PATIENCE = 60.0
+"""For nodes to appear and to end [s]."""
+
+ROUNDS = 5
+STEPS = 6
+
+BARE_NODE = """
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("bare")
+publisher = node.create_publisher(String, "bare_out", 10)
+subscription = node.create_subscription(String, "bare_in", lambda _: None, 10)
+print("ready", flush=True)
+try:
+    rclpy.spin(node)
+except (KeyboardInterrupt, ExternalShutdownException):
+    pass
+"""
+
+Figures = dict[str, Any]
+
+
+def measure(progress: Callable[[str], None]) -> Figures:
+    """Run the commands, the demo, and its nodes.
+
+    Returns:
+        "memory_mib": of each process of the demo and their "total"; "bare_memory_mib". "help_cpu_s" and "estimate_cpu_s":
+        medians; "bare_start_cpu_s": until a bare node is there. "first_pose_s": from the start of the command line's process.
+        "end_s": from SIGINT to the end of the last process, of a bare node ("bare"), of the estimator ("alone"), of all six
+        nodes ("together") and of these while every core is busy ("together_busy"); "end_codes": exit codes other than 0.
+    """
+    progress("help")
+    help_cpu = _cpu([ROOT / "pushfric", "--help"])
+    progress("estimate")
+    estimate_cpu = _cpu([ROOT / "pushfric", "estimate", DEMO_BAG])
+    progress("memory of the demo")
+    demo = _demo()
+    codes: dict[str, int] = {}
+    ends = {}
+    for name, busy in (("alone", False), ("together", False), ("together_busy", True)):
+        progress(f"end of nodes, {name.replace('_', ', ')}")
+        ends[name], ended = _end(("estimator",) if name == "alone" else (), busy)
+        codes |= {f"{node}, {name}": code for node, code in ended.items() if code}
+    return {
+        **demo,
+        "help_cpu_s": help_cpu,
+        "estimate_cpu_s": estimate_cpu,
+        "end_s": demo["end_s"] | ends,
+        "end_codes": codes,
+    }
+
+
+def verdicts(figures: Figures) -> Iterator[Verdict]:
+    """The targets, next to what was measured."""
+    asked = (
+        ("memory of the demo, six nodes and the command line, MiB", 480.0, figures["memory_mib"]["total"]),
+        ("./pushfric --help, s of CPU", 0.5, figures["help_cpu_s"]),
+        ("./pushfric estimate bags/rubber_rect4, s of CPU", 1.5, figures["estimate_cpu_s"]),
+        ("run to first pose, s", 1.5, figures["first_pose_s"]),
+        ("SIGINT to the end of the estimator, s", 0.3, figures["end_s"]["alone"]),
+        ("SIGINT to the end of six nodes at once, s", 0.3, figures["end_s"]["together"]),
+        ("exit codes other than 0", 0, len(figures["end_codes"])),
+    )
+    return (Verdict(target, f"<= {limit:g}", measured, measured <= limit) for target, limit, measured in asked)
+
+
+def _cpu(arguments: list[str | pathlib.Path]) -> float:
+    """CPU time of a command and its children [s]: the median of several calls, after one that warms the caches."""
+    seconds = []
+    for _ in range(ROUNDS + 1):
+        before = _cpu_of_children()
+        subprocess.run(arguments, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
+        seconds.append(_cpu_of_children() - before)
+    return float(np.median(seconds[1:]))
+
+
+def _cpu_of_children() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _demo() -> Figures:
+    """Run the demo until its memory is known, with a bare node next to it."""
+    poses: list[int] = []  # when they were published [ns]
+    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
+        here = stack.enter_context(visit("bench", graph.NAMESPACE))
+        here.node.create_subscription(
+            PoseWithCovarianceStamped, "object_pose", lambda _, info: poses.append(info["source_timestamp"]), SENSOR_QUEUE
+        )
+        bare = stack.enter_context(_process([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
+        bare.stdout.readline()
+        bare_start = _cpu_of(bare.pid)
+        started = time.time_ns()
+        arguments = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", f"{folder}/bag"]
+        demo = stack.enter_context(_process(arguments, stderr=subprocess.PIPE))
+        samples: list[dict[str, float]] = []
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            here.spin_once(0.1)
+            if demo.poll() is not None:
+                raise RuntimeError(f"the demo ended early:\n{demo.stderr.read()}")
+            if poses:
+                deadline = min(deadline, time.monotonic() + WATCHED) if not samples else deadline
+                samples.append(_memory_of_family(demo.pid))
+        if not samples:
+            raise RuntimeError(f"no pose within {PATIENCE:g} s")
+        bare_memory = _memory(bare.pid)
+        bare_end, _ = _interrupt({"bare": bare})
+        demo.send_signal(signal.SIGINT)
+        demo.communicate(timeout=PATIENCE)
+    largest = max(samples, key=lambda sample: sum(sample.values()))
+    return {
+        "memory_mib": largest | {"total": sum(largest.values())},
+        "bare_memory_mib": bare_memory,
+        "bare_start_cpu_s": bare_start,
+        "first_pose_s": (poses[0] - started) / 1e9,
+        "end_s": {"bare": bare_end},
+    }
+
+
+def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
+    """Start nodes of the simulated cell, all where none is named, and interrupt them; returns time [s] and exit codes."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as name, ExitStack() as stack:
+        folder, up = pathlib.Path(name), set()
+        here = stack.enter_context(visit("bench", graph.NAMESPACE))
+        here.node.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda msg: up.update(status.name for status in msg.status), RELIABLE
+        )
+        specs = graph.simulated_cell(demo_cell(OBJECT, folder), str(folder / "bag"), seed=0, speed=1.0)
+        processes = {
+            spec.name: stack.enter_context(
+                _process(command(spec, graph.NAMESPACE, folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            )
+            for spec in specs
+            if not names or spec.name in names
+        }
+        awaited = {f"{graph.NAMESPACE}/{node}" for node in processes}
+        deadline = time.monotonic() + PATIENCE
+        while not up >= awaited:
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"no report of {', '.join(sorted(awaited - up))} within {PATIENCE:g} s")
+            here.spin_once(0.1)
+        if busy:
+            for _ in range(2 * (os.cpu_count() or 1)):
+                stack.enter_context(_process([sys.executable, "-c", "while True: pass"]))
+        return _interrupt(processes)
+
+
+def _interrupt(processes: Mapping[str, "subprocess.Popen[str]"]) -> tuple[float, dict[str, int]]:
+    """Interrupt all at once, as a terminal does; returns how long the last one took to end [s], and the exit codes."""
+    begin = time.monotonic()
+    for process in processes.values():
+        process.send_signal(signal.SIGINT)
+    codes = {name: process.wait(PATIENCE) for name, process in processes.items()}
+    return time.monotonic() - begin, codes
+
+
+@contextmanager
+def _process(arguments: list[str], **options: Any) -> Iterator["subprocess.Popen[str]"]:
+    with subprocess.Popen(arguments, text=True, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def _memory_of_family(pid: int) -> dict[str, float]:
+    """Memory of a process and its descendants [MiB], by name."""
+    found = {}
+    for member in _family(pid):
+        try:
+            words = pathlib.Path(f"/proc/{member}/cmdline").read_text().split("\0")
+            name = next((word.removeprefix("__node:=") for word in words if word.startswith("__node:=")), "command line")
+            found[name] = _memory(member)
+        except (FileNotFoundError, ProcessLookupError):  # it has ended since
+            continue
+    return found
+
+
+def _family(pid: int) -> Iterator[int]:
+    yield pid
+    for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in task.read_text().split():
+            yield from _family(int(child))
+
+
+def _memory(pid: int) -> float:
+    """Proportional set size [MiB]."""
+    text = pathlib.Path(f"/proc/{pid}/smaps_rollup").read_text()
+    found = re.search(r"^Pss:\s+(\d+) kB", text, re.MULTILINE)
+    assert found is not None
+    return int(found[1]) / 1024
+
+
+def _cpu_of(pid: int) -> float:
+    """CPU time of a running process [s]."""
+    words = pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
