@@ -1,6 +1,6 @@
-"""The settings of the nodes, each a section of a cell's file or the command line's to give.
+"""The settings of the nodes; each class is a section of a cell's file, or is given by the command line.
 
-Settings of the pusher stand in pushers/pusher.py and its driver, those of trackers in vision/, those of the estimator in
+The settings of the pusher are in pushers/pusher.py and its driver, those of trackers in vision/, and those of the estimator in
 pushfric_core and in estimator_settings.py.
 """
 
@@ -68,7 +68,7 @@ class PlanConfig:
     distance: float = setting(0.05, "length of a push [m]", 0.001, 10.0)
     speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
     gap: float = setting(0.005, "distance from the resting tip to the object when it is placed [m]", 0.0, 0.1)
-    position_tolerance: float = setting(0.01, "the object may lie this far from where it is wanted [m]", 0.0, 1.0)
+    position_tolerance: float = setting(0.01, "the object may lie this far from its place [m]", 0.0, 1.0)
     angle_tolerance: float = setting(0.2, "the object may be turned by this much from what is wanted [rad]", 0.0, math.pi)
     still: float = setting(0.5, "the object must lie still for this long [s]", 0.0, 60.0)
     still_distance: float = setting(0.0005, "still: moved less than this [m], turned less than it over 10 cm", 0.0, 0.1)
@@ -143,7 +143,7 @@ class PlayerConfig:
     rate: float = setting(1.0, "multiple of the recorded speed", 0.01, 1000.0)
     partial: bool = setting(False, "play a damaged bag, of which messages are missing, all the same")
     start: float = setting(0.0, "where to begin, after the beginning of the bag [s]", 0.0)
-    loop: bool = setting(False, "begin again at the end; the clock jumps back")
+    loop: bool = setting(False, "start again at the end; the clock jumps back")
     topics: tuple[str, ...] = setting((), "topics to play; none: all")
     exclude_topics: tuple[str, ...] = setting((), "topics not to play")
     clock: bool = setting(True, "publish the bag's time on /clock, 100 times in a second of the bag")
