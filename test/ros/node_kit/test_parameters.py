@@ -5,12 +5,14 @@ import math
 from enum import Enum
 
 import pytest
+from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import AUTO, REQUIRED, check_ranges, plain, setting
 from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.nodes.estimator import EstimatorNode
 
 
 class Color(Enum):
@@ -110,3 +112,17 @@ def test_a_name_may_not_be_declared_twice(ros):
     with pytest.raises(InvalidInput, match="/twice: Config repeats the setting name, size, "):
         declare(node, Config)
     node.destroy_node()
+
+
+def test_every_parameter_can_be_asked_for(ros):
+    """One without a value made rclpy answer with nothing at all: `ros2 param dump` printed {}."""
+    ros.compose(EstimatorNode(parameter_overrides=[Parameter("object", value="wood_rect4")]))
+    peer = ros.node("peer")
+    clients = {kind: peer.create_client(kind, f"/estimator/{name}") for kind, name in
+               ((ListParameters, "list_parameters"), (GetParameters, "get_parameters"))}  # fmt: skip
+    for client in clients.values():
+        assert client.wait_for_service(10.0)
+    listed = clients[ListParameters].call(ListParameters.Request(), 10.0).result.names
+    values = clients[GetParameters].call(GetParameters.Request(names=listed), 10.0).values
+    assert {"object", "exclude_pushes", "cor_radius"} <= set(listed)
+    assert len(values) == len(listed)
