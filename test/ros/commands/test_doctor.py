@@ -420,7 +420,7 @@ def test_a_controller_without_homing_is_idle_where_it_stands():
         check, limits = grbl_checks.check_controller(GrblConfig(controller.port), pusher())
     assert (check.level, check.finding.endswith(", idle, at 0.0 mm")) == (OK, True)
     assert limits == Limits(math.inf, pytest.approx(0.1), pytest.approx(0.5))
-    assert set(controller.heard) == {"$I", "$$", "G21G90G94"}
+    assert set(controller.heard) == {"$I", "$$"}
 
 
 @pytest.mark.parametrize(
@@ -434,7 +434,7 @@ def test_a_controller_without_homing_is_idle_where_it_stands():
         (Mode.ALARM, 0.0, True, OK),  # and ends an alarm
         (Mode.ALARM, 0.0, False, WARNING),
         (Mode.HOLD, 0.0, False, WARNING),
-        (Mode.RUNNING, 0.0, True, WARNING),
+        (Mode.RUNNING, 0.0, True, FAILED),
     ],
 )
 def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, level):

@@ -34,7 +34,14 @@ NUMBERS = itertools.count()
 UNKNOWN = "where the pusher stands is not known: "
 UNHOMED = UNKNOWN + "see that it is free to move, then call actuator/reset, which homes"
 UNVOUCHED = UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset"
-LINE = {"line_origin": [0.1, -0.2], "line_direction": [0.0, 2.0], "tip_radius": 0.004, "stroke": 0.08, "max_speed": 0.08}
+LINE = {
+    "line_origin": [0.1, -0.2],
+    "line_direction": [0.0, 2.0],
+    "tip_radius": 0.004,
+    "stroke": 0.08,
+    "max_speed": 0.08,
+    "silence": 5.0,
+}  # for a busy machine
 
 
 @pytest.fixture
@@ -56,12 +63,14 @@ class HeldClock:
 
     def __init__(self) -> None:
         self._held: float | None = time.monotonic()
+        self._behind = 0.0
 
     def __call__(self) -> float:
-        return time.monotonic() if self._held is None else self._held
+        return time.monotonic() - self._behind if self._held is None else self._held
 
     def release(self) -> None:
-        self._held = None
+        """From where it stood: a carriage cannot be elsewhere in no time."""
+        self._behind, self._held = time.monotonic() - (self._held or 0.0), None
 
 
 def overrides(**parameters) -> list[Parameter]:
@@ -203,7 +212,7 @@ def test_a_push_in_simulated_time(ros, tmp_path):
             truth[stamp.nanoseconds] = controller.position()
             clock_out.publish(Clock(clock=stamp.to_msg()))
 
-        cell = Cell(ros, controller.port, use_sim_time=True)
+        cell = Cell(ros, controller.port, use_sim_time=True, real_time_factor=5.0)
         clock.create_timer(1 / 250, tick)
         cell.ready()
         assert cell.result(cell.send(0.06, 0.02)).result.outcome == Push.Result.OUTCOME_REACHED
@@ -277,7 +286,8 @@ def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     cell.result(cell.send(0.04))
     cell.states.clear()
-    assert cell.result(cell.send(-0.03, 0.05)).result.travelled == pytest.approx(-0.03, abs=2e-5)
+    back = cell.result(cell.send(-0.03, 0.05)).result
+    assert (back.message, back.travelled) == ("reached", pytest.approx(-0.03, abs=2e-5))
     assert controller.position() == pytest.approx(0.01)
     assert {state.push_id for state in cell.states} == {PusherState.NO_PUSH}
     assert min(state.speed for state in cell.states) == pytest.approx(-0.05, rel=0.01)
@@ -566,7 +576,7 @@ def test_a_port_that_sends_garbage_is_no_controller(ros, tmp_path, capfd):
     ros.wait_for(lambda: cell.node._told is not None, 30.0, what="the complaint")
     assert "no GRBL controller answers at " in capfd.readouterr().err
     assert cell.states[-1].mode == PusherState.MODE_DISCONNECTED
-    assert set(os.read(master, 4096)) <= set(b"?\x18")  # nothing that moves was sent
+    assert set(os.read(master, 4096)) <= set(b"?!\x18")  # nothing that moves was sent
     ros.wait_for(lambda: any("no GRBL controller answers" in status.message for status in cell.health), what="the diagnostic")
     with SimulatedGrbl(time.monotonic) as controller:
         (tmp_path / "port").unlink()
@@ -628,6 +638,8 @@ class Strict(SimulatedGrbl):
 def test_a_lock_that_only_homing_releases_is_named(ros, capfd):
     with Strict(time.monotonic, homing=True) as controller:
         cell = Cell(ros, controller.port)
+        cell.wait_for_mode(PusherState.MODE_ALARM)  # found on connecting, it stays
+        cell.reset()
         cell.refuses(controller, capfd, f'"$X" refused: error:46 Homing required (grblHAL): {UNVOUCHED}')
 
 

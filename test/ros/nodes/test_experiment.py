@@ -70,6 +70,7 @@ class Table:
                 "tip_radius": 0.003,
                 "stroke": 0.06,
                 "max_speed": 0.1,
+                "silence": 5.0,  # for a busy machine
             }
             self.actuator = ros.compose(
                 ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **line}))

@@ -91,6 +91,7 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
         tip_radius=0.003,
         stroke=0.06,
         max_speed=0.1,
+        retract_speed=0.1,
     )
     return CellFile(
         object=object_name,

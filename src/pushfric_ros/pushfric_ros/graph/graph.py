@@ -121,8 +121,10 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         **plain(file.pusher.stage),
         **plain(file.simulation),
     }
-    # at a multiple of real time, the object may be unseen only because the machine is busy
-    patient = replace(file, plan=replace(file.plan, lost_object=max(file.plan.lost_object, PATIENCE)))
+    # at a multiple of real time, the object may be unseen only because the machine is busy, and the controller silent
+    plan = replace(file.plan, lost_object=max(file.plan.lost_object, PATIENCE))
+    driver = replace(file.driver, real_time_factor=speed, silence=max(file.driver.silence, PATIENCE))
+    patient = replace(file, plan=plan, driver=driver)
     specs = [NodeSpec("simulated_cell", simulation), *map(with_simulated_time, cell(patient, bag))]
     return with_own_clock(specs, file.namespace)
 

@@ -35,7 +35,6 @@ from pushfric_ros.pushers.pusher import Mode, NotConnected, Pusher, PusherConfig
 READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.5, 5.0
 GRACE = 3.0  # a port may appear this late before anybody is told
-RETRACT_FASTER = 5.0  # than the push was, where max_speed allows
 ROUNDING = 1e-5  # of positions [m]
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
 UNKNOWN = "where the pusher stands is not known: "
@@ -213,7 +212,7 @@ class ActuatorNode(LifecycleNode):
                 if time.monotonic() < self._retry_at:
                     return
                 pusher.connect()
-            report = pusher.poll()
+            report = pusher.poll(self.get_clock().now().nanoseconds)
         except PusherError as error:
             self._fail(error)
             return
@@ -247,6 +246,11 @@ class ActuatorNode(LifecycleNode):
             self.get_logger().error(f"{what}: {REMEDIES[self._config.home]}")
         if isinstance(self._problem, NotConnected):
             self._problem = None
+        if self._pusher.mode is Mode.ALARM:
+            self._located = False
+        if self._pusher.doubt is not None:
+            self._located = False
+            self.get_logger().error(f"{self._pusher.doubt}: {REMEDIES[self._config.home]}")
         self._lost_at, self._told, self._retry_after = None, None, FIRST_RETRY
         self._quiet_until = 0.0
 
@@ -265,7 +269,7 @@ class ActuatorNode(LifecycleNode):
             self._retry_at = time.monotonic() + self._retry_after
             self._retry_after = min(2 * self._retry_after, LAST_RETRY)
         else:  # the controller may be silent for a while now
-            self._located = self._located and self._pusher.mode is not Mode.ALARM
+            self._located = self._located and self._pusher.mode is not Mode.ALARM and self._pusher.doubt is None
             self._push_id = PusherState.NO_PUSH
             self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
 
@@ -392,7 +396,7 @@ class ActuatorNode(LifecycleNode):
             self._start = None
             travelled = self._report.position - start
             if push.retract and problem is None:
-                back = min(RETRACT_FASTER * push.speed, self._config.max_speed)
+                back = min(self._config.retract_speed, self._config.max_speed)
                 problem = await self._stroke(goal, start, back)
         finally:
             self._goal = self._start = None

@@ -3,30 +3,32 @@
 Nothing here blocks and there is no thread: the owner calls `poll()` a hundred times a second or more, which reads what has
 arrived and takes the next step of what is under way; `ask()` requests a report. Waits are measured in real time.
 
-Flow control is send-and-wait: a line is sent only after the controller answered the last one. One stroke is one line, so
-nothing is gained from keeping the controller's buffer full, and what was refused is always known.
+A stroke is a stream of short jogs (`$J=`). The controller never has more of them than it moves through in `ahead`, counted by
+the positions that it reports: if this process dies, hangs or loses the line, the pusher rests after that. Each jog says all of
+its modes itself (G21 G90), so no modal state is trusted; no feed override changes a jog; a feed hold cancels it. Flow control
+is send-and-wait: a line is sent only after the controller answered the last one.
 
-    DISCONNECTED --connect(), greeting, $I, $$, ?--> IDLE, or ALARM; an alarm is unlocked ($X) unless homing is configured
+    DISCONNECTED --connect(), ?, $I, $$--> IDLE, or ALARM; what moves when it is found is held
     IDLE, HOLD, ALARM --recover(): soft reset, $H where homing is configured, else $X--> HOMING --> IDLE
     IDLE --move_to()--> RUNNING --target reached--> IDLE
     RUNNING, HOMING --stop(): feed hold, rest, soft reset--> HOLD --> IDLE; ALARM if the controller lost its position by it
-    RUNNING --a button at the controller--> HOLD --another--> RUNNING
-    any --ALARM:n--> ALARM --recover()--> as after connect()
+    any --ALARM:n--> ALARM --recover()--> as above
     any --port gone, silence, restart of the controller--> DISCONNECTED
 
-Whatever goes wrong is raised by `poll()`, after the pusher has been told to stop. A connection never moves the pusher,
-first or made again: homing waits for `recover()`.
+Whatever goes wrong is raised by `poll()`, after the pusher has been told to stop. A connection never moves the pusher, first or
+made again, and never ends an alarm: both wait for `recover()`.
 """
 
 import contextlib
 import math
 import os
+import termios
 import time
 from collections.abc import Generator
 
 import serial
 
-from pushfric_ros.pushers.grbl_config import check_axis
+from pushfric_ros.pushers.grbl_config import GrblConfig, check_axis
 from pushfric_ros.pushers.grbl_protocol import (
     ALARM,
     BUILD,
@@ -40,23 +42,44 @@ from pushfric_ros.pushers.grbl_protocol import (
     Status,
     parse_status,
 )
-from pushfric_ros.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherError, PusherReport, Timeout
+from pushfric_ros.pushers.pusher import (
+    Jumped,
+    LeftTheWay,
+    Limits,
+    Mode,
+    NotConnected,
+    NotReady,
+    PusherConfig,
+    PusherError,
+    PusherReport,
+    Timeout,
+    TooFast,
+)
+from pushfric_ros.pushers.stroke import Plausibility, Stroke
 
 Script = Generator[None, None, None]
 """A sequence of commands and answers; poll() takes it a step further."""
 FINISHED = object()
+WIPED = "wiped out by a reset"
 
 WRITE_TIMEOUT = 0.5  # [s], as all below
 ANSWER_TIMEOUT = 3.0
 HOMING_TIMEOUT = 180.0
 ASK_EVERY = 0.05  # while a script waits for reports
-ASK_AGAIN = 0.25
-SILENCE = 2.0
+ASK_MOVING = 0.025  # in a stroke
+ASK_AGAIN = 0.25  # a question that was not answered
+ASK_AGAIN_MOVING = 0.06
+SILENCE = 2.0  # at rest
 RESET_AGAIN = 1.0
+RESET_PATIENCE = 6.0  # a greeting after a reset may take so long
 CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
 REPORTS_UNTIL_WCO = 31  # the offset comes with every 30th report at the latest
 IDLE_REPORTS = 10  # as many away from the target mean that the motion ended early
+NOT_IDLE = 8  # error
+NOT_IDLE_OFTEN = 5  # so often is it waited for in one stroke
+IMPOSSIBLE_FEED = 1.5  # of the greatest speed that the controller is set to
+UNKNOWN_SPEED = 1.0  # greatest speed of a controller that does not say [m/s]
 INCH = 25.4  # [mm]
 MM = 1e-3  # [m]
 MM_PER_MINUTE = MM / 60  # [m/s]
@@ -69,7 +92,16 @@ class Grbl:
     """
 
     def __init__(
-        self, port: str, baud: int = 115200, axis: str = "X", home: bool = False, greeting_timeout: float = 2.0
+        self,
+        port: str,
+        baud: int = GrblConfig.baud,
+        axis: str = GrblConfig.axis,
+        home: bool = PusherConfig.home,
+        greeting_timeout: float = GrblConfig.connect_timeout,
+        ahead: float = GrblConfig.ahead,
+        silence: float = GrblConfig.silence,
+        real_time_factor: float = GrblConfig.real_time_factor,
+        only_look: bool = False,
     ) -> None:
         """Nothing is opened yet.
 
@@ -77,17 +109,24 @@ class Grbl:
             port: of the controller, such as /dev/ttyUSB0.
             baud: [bit/s]
             axis: X, Y, Z, A, B or C, with a minus sign where the stroke runs towards negative coordinates.
-            home: `recover` seeks the home switch; otherwise it unlocks an alarm, and so does every connection.
+            home: `recover` seeks the home switch; otherwise it unlocks an alarm.
             greeting_timeout: how long a controller may take to boot [s].
+            ahead: how long the pusher goes on, before it brakes, when nothing more is sent [s of real time].
+            silence: a controller that says nothing for so long while it moves is stopped [s].
+            real_time_factor: seconds of the controller in one of real time; 1 for any but a simulated one.
+            only_look: never move, hold or reset the controller, nor send it a line while it moves.
         Raises:
             ValueError: axis is none of these.
         """
         check_axis(axis)
         self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
+        self._ahead, self._silence, self._factor, self._only_look = ahead, silence, real_time_factor, only_look
         self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
         self._index = "XYZABC".index(self._letter)
         self._zero = 0.0  # work coordinate of stroke position 0 [mm]
         self._port: serial.Serial | None = None
+        self._damaged = 0  # reports
+        self._plausibility = Plausibility()
         self._forget()
 
     def _forget(self) -> None:
@@ -96,6 +135,15 @@ class Grbl:
         self._script: Script | None = None
         self._connected = self._homing = self._moving = self._halting = self._resetting = self._greeted = False
         self._recovery_due = False  # once a stop under way is over
+        self._owed = 0  # greetings, for resets that were sent
+        self._stroke: Stroke | None = None  # until its end, or the end of the stop that broke it off
+        self._doubt: str | None = None
+        self._polled: float | None = None  # when poll() was last called
+        self._now_stamp: int | None = None
+        self._asked_last = 0.0  # when the question was sent that the newest report answers
+        self._believed = 0  # reports
+        self._claimed_offset: tuple[float, ...] | None = None
+        self._plausibility.forget()
         self._status: Status | None = None
         self._statuses = 0
         self._offset: tuple[float, ...] | None = None
@@ -106,6 +154,7 @@ class Grbl:
         self._last_ask = -math.inf
         self._silent_since: float | None = None
         self._pending: str | None = None  # the line sent and not answered yet
+        self._sent_at = 0.0
         self._answer: CommandRefused | str | None = None
         self._settings: dict[int, str] = {}
         self._version = ""
@@ -129,6 +178,14 @@ class Grbl:
     @property
     def name(self) -> str:
         return f"{self._version or 'no controller'} at {self._path}"
+
+    @property
+    def doubt(self) -> str | None:
+        return self._doubt
+
+    @property
+    def dropped(self) -> int:
+        return self._damaged + self._plausibility.dropped
 
     @property
     def limits(self) -> Limits:
@@ -158,7 +215,8 @@ class Grbl:
         self._forget()
         try:
             self._port = serial.Serial(self._path, self._baud, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True)
-        except (OSError, ValueError) as error:
+            _keep_running(self._port.fd)
+        except (OSError, ValueError, termios.error) as error:
             raise NotConnected(f"cannot open {self._path}: {error}") from error
         self._script = self._connecting()
 
@@ -187,11 +245,11 @@ class Grbl:
         if self.mode is not Mode.IDLE:
             raise NotReady(f"the pusher's mode is {self.mode.value}, expected idle")
         self._moving = True
-        self._script = self._stroke(position, speed)
+        self._script = self._streaming(position, speed)
 
     def stop(self) -> None:
         self._recovery_due = False
-        if not self._connected or self._halting:
+        if not self._connected or self._halting or self._only_look:
             return
         self.send(RealTime.HOLD)
         # the controller is deaf to a feed hold then; after some alarms to all but the reset
@@ -211,18 +269,23 @@ class Grbl:
         if self._connected and not self._homing:
             self._ask(stamp)
 
-    def poll(self) -> PusherReport | None:
+    def poll(self, stamp: int | None = None) -> PusherReport | None:
         if self._port is None:
             raise NotConnected(f"{self._path} is not open")
-        self._fresh = None
+        self._fresh, self._now_stamp = None, stamp
+        before, self._polled = self._polled, time.monotonic()
         try:
             self._read()
+            if self._moving and before is not None and self._polled - before > self._silence:
+                raise Timeout(f"this process stood still for {self._polled - before:.1f} s")
             self._judge()
             self._step()
         except NotConnected:
             self._drop()
             raise
         except PusherError as error:
+            if isinstance(error, Jumped | LeftTheWay | TooFast):
+                self._doubt = str(error)
             if self._connected and not self._halting:
                 self.stop()
                 raise
@@ -258,36 +321,75 @@ class Grbl:
         line = line.lstrip("?!~")  # echoed by a terminal in between
         if (status := parse_status(line)) is not None:
             self._take_status(status)
+        elif line.startswith("<"):
+            self._damaged += 1
         elif (error := ERROR.fullmatch(line)) is not None or line == "ok":
             if self._pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
                 self._answer = line if error is None else CommandRefused(self._pending, int(error[1]))
-                self._pending = None
+                self._pending, self._owed = None, 0  # whatever was to come before it has come
         elif (alarm := ALARM.fullmatch(line)) is not None:
             self._status = Status("Alarm")
             self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
         elif (greeting := GREETING.search(line)) is not None:
             self._greeted, self._version = True, self._version or f"Grbl {greeting[1]}"  # $I told more
-            self._trouble = NotConnected(f"the controller at {self._path} restarted")
+            self._pending, self._answer = None, WIPED if self._pending is not None else self._answer
+            if self._owed:
+                self._owed -= 1
+            else:
+                self._trouble = NotConnected(f"the controller at {self._path} restarted")
         elif (build := BUILD.match(line)) is not None:
             self._version = f"Grbl {build[1]}"
         elif (setting := SETTING.match(line)) is not None:
             self._settings[int(setting[1])] = setting[2]
 
     def _take_status(self, status: Status) -> None:
-        self._status, self._statuses = status, self._statuses + 1
-        self._offset = status.work_offset or self._offset
-        stamp, self._stamp, self._asked, self._silent_since = self._stamp, None, None, None
-        offset = self._offset or (0.0,) * (self._index + 1)
+        """A report that cannot be true changes nothing."""
+        now = time.monotonic()
+        asked = self._asked if self._asked is not None else self._asked_last
+        offset = self._offset
+        if status.work_offset is not None and status.work_offset != offset:
+            # a damaged one would displace all that follows; at the second time it is taken to be so
+            if offset is None or status.work_offset == self._claimed_offset:
+                offset = status.work_offset
+            self._claimed_offset = status.work_offset
         position = status.work_position
         if position is None and status.machine_position is not None:
-            position = tuple(m - o for m, o in zip(status.machine_position, offset, strict=False))
-        if position is None or len(position) <= self._index:
-            return
-        # to the nanometre, far below a report's last digit: nothing that would be shown as -0.000
-        here = round(self._sign * (position[self._index] * self._unit - self._zero) * MM, 9) + 0.0
-        # in these, grblHAL reports no feed while it brakes, and the programmed one at rest
-        feed = None if status.state in ("Hold", "Door") else status.feed
-        self._fresh = self._last = PusherReport(here, self._speed(here, feed, stamp), self.mode, stamp)
+            zero = offset or (0.0,) * (self._index + 1)
+            position = tuple(m - o for m, o in zip(status.machine_position, zero, strict=False))
+        stamp = self._now_stamp if self._stamp is None else self._stamp
+        if position is not None and len(position) > self._index:
+            # to the nanometre, far below a report's last digit: nothing that would be shown as -0.000
+            here = round(self._sign * (position[self._index] * self._unit - self._zero) * MM, 9) + 0.0
+            if not self._can_be_true(here, status.feed, asked, now):
+                self._stamp = self._asked = None
+                return
+            # in these, grblHAL reports no feed while it brakes, and the programmed one at rest
+            feed = None if status.state in ("Hold", "Door") else status.feed
+            report = PusherReport(here, self._speed(here, feed, stamp), self.mode, stamp)
+        else:
+            report = None
+        self._stamp = self._asked = self._silent_since = None
+        self._status, self._statuses, self._offset, self._asked_last = status, self._statuses + 1, offset, asked
+        if status.overrides and status.overrides[0] != 100 and self._moving:
+            self.send(RealTime.FULL_FEED)
+        if report is not None:
+            self._fresh = self._last = report._replace(mode=self.mode)
+            self._believed += 1
+
+    def _can_be_true(self, position: float, feed: float | None, asked: float, now: float) -> bool:
+        if self._homing or self._resetting:  # positions begin anew
+            self._plausibility.forget()
+        greatest = self.limits.max_speed
+        limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
+        if feed is not None and feed * self._unit * MM_PER_MINUTE > IMPOSSIBLE_FEED * limit:
+            self._damaged += 1
+            return False
+        fastest = min(limit, self._stroke.speed) if self._stroke is not None else limit
+        believed, before = self._plausibility.judge(position, asked, now, fastest * self._factor, limit * self._factor)
+        if before is not None and self._connected:
+            jump = f"it was at {before:.4f} m and then, in no time, at {position:.4f} m"
+            self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")
+        return believed
 
     def _speed(self, position: float, feed: float | None, stamp: int | None) -> float:
         """The controller says how fast, the positions say which way; both, where the controller says nothing."""
@@ -313,37 +415,40 @@ class Grbl:
             return
         if trouble is not None and not (self._halting and isinstance(trouble, Alarm)):
             raise trouble
-        if self._halting:
+        if self._halting or self._homing or self._silent_since is None:
             return
-        if self._silent_since is not None and not self._homing and time.monotonic() - self._silent_since > SILENCE:
+        silent = time.monotonic() - self._silent_since
+        if self._moving and silent > self._silence:
+            raise Timeout(f"the controller at {self._path} said nothing for {self._silence:g} s in mid-stroke")
+        if silent > SILENCE:
             raise NotConnected(f"the controller at {self._path} is silent for {SILENCE:g} s")
 
     def _step(self) -> None:
         if self._script is None and self._recovery_due:
             self._script, self._recovery_due = self._recovering(), False
         if self._script is not None and next(self._script, FINISHED) is FINISHED:
-            self._script, self._moving = None, False
+            self._script, self._moving, self._stroke = None, False, None
 
     @property
     def _in_motion(self) -> bool:
         """Whether it may be moving now or later."""
-        return self._connected and (self.busy or self.mode not in (Mode.IDLE, Mode.ALARM))
+        return not self._only_look and self._connected and (self.busy or self.mode not in (Mode.IDLE, Mode.ALARM))
 
     def _drop(self) -> None:
         """Leave the port; a pusher that may be moving is told to stop, though nobody can wait for it any more."""
-        port, in_motion = self._port, self._in_motion
+        port, in_motion, homing = self._port, self._in_motion, self._homing
         self._forget()
         self._port = None
         if port is None:
             return
         with contextlib.suppress(OSError):  # it may be the loss of the port that led here
-            if in_motion:
-                port.write(RealTime.HOLD.value + RealTime.RESET.value)
+            if in_motion:  # a hold cancels a jog; of a homing cycle, only a reset does
+                port.write(RealTime.HOLD.value + (RealTime.RESET.value if homing else b""))
         port.close()
 
     def _ask(self, stamp: int | None) -> None:
         now = time.monotonic()
-        if self._asked is not None and now - self._asked < ASK_AGAIN:
+        if self._asked is not None and now - self._asked < (ASK_AGAIN_MOVING if self._moving else ASK_AGAIN):
             return
         self.send(RealTime.ASK)
         self._stamp, self._asked, self._last_ask = stamp, now, now
@@ -352,41 +457,78 @@ class Grbl:
     # Scripts
 
     def _connecting(self) -> Script:
-        yield from self._greeting()
+        yield from self._hear()
+        status = yield from self._come_to_rest()
+        if status.state not in ("Idle", "Alarm"):
+            if self._only_look:
+                self._connected = True
+                return
+            yield from self._reset()  # lines are read only then; nothing moves any more
         yield from self._command("$I")
+        if self._version.startswith("Grbl 0."):
+            raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
         yield from self._command("$$")
+        self._check_settings()
+        self._plausibility.forget()  # now that the unit of reports is known
         for _ in range(REPORTS_UNTIL_WCO):
             status = yield from self._report()
             if status.work_position is not None or self._offset is not None:
                 break
         self._connected = True
-        if not self._home:
-            yield from self._unlock()
-        yield from self._prepare()
+
+    def _hear(self) -> Script:
+        """A board that boots when its port is opened greets; one that runs already answers a question, and is not reset."""
+        deadline = time.monotonic() + self._greeting_timeout
+        while not self._greeted and not self._statuses:
+            if time.monotonic() > deadline:
+                if self._only_look:
+                    raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud")
+                break
+            self._ask(None)
+            yield
+        if self._version.startswith("Grbl 0."):
+            raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
+        if not self._greeted and not self._statuses:
+            # after a limit, and while it homes, GRBL is deaf to all but a reset
+            self._doubt = "it answered only after a reset"
+            self.send(RealTime.HOLD)
+            try:
+                yield from self._reset()
+            except Timeout as error:
+                raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
+
+    def _come_to_rest(self) -> Generator[None, None, Status]:
+        """Hold what moves, and wait; who only looks waits for nothing."""
+        while True:
+            status = yield from self._report()
+            before = self._last
+            again = yield from self._report()
+            same = before is not None and self._last is not None and before.position == self._last.position
+            if again.state == status.state == "Alarm" or (same and not _moves(again)):
+                return again
+            self._doubt = "it moved when it was found"
+            if self._only_look:
+                return again
+            self.send(RealTime.HOLD)
+
+    def _check_settings(self) -> None:
+        """Raises NotConnected where a setting that counts is no number that it can be."""
+        must_be_positive = {100 + self._index, 110 + self._index, 120 + self._index}
+        for number in sorted(must_be_positive | {20, 22, 27, 130 + self._index}):
+            text = self._settings.get(number)
+            try:
+                value = float(text or "nan")
+            except ValueError:
+                continue  # such as n/a: it is kept elsewhere
+            if text and not (0 <= value < math.inf and (value > 0 or number not in must_be_positive)):
+                shown = text if len(text) <= 20 else f"{text[:20]}..."
+                expected = "a positive number" if number in must_be_positive else "0 or more"
+                raise NotConnected(f"{self.name} is set to ${number}={shown}, expected {expected}")
 
     def _recovering(self) -> Script:
         yield from self._reset()  # some alarms ask for it
         yield from self._seek_home() if self._home else self._unlock()
-        yield from self._prepare()
-
-    def _greeting(self) -> Script:
-        """A board that boots when its port is opened greets; a running one greets after a reset, or answers `?` only."""
-        yield from self._until_greeted(self._greeting_timeout)
-        if not self._greeted:
-            self.send(RealTime.RESET)
-            yield from self._until_greeted(self._greeting_timeout)
-        if not self._greeted:
-            try:
-                yield from self._report()
-            except Timeout as error:
-                raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
-        if self._version.startswith("Grbl 0."):
-            raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
-
-    def _until_greeted(self, patience: float) -> Script:
-        deadline = time.monotonic() + patience
-        while not self._greeted and time.monotonic() < deadline:
-            yield
+        self._doubt = None
 
     def _unlock(self) -> Script:
         if self.mode is Mode.ALARM:
@@ -402,29 +544,55 @@ class Grbl:
             self._homing = False
         if self._last is not None:
             self._zero += self._sign * self._last.position / MM
+        self._plausibility.forget()
 
-    def _prepare(self) -> Script:
-        """Millimetres, absolute, per minute: a reset or a startup line may have changed them."""
-        if self.mode is not Mode.ALARM:
-            yield from self._command("G21 G90 G94")
+    def _streaming(self, position: float, speed: float) -> Script:
+        """Send the pieces of a stroke, as there is room for them, until the pusher rests at its end."""
+        assert self._last is not None
+        acceleration = self.limits.acceleration
+        self._stroke = stroke = Stroke(self._last.position, position, speed, acceleration, self._ahead * self._factor)
+        self.send(RealTime.FULL_FEED)
+        self._answer, began, waits = None, time.monotonic(), False
+        idle, seen, believed, patience = 0, self._statuses, self._believed, NOT_IDLE_OFTEN
+        while True:
+            now = time.monotonic()
+            if self._pending is not None and now - self._sent_at > self._silence:
+                line, self._pending = self._pending, None
+                raise Timeout(f'no answer to "{line}" within {self._silence:g} s')
+            if isinstance(self._answer, CommandRefused):
+                if self._answer.code != NOT_IDLE or not patience:
+                    raise self._answer
+                # a piece that came at the very end of the one before is run as a line, and no jog is taken until it is done
+                self._answer, patience, waits = None, patience - 1, True
+                stroke.take_back()
+            if self._believed > believed:
+                believed = self._believed
+                stroke.check(self._last.position, self._last.speed)
+            stroke.check_time(now - began)
+            waits = waits and (self._status is None or self._status.state != "Idle" or self._statuses == seen)
+            if self._pending is None and not waits and (end := stroke.next_piece(self._last.position)) is not None:
+                self._send_line(self._jog(end, speed))
+                idle, seen = 0, self._statuses
+            elif self._pending is None and self._statuses > seen:
+                seen = self._statuses
+                assert self._status is not None
+                if self.mode is Mode.ALARM:  # the line that said so was lost
+                    raise Alarm(self._status.substate)
+                # right after its `ok` a controller may still report to be idle where it was
+                idle = idle + 1 if self._status.state == "Idle" else 0
+                if idle and stroke.all_sent and abs(self._last.position - position) <= self._resolution:
+                    return
+                if idle >= IDLE_REPORTS:
+                    rests = f"the pusher rests at {self._last.position:.4f} m"
+                    raise Timeout(f"{rests}, was sent to {stroke.sent:.4f} m")
+            if now - self._last_ask >= ASK_MOVING:
+                self._ask(self._now_stamp)
+            yield
 
-    def _stroke(self, position: float, speed: float) -> Script:
+    def _jog(self, position: float, speed: float) -> str:
         # adding 0.0 turns -0.0 into 0.0
         target = round(self._zero + self._sign * position / MM, 3) + 0.0
-        yield from self._command(f"G1 {self._letter}{target:.3f} F{speed / MM_PER_MINUTE:.3f}")
-        idle = 0
-        while idle < IDLE_REPORTS:
-            seen = self._statuses
-            while self._statuses == seen:
-                yield
-            # right after its `ok` a controller may still report to be idle where it was
-            assert self._status is not None
-            idle = idle + 1 if self._status.state == "Idle" else 0
-            if self.mode is Mode.ALARM:  # the line that said so was lost
-                raise Alarm(self._status.substate)
-            if idle and self._last is not None and abs(self._last.position - position) <= self._resolution:
-                return
-        raise Timeout(f"the pusher rests at {self._last.position if self._last else 0:.4f} m, was sent to {position:.4f} m")
+        return f"$J=G21G90{self._letter}{target:.3f}F{speed / MM_PER_MINUTE:.3f}"
 
     @property
     def _resolution(self) -> float:
@@ -435,22 +603,33 @@ class Grbl:
         if not at_once:
             yield from self._resting()
         yield from self._reset()
-        yield from self._prepare()
         self._halting = False
 
     def _reset(self) -> Script:
+        """Raises Timeout where the controller answers nothing afterwards."""
         self._resetting = True
         try:
+            # GRBL drops a reset that comes while it still reports its alarm, for half a second
+            dropped = self._status is not None and self._status.state == "Alarm"
             self._greeted = False
             self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
-            # GRBL drops a reset that comes while it still reports its alarm, for half a second
-            for patience in (RESET_AGAIN, self._greeting_timeout):
-                if not self._greeted:
-                    self.send(RealTime.RESET)
-                    yield from self._until_greeted(patience)
+            self._send_reset()
+            again, deadline = time.monotonic() + RESET_AGAIN, time.monotonic() + RESET_PATIENCE
+            while not self._greeted and time.monotonic() < deadline:
+                if dropped and time.monotonic() > again:
+                    self._send_reset()
+                    dropped = False
+                yield
+            settled = time.monotonic() + RESET_AGAIN
+            while self._owed and time.monotonic() < settled:  # the other one would wipe out what is sent now
+                yield
             yield from self._report()
         finally:
             self._resetting = False
+
+    def _send_reset(self) -> None:
+        self.send(RealTime.RESET)
+        self._owed += 1
 
     def _resting(self) -> Script:
         """Wait for the end of a feed hold: reset earlier, a controller loses its position. A stuck one is reset anyway."""
@@ -462,20 +641,27 @@ class Grbl:
                 status = yield from self._report()
             except Timeout:
                 return
-            moving = status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)
+            moving = _moves(status)
             place = status.machine_position or status.work_position
             if not moving and place == before:
                 return
+            if status.state in ("Run", "Jog"):
+                self.send(RealTime.HOLD)  # a line that was on its way begins anew; to a hold under way it makes no difference
             before = None if moving else place
 
-    def _command(self, line: str, timeout: float = ANSWER_TIMEOUT) -> Script:
-        self._pending, self._answer = line, None
+    def _send_line(self, line: str) -> None:
+        self._pending, self._answer, self._sent_at = line, None, time.monotonic()
         self._write(line.encode() + b"\n")
+
+    def _command(self, line: str, timeout: float = ANSWER_TIMEOUT) -> Script:
+        self._send_line(line)
         deadline = time.monotonic() + timeout
-        while self._answer is None:
+        while self._answer is None or self._answer == WIPED:
             if time.monotonic() > deadline:
                 self._pending = None
                 raise Timeout(f'no answer to "{line}" within {timeout:g} s')
+            if self._answer == WIPED:
+                self._send_line(line)
             if time.monotonic() - self._last_ask >= ASK_AGAIN:
                 self._ask(None)  # some firmware reads its input only while more is coming
             yield
@@ -492,3 +678,14 @@ class Grbl:
                 self._ask(None)
             yield
         return self._status
+
+
+def _moves(status: Status) -> bool:
+    return status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)
+
+
+def _keep_running(port: int) -> None:
+    """Leave the line DTR as it is when the port is closed: many boards restart by it, and lose their position."""
+    attributes = termios.tcgetattr(port)
+    attributes[2] &= ~termios.HUPCL
+    termios.tcsetattr(port, termios.TCSANOW, attributes)

@@ -1,4 +1,4 @@
-"""What the doctor looks at in a GRBL controller; nothing is moved or unlocked."""
+"""What the doctor looks at in a GRBL controller; nothing is moved, held, reset or unlocked."""
 
 import contextlib
 import grp
@@ -54,9 +54,8 @@ def check_port(path: str) -> Check:
 
 
 def check_controller(grbl: GrblConfig, config: PusherConfig) -> tuple[Check, Limits | None]:
-    """What answers at the port; it is neither moved nor unlocked. Its limits where it is a GRBL controller."""
-    # of one that homes an alarm is left as it is, and homing itself waits for recover()
-    pusher = Grbl(grbl.port, grbl.baud, grbl.axis, home=True)
+    """What answers at the port; nothing is done to it. Its limits where it is a GRBL controller at rest."""
+    pusher = Grbl(grbl.port, grbl.baud, grbl.axis, greeting_timeout=grbl.connect_timeout, only_look=True)
     last: PusherReport | None = None
     with contextlib.closing(pusher):
         try:
@@ -69,14 +68,20 @@ def check_controller(grbl: GrblConfig, config: PusherConfig) -> tuple[Check, Lim
             return Check("controller", Level.FAILED, str(error), advice), None
         position = last.position if last is not None else math.nan
         finding = f"{pusher.name}, {pusher.mode.value}" + (f", at {1e3 * position:.1f} mm" if not config.home else "")
-        return judge(pusher.mode, position, finding, config), pusher.limits
+        at_rest = pusher.mode in (Mode.IDLE, Mode.ALARM)
+        return judge(pusher.mode, position, finding, config), pusher.limits if at_rest else None
 
 
 def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Check:
     """A controller that answers: its mode, and its stroke position [m]."""
     if mode is Mode.ALARM and not config.home:
-        advice = "the run will unlock it: bring the pusher to its home end by hand before, switch it off and on"
+        advice = (
+            "bring the pusher to its home end by hand, switch the controller off and on, and call ./pushfric reset in the run"
+        )
         return Check("controller", Level.WARNING, finding, advice)
+    if mode in (Mode.RUNNING, Mode.HOMING):
+        advice = "something else moves it; nothing was done about it: wait, or stop it at the controller"
+        return Check("controller", Level.FAILED, f"{finding}: it moves now", advice)
     if mode not in (Mode.IDLE, Mode.ALARM):
         return Check("controller", Level.WARNING, finding, "it accepts no motion: release its hold or door, or reset it")
     if not config.home and not -ROUNDING <= position <= config.stroke + ROUNDING:

@@ -18,6 +18,11 @@ class GrblConfig:
     baud: int = setting(115200, "baud rate of the serial port [bit/s]", 300, 4_000_000)
     axis: str = setting("X", "axis of the controller, with a minus sign where the stroke runs to negative coordinates")
     connect_timeout: float = setting(2.0, "how long the controller may take to boot [s]", 0.1, 60.0)
+    ahead: float = setting(
+        0.25, "motion sent ahead: the pusher goes on for so long, and then brakes, when nothing more is sent [s]", 0.1, 1.0
+    )
+    silence: float = setting(0.2, "a controller that says nothing for so long while it moves is stopped [s]", 0.05, 60.0)
+    real_time_factor: float = setting(1.0, "seconds of a simulated controller in one of real time; 1: a real one", 0.01, 100.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -29,7 +34,16 @@ class GrblConfig:
         """The driver; nothing is opened yet."""
         from pushfric_ros.pushers.grbl import Grbl
 
-        return Grbl(self.port, self.baud, self.axis, config.home, self.connect_timeout)
+        return Grbl(
+            self.port,
+            self.baud,
+            self.axis,
+            config.home,
+            self.connect_timeout,
+            self.ahead,
+            self.silence,
+            self.real_time_factor,
+        )
 
     def absence(self) -> str | None:
         """Why there can be no controller; None where there may be one."""

@@ -55,13 +55,15 @@ class Status:
     others: dict[str, str] = field(default_factory=dict)  # fields of other firmware
 
 
-STATUS = re.compile(r"<([A-Za-z]+)(?::(\d+))?((?:\|[^<>|]+)*)>")
-GREETING = re.compile(r"grbl(?:hal)? (\d+\.\S+) \[.*\]", re.IGNORECASE)
-BUILD = re.compile(r"\[VER:([^:\]]+)")
-SETTING = re.compile(r"\$(\d+)=([^ (]*)")
-ERROR = re.compile(r"error:\s*(\d+)")
-ALARM = re.compile(r"ALARM:\s*(\d+)")
+STATUS = re.compile(r"<([A-Za-z]+)(?::(\d{1,4}))?((?:\|[^<>|]+)*)>")
+GREETING = re.compile(r"grbl(?:hal)? (\d{1,4}\.\S{1,40}) \[.*\]", re.IGNORECASE)
+BUILD = re.compile(r"\[VER:([^:\]]{1,40})")
+SETTING = re.compile(r"\$(\d{1,4})=([^ (]*)")
+ERROR = re.compile(r"error:\s*(\d{1,4})")
+ALARM = re.compile(r"ALARM:\s*(\d{1,4})")
+NUMBER = re.compile(r"-?\d{1,7}(?:\.\d{1,6})?", re.ASCII)  # of a report; a controller has no others
 
+STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
 # in any other state (Hold, Door, Check ...) the pusher rests and accepts no motion: HOLD
 STATE_MODES = {
     "Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM, "Sleep": Mode.ALARM,
@@ -75,7 +77,7 @@ class RealTime(Enum):
     HOLD = b"!"
     RESUME = b"~"
     RESET = b"\x18"
-    CANCEL_JOG = b"\x85"
+    FULL_FEED = b"\x90"  # feed override 100 %
 
 
 def parse_status(line: str) -> Status | None:
@@ -84,15 +86,17 @@ def parse_status(line: str) -> Status | None:
     if match is None:
         return None
     state, substate, rest = match.groups()
+    if state not in STATES:
+        return None
     fields = dict(text.partition(":")[::2] for text in rest.split("|")[1:])
 
     def numbers(key: str) -> tuple[float, ...] | None:
         text = fields.pop(key, None)
-        return None if text is None else tuple(float(number) for number in text.split(","))
+        return None if text is None else tuple(_number(number) for number in text.split(","))
 
     def integers(key: str) -> tuple[int, ...] | None:
-        text = fields.pop(key, None)
-        return None if text is None else tuple(int(number) for number in text.split(","))
+        found = numbers(key)
+        return None if found is None else tuple(int(number) for number in found)
 
     try:
         feed, spindle = (*(numbers("FS") or numbers("F") or (None,)), None)[:2]
@@ -113,3 +117,9 @@ def parse_status(line: str) -> Status | None:
         )
     except ValueError:
         return None  # bytes were lost inside a number; the next report is a twentieth of a second away
+
+
+def _number(text: str) -> float:
+    if NUMBER.fullmatch(text) is None:
+        raise ValueError(f"no number of a report: {text[:20]}")
+    return float(text)

@@ -13,12 +13,33 @@ from pushfric_core.settings import REQUIRED, check_ranges, setting
 from pushfric_ros.pushers.check import Check
 
 
+class Fault(Enum):
+    """Why a pusher was stopped, or may not move; the names and values are those of PusherState.FAULT_*."""
+
+    NONE = 0
+    CONNECTION = 1
+    CONTROLLER = 2
+    POSITION = 3
+    WAY = 4
+    SPEED = 5
+    TIME = 6
+    STOPPED = 7
+    DISABLED = 8
+    OWNER = 9
+    NODES = 10
+    FORCE = 11
+
+
 class PusherError(PushfricError):
     """Base of what can go wrong with a pusher."""
+
+    fault = Fault.CONTROLLER
 
 
 class NotConnected(PusherError):
     """No port, no controller at it, or the connection was lost."""
+
+    fault = Fault.CONNECTION
 
 
 class NotReady(PusherError):
@@ -26,7 +47,27 @@ class NotReady(PusherError):
 
 
 class Timeout(PusherError):
-    """The controller still reports but did not answer, or did not arrive where it was sent."""
+    """The controller did not answer in time, or did not arrive where it was sent."""
+
+    fault = Fault.TIME
+
+
+class LeftTheWay(PusherError):
+    """The pusher is reported where it was not sent."""
+
+    fault = Fault.WAY
+
+
+class TooFast(PusherError):
+    """The pusher is reported to be faster than it was sent."""
+
+    fault = Fault.SPEED
+
+
+class Jumped(PusherError):
+    """The pusher is reported where it cannot have gone: what the controller says of its position is no longer true."""
+
+    fault = Fault.POSITION
 
 
 class Mode(Enum):
@@ -61,6 +102,7 @@ class PusherConfig(StageConfig):
 
     driver: str = setting("grbl", "what drives the pusher: an entry point of the group pushfric.pushers")
     home: bool = setting(False, "seek the home switch at activation; otherwise the controller's work zero is stroke position 0")
+    retract_speed: float = setting(0.05, "of the way back after a push; max_speed where that is less [m/s]", 0.0001, 10.0)
     poll_rate: float = setting(20.0, "reports of the pusher's position [Hz]", 1.0, 100.0)
     autostart: bool = setting(True, "configure and activate by itself, as soon as the controller answers")
 
@@ -76,7 +118,7 @@ class PusherReport(NamedTuple):
     position: float  # along the stroke [m]
     speed: float  # [m/s], negative on the way back
     mode: Mode
-    stamp: int | None  # what ask() was given when this report was requested; None for one that came unasked
+    stamp: int | None  # what ask() or poll() was given when this report was requested, or came unasked
 
 
 class Limits(NamedTuple):
@@ -104,8 +146,16 @@ class Pusher(Protocol):
     def name(self) -> str:
         """What answered, for people."""
 
+    @property
+    def doubt(self) -> str | None:
+        """Why the position need not be true, as far as this connection can tell; a recovery ends it."""
+
+    @property
+    def dropped(self) -> int:
+        """How many reports were damaged, or cannot be true."""
+
     def connect(self) -> None:
-        """Open the port and begin to connect; nothing moves. Raises NotConnected."""
+        """Open the port and begin to connect; what moves is stopped. Raises NotConnected."""
 
     def close(self) -> None:
         """Stop a motion, waiting for it [a few seconds at most], and leave the port."""
@@ -122,8 +172,11 @@ class Pusher(Protocol):
     def ask(self, stamp: int) -> None:
         """Request a report, which will carry `stamp`. Nothing happens while disconnected. Raises NotConnected."""
 
-    def poll(self) -> PusherReport | None:
-        """Read and act; the newest report that came. Raises every PusherError, once, with the pusher told to stop."""
+    def poll(self, stamp: int | None = None) -> PusherReport | None:
+        """Read and act; the newest report that came. What it asks for itself will carry `stamp`.
+
+        Raises every PusherError, once, with the pusher told to stop.
+        """
 
 
 class PusherDriver(Protocol):

@@ -8,7 +8,7 @@ import select
 import threading
 import tty
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import NamedTuple
 
@@ -23,6 +23,12 @@ INCH = 25.4  # [mm]
 PULL_OFF, SEEK_RATE = 1.0, 1500.0  # homing [mm], [mm/min]
 MINUTE = 60.0  # [s]
 AXES = "XYZ"
+OVERRIDES: dict[int, tuple[str, int, bool]] = {
+    0x90: ("feed", 100, False), 0x91: ("feed", 10, True), 0x92: ("feed", -10, True), 0x93: ("feed", 1, True),
+    0x94: ("feed", -1, True), 0x95: ("rapid", 100, False), 0x96: ("rapid", 50, False), 0x97: ("rapid", 25, False),
+}  # fmt: skip
+"""Real-time bytes: of what, percent, and whether these are added."""
+LEAST_FEED, MOST_FEED = 10, 200  # overrides [%]
 WORDS = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
 GROUPS: dict[str, dict[float, str]] = {
     "G": {0: "motion", 1: "motion", 4: "dwell", 17: "plane", 20: "units", 21: "units", 54: "coordinates", 90: "distance",
@@ -54,33 +60,75 @@ class Motion(NamedTuple):
         return position, speed
 
 
-def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> Motion:
-    """From rest to rest [mm, mm/s, mm/s^2]: a trapezoid of speed, a triangle where the way is short."""
-    way = target - start
-    peak = min(speed, math.sqrt(abs(way) * acceleration))
-    ramp = peak / acceleration
-    cruise = abs(way) / peak - ramp if peak > 0 else 0.0
-    pull = math.copysign(acceleration, way)
-    return Motion(begin, start, 0.0, ((ramp, pull), (cruise, 0.0), (ramp, -pull)))
-
-
 class Block(NamedTuple):
     """A planned line: where to [mm, of the carriage] and how fast [mm/s]."""
 
     target: float
     speed: float
+    jog: bool = False  # which no feed override changes
+    rapid: bool = False
+
+
+def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> Motion:
+    """From rest to rest [mm, mm/s, mm/s^2]: a trapezoid of speed, a triangle where the way is short."""
+    return blended(begin, start, 0.0, [(target, speed)], acceleration)[0]
+
+
+def blended(
+    begin: float, position: float, speed: float, lines: Sequence[tuple[float, float]], acceleration: float
+) -> tuple[Motion, list[float]]:
+    """The motion through several lines, to rest: GRBL's planner in one dimension.
+
+    Where a line goes on in the direction of the one before, the speed of the slower is kept; where it turns round, it rests.
+
+    Args:
+        begin: now [s].
+        position: of the carriage [mm].
+        speed: of the carriage [mm/s].
+        lines: target [mm] and speed [mm/s] of each.
+        acceleration: [mm/s^2]
+    Returns:
+        the motion, and when each line ends [s].
+    """
+    starts = [position, *(target for target, _ in lines[:-1])]
+    ways = [target - start for start, (target, _) in zip(starts, lines, strict=True)]
+    joints = [abs(speed)] + [0.0] * len(lines)  # speed at the beginning of each line, and at the end of the last
+    for i in range(1, len(lines)):
+        joints[i] = min(lines[i - 1][1], lines[i][1]) if ways[i - 1] * ways[i] > 0 else 0.0
+    for i in reversed(range(1, len(lines))):
+        joints[i] = min(joints[i], math.sqrt(joints[i + 1] ** 2 + 2 * acceleration * abs(ways[i])))
+    for i, way in enumerate(ways):
+        joints[i + 1] = min(joints[i + 1], math.sqrt(joints[i] ** 2 + 2 * acceleration * abs(way)))
+    pieces: list[tuple[float, float]] = []
+    ends = []
+    elapsed = begin
+    for i, (way, (_, fastest)) in enumerate(zip(ways, lines, strict=True)):
+        for duration, pull in _ramps(abs(way), joints[i], joints[i + 1], fastest, acceleration):
+            pieces.append((duration, math.copysign(pull, pull * way)))
+            elapsed += duration
+        ends.append(elapsed)
+    return Motion(begin, position, speed, tuple(pieces)), ends
+
+
+def _ramps(way: float, first: float, last: float, fastest: float, acceleration: float) -> list[tuple[float, float]]:
+    """Up, or down, to the greatest speed that a line allows, along, and down to its end."""
+    peak = min(max(fastest, last), math.sqrt((first**2 + last**2) / 2 + acceleration * way))
+    up, down = abs(peak - first) / acceleration, (peak - last) / acceleration
+    along = way - up * (first + peak) / 2 - down * (peak + last) / 2
+    level = max(0.0, along) / peak if peak else 0.0
+    return [(up, math.copysign(acceleration, peak - first)), (level, 0.0), (down, -acceleration)]
 
 
 class SimulatedGrbl:
     """GRBL 1.1h on a board with one carriage on axis X, home switch at the negative end.
 
-    Blocks join at rest; arcs, probing, spindle and overrides are not there. Opening the port restarts the controller as the
-    DTR line of most boards does; the coordinates survive. Faults on request: see the last methods. Use as a context manager
-    or between `start` and `close`.
+    Arcs, probing and spindle are not there. Opening the port restarts the controller, as the DTR line of most boards does,
+    unless it is made without; the coordinates survive. Faults on request: see the last methods; for faults of the line there
+    is FaultyLine. Use as a context manager or between `start` and `close`.
     """
 
     def __init__(self, clock: Callable[[], float], travel: float = 0.1, max_speed: float = 0.1, acceleration: float = 0.5,
-                 homing: bool = False) -> None:  # fmt: skip
+                 homing: bool = False, restarts: bool = True) -> None:  # fmt: skip
         """The carriage stands at its home end.
 
         Args:
@@ -89,7 +137,9 @@ class SimulatedGrbl:
             max_speed: [m/s]
             acceleration: [m/s^2]
             homing: boots locked until homed, and enforces the travel ($20, $22).
+            restarts: whenever its port is opened; otherwise it goes on with whatever it does.
         """
+        self._restarts = restarts
         self._clock = clock
         per_axis = {100: 250.0, 110: max_speed * 1000 * MINUTE, 120: acceleration * 1000, 130: travel * 1000}
         self._settings = {
@@ -106,6 +156,10 @@ class SimulatedGrbl:
         self._lose = 0
         self._carriage = 0.0  # where it rests, or the motion begins [mm]
         self._motion: Motion | None = None
+        self._plan: deque[Block] = deque()
+        self._ends: deque[float] = deque()  # when each block is done, as planned [s]
+        self._canceling = False  # a jog
+        self._percent = {"feed": 100, "rapid": 100}  # overrides
         self._line = ""
         self._until_wco = 0
         self._restart(keep_coordinates=False)
@@ -186,7 +240,7 @@ class SimulatedGrbl:
         try:
             while not self._closing.is_set():
                 events = dict(poller.poll(TICK * 1000)).get(master, 0)
-                if not events & select.POLLHUP and not opened:
+                if not events & select.POLLHUP and not opened and self._restarts:
                     self._closing.wait(BOOT)
                     self._reset_softly()
                 opened = not events & select.POLLHUP
@@ -218,6 +272,8 @@ class SimulatedGrbl:
                         self._reset_softly()
                     case 0x85:
                         self._cancel_jog()
+                    case _ if byte in OVERRIDES:
+                        self._override(*OVERRIDES[byte])
                     case 0x0A | 0x0D:
                         self._lines.append(self._line)
                         self._line = ""
@@ -255,7 +311,7 @@ class SimulatedGrbl:
             self._overrides_due = True
         elif self._overrides_due:
             self._overrides_due = False
-            fields.append("Ov:100,100,100")
+            fields.append(f"Ov:{self._percent['feed']},{self._percent['rapid']},100")
         return f"<{'|'.join(fields)}>"
 
     # Motion
@@ -275,25 +331,45 @@ class SimulatedGrbl:
                 self.hit_limit()
                 return
             if self._motion.end > now:
+                while self._ends and self._ends[0] <= now:
+                    self._ends.popleft()
+                    self._plan.popleft()
                 return
             self._carriage, self._motion = carriage, None
+            self._ends.clear()
             if self._state == "Home":
                 self._offset = PULL_OFF - self._travel
                 self._state = "Idle"
                 self._respond(0)
-            elif self._state == "Jog" and not self._plan:
-                self._state = "Idle"  # canceled
+            elif self._canceling:
+                self._canceling = False
+                self._state = "Idle"
             elif self._state in ("Run", "Jog"):
-                self._carriage = self._plan.popleft().target
-                self._begin(end)
+                self._carriage = self._plan[-1].target if self._plan else carriage
+                self._plan.clear()
+                self._state = "Idle"
 
-    def _begin(self, now: float) -> None:
-        """Set out for the first block of the plan."""
+    def _set_out(self) -> None:
+        """Plan the way through all blocks, from where the carriage is and as fast as it is now."""
         if not self._plan:
             self._state = "Idle"
             return
-        target, speed = self._plan[0]
-        self._motion = stroke(now, self._carriage, target, speed, self._acceleration)
+        now = self._clock()
+        position, speed = self._motion.at(now) if self._motion else (self._carriage, 0.0)
+        lines = [(block.target, self._speed_of(block)) for block in self._plan]
+        self._motion, ends = blended(now, position, speed, lines, self._acceleration)
+        self._ends = deque(ends)
+
+    def _speed_of(self, block: Block) -> float:
+        percent = 100 if block.jog else self._percent["rapid" if block.rapid else "feed"]
+        return min(block.speed * percent / 100, self._fastest)
+
+    def _override(self, what: str, percent: int, added: bool) -> None:
+        before = self._percent[what]
+        self._percent[what] = min(max(before + percent, LEAST_FEED), MOST_FEED) if added else percent
+        self._overrides_due = True
+        if self._state == "Run":
+            self._set_out()
 
     def _halt(self) -> None:
         self._carriage = self._motion.at(self._clock())[0] if self._motion else self._carriage
@@ -305,6 +381,7 @@ class SimulatedGrbl:
             position, speed = self._motion.at(now)
             pull = math.copysign(self._acceleration, -speed)
             self._motion = Motion(now, position, speed, ((abs(speed) / self._acceleration, pull),))
+        self._ends.clear()
 
     def _hold(self) -> None:
         if self._state == "Jog":
@@ -316,10 +393,11 @@ class SimulatedGrbl:
     def _resume(self) -> None:
         if self._state == "Hold" and self._motion is None:
             self._state = "Run"
-            self._begin(self._clock())
+            self._set_out()
 
     def _cancel_jog(self) -> None:
-        if self._state == "Jog":
+        if self._state == "Jog" and not self._canceling:
+            self._canceling = True
             self._plan.clear()
             self._brake()
 
@@ -337,7 +415,10 @@ class SimulatedGrbl:
         self._state = "Alarm" if locked else "Idle"
         if not keep_coordinates:
             self._offset = -self._carriage  # machine coordinate of the carriage's 0 [mm]
-        self._plan: deque[Block] = deque()
+        self._plan.clear()
+        self._ends.clear()
+        self._canceling = False
+        self._percent = {"feed": 100, "rapid": 100}
         self._lines: deque[str] = deque()
         self._line = ""
         self._asked = self._deaf = self._overrides_due = False
@@ -352,7 +433,7 @@ class SimulatedGrbl:
 
     def _execute_lines(self) -> None:
         """One after the other, while there is room in the plan; not in a hold, homing, or before the reset a limit demands."""
-        while self._lines and not self._deaf and self._state not in ("Hold", "Home") and len(self._plan) < PLANNER_BLOCKS:
+        while self._lines and self._listens and len(self._plan) < PLANNER_BLOCKS:
             line = re.sub(r"\(.*?\)|;.*|\s", "", self._lines.popleft()).upper()
             if len(line) > LONGEST_LINE:
                 self._respond(11)
@@ -362,6 +443,10 @@ class SimulatedGrbl:
                 self._respond(9)
             else:
                 self._respond(self._gcode(line) if line else 0)
+
+    @property
+    def _listens(self) -> bool:
+        return not self._deaf and not self._canceling and self._state not in ("Hold", "Home")
 
     def _respond(self, code: int) -> None:
         self._say(f"error:{code}" if code else "ok")
@@ -461,6 +546,7 @@ class SimulatedGrbl:
         """Queue the carriage's part of a move; no motor turns for the other axes."""
         if "X" not in values:
             return 0
+        self._advance()
         before = self._plan[-1].target if self._plan else self._carriage
         target = values["X"] * units + (-self._offset if absolute else before)
         machine = target + self._offset
@@ -469,12 +555,18 @@ class SimulatedGrbl:
                 return 15
             self.alarm(2)
             return 0
-        fastest = float(self._settings[110])
-        self._plan.append(Block(target, min(feed or fastest, fastest) / MINUTE))
-        if self._state == "Idle":
+        if target == before:
+            return 0  # no step to make
+        speed = self._fastest if feed is None else feed / MINUTE
+        self._plan.append(Block(target, speed, jog, feed is None))
+        if self._state in ("Idle", "Run", "Jog"):
             self._state = "Jog" if jog else "Run"
-            self._begin(self._clock())
+            self._set_out()
         return 0
+
+    @property
+    def _fastest(self) -> float:
+        return float(self._settings[110]) / MINUTE
 
     @property
     def _travel(self) -> float:

@@ -1,0 +1,93 @@
+"""A serial line that can fail: between a controller's port and a pseudo-terminal that stands in for it."""
+
+import contextlib
+import os
+import select
+import threading
+import time
+import tty
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+
+import serial
+
+Filter = Callable[[bytes], bytes]
+TICK = 0.002  # [s]
+
+
+class FaultyLine:
+    """Passes bytes on as they come, but for the faults that are set. Use as a context manager.
+
+    `to_controller` and `to_host` are given what has come, and return what is passed on; `delay` holds back what the
+    controller says. `heard` gets every piece of that, before any fault: whoever listens there knows the truth.
+    """
+
+    def __init__(self, port: str, baud: int = 115200) -> None:
+        """The line ends at the controller's port, which is opened at once and held; `port` is the other end.
+
+        Raises:
+            OSError: the port cannot be opened.
+        """
+        self._serial = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.port = os.ttyname(slave)
+        self._slave = slave  # kept open: no end of file when the host leaves
+        os.set_blocking(self._master, False)
+        self.to_controller: Filter = bytes
+        self.to_host: Filter = bytes
+        self.delay = 0.0
+        self.heard: Callable[[bytes], None] = lambda data: None
+        self._late: deque[tuple[float, bytes]] = deque()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="line")
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> "FaultyLine":
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._closing.set()
+        self._thread.join()
+        self._serial.close()
+        os.close(self._slave)
+        os.close(self._master)
+
+    def tell_controller(self, data: bytes) -> None:
+        """As somebody else would who holds the line."""
+        with self._lock:
+            self._serial.write(data)
+
+    def _serve(self) -> None:
+        while not self._closing.is_set():
+            ready, _, _ = select.select([self._master, self._serial.fd], [], [], TICK)
+            if self._master in ready and (data := self.to_controller(os.read(self._master, 4096))):
+                self.tell_controller(data)
+            if self._serial.fd in ready:
+                said = self._serial.read(4096)
+                self.heard(said)
+                passed = self.to_host(said)
+                self._late.append((time.monotonic() + self.delay, passed))
+            while self._late and self._late[0][0] <= time.monotonic():
+                with contextlib.suppress(BlockingIOError):  # nobody reads: a line does not wait
+                    os.write(self._master, self._late.popleft()[1])
+
+
+def once(old: bytes, new: bytes) -> Filter:
+    """A filter that replaces the first `old` to come within one piece, and passes on all else."""
+    waiting = [True]
+
+    def replaced(data: bytes) -> bytes:
+        if waiting and old in data:
+            waiting.clear()
+            return data.replace(old, new, 1)
+        return data
+
+    return replaced
+
+
+def nothing(_: bytes) -> bytes:
+    """A filter that lets nothing through."""
+    return b""
