@@ -345,7 +345,8 @@ class Grbl:
     def _take_status(self, status: Status) -> None:
         """A report that cannot be true changes nothing."""
         now = time.monotonic()
-        asked = self._asked if self._asked is not None else self._asked_last
+        # the first question that is not answered, or an earlier one: the pusher was there then, or later
+        asked = self._silent_since if self._silent_since is not None else self._asked_last
         offset = self._offset
         if status.work_offset is not None and status.work_offset != offset:
             # a damaged one would displace all that follows; at the second time it is taken to be so
