@@ -14,7 +14,7 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, footprint, pipeline, prediction, real_pushes, recording, tracker, updates
+from bench import display, footprint, fuzz, pipeline, prediction, real_pushes, recording, tracker, updates
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
 from pushfric_core.errors import InvalidInput
@@ -63,6 +63,16 @@ def bench(
             "--footprint", help="Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
         ),
     ] = False,
+    fuzzing: Annotated[
+        float | None,
+        typer.Option(
+            "--fuzz",
+            help="Measure nothing; give mutated input to every parser for this long.",
+            metavar="MINUTES",
+            min=0,
+            show_default=False,
+        ),
+    ] = None,
     json: Annotated[
         pathlib.Path | None, typer.Option("--json", help="Write all figures to this file as JSON.", show_default=False)
     ] = None,
@@ -73,6 +83,9 @@ def bench(
     to after its last M. All solvers take each data point in turn, so that a disturbance, also of the caches, affects all alike.
     highs_warm is HiGHS kept warm: at each M and N the better of its primal and dual form.
     """
+    if fuzzing is not None:
+        seed = time.time_ns() % 2**32
+        return int(fuzz.campaign(60 * fuzzing, print, seed) > 0)
     points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
     if unknown := set(supports) - set(GRIDS):

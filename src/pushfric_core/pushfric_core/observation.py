@@ -6,7 +6,7 @@ from numbers import Integral
 
 from pushfric_core.errors import UninformativePush
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, Twist
+from pushfric_core.planar import FARTHEST, Pose, Twist
 
 Vector = tuple[float, float]
 
@@ -16,6 +16,12 @@ UNIT = 1e-3
 
 TINY = 1e-100
 """Twists smaller than this, or larger than 1 over this, would leave the range of floating point in the computation."""
+
+STRONGEST = 1e9
+"""No force is larger [N]."""
+
+PUSH_IDS = 2**31
+"""Push ids lie in [0, PUSH_IDS): messages carry them as int32."""
 
 OFF_OUTLINE = 0.005
 """A contact may lie this far from the outline [m], because outlines and poses are measured."""
@@ -36,7 +42,8 @@ class Observation:
         pose: of the object in the table frame at the stamp; None if unknown.
         force: measured force of the pusher ON the object [N]; None without a force sensor.
     Raises:
-        ValueError: a value that is not finite or of another type, a normal that is not unit, a negative half-width or duration.
+        ValueError: a value that is not finite, beyond its limit or of another type, a normal that is not unit, a
+            negative half-width or duration.
         UninformativePush: the twist is zero.
     """
 
@@ -65,12 +72,20 @@ class Observation:
         for name in ("push_id", "stamp"):
             if not isinstance(getattr(self, name), Integral):
                 raise ValueError(f"{name} must be an integer, got {getattr(self, name)!r}")
+        if not 0 <= self.push_id < PUSH_IDS:
+            raise ValueError(f"push_id must lie in [0, {PUSH_IDS}), got {self.push_id}")
+        for name, limit, unit in (("contact_point", FARTHEST, "m"), ("pose", FARTHEST, "m"), ("force", STRONGEST, "N")):
+            value = getattr(self, name)
+            if value is not None and max(map(abs, value[:2])) > limit:
+                raise ValueError(f"{name} must lie within {limit:g} {unit}, got {tuple(map(float, value))}")
         length = math.hypot(*self.contact_normal)
         if abs(length - 1) > UNIT:
             raise ValueError(f"contact_normal must have length 1, got {self.contact_normal} of length {length:.4g}")
         for name in ("half_width", "duration"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
+        if self.half_width > FARTHEST:
+            raise ValueError(f"half_width must lie within {FARTHEST:g} m, got {self.half_width:g}")
         if any(self.twist) and not TINY < max(map(abs, self.twist)) < 1 / TINY:
             raise ValueError(
                 f"the twist must have a size between {TINY:g} and {1 / TINY:g}, got {tuple(map(float, self.twist))}"

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from pushfric_core.planar import Array, cross, left_of
+from pushfric_core.planar import FARTHEST, Array, cross, left_of
 from pushfric_core.records import comparable
 
 ON_OUTLINE = 1e-9
@@ -46,7 +46,8 @@ class Outline:
     Args:
         vertices: (n, 2) corners in order [m]; made counter-clockwise.
     Raises:
-        ValueError: fewer than three corners, one that is not finite, or an outline that crosses itself or encloses no area.
+        ValueError: fewer than three corners, one that is not finite or beyond FARTHEST, or an outline that crosses itself or
+            encloses no area.
     """
 
     vertices: Array
@@ -57,6 +58,8 @@ class Outline:
             raise ValueError(f"an outline needs at least 3 vertices (n, 2), got shape {vertices.shape}")
         if not np.isfinite(vertices).all():
             raise ValueError("the vertices of an outline must be finite")
+        if np.abs(vertices).max() > FARTHEST:
+            raise ValueError(f"the vertices of an outline must lie within {FARTHEST:g} m")
         polygon = shapely.Polygon(vertices)
         if not polygon.is_valid or not polygon.area > 0:
             raise ValueError(f"the outline must be a simple polygon with an area: {shapely.is_valid_reason(polygon)}")

@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+FARTHEST = 1e3
+"""No position or length is larger [m]: one that is comes from a broken sensor or program, and its squares could overflow."""
+
 
 class Pose(NamedTuple):
     """Where a frame lies in another: its origin (x, y) [m] and orientation theta [rad]."""

@@ -1,1 +1,9 @@
 """The robot cell around pushfric_core: rclpy nodes, drivers, bags, command line."""
+
+import os
+
+PIXEL_LIMIT = 10**8
+"""Pixels of a picture that is decoded."""
+
+# OpenCV reads it as it is loaded, which is after this; it would otherwise allocate 2^30 bytes for a picture of 74
+os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(PIXEL_LIMIT)

@@ -185,7 +185,7 @@ def call(ros, node, kind, name, request):
     return future.result()
 
 
-def test_reset_and_select_object_restart_the_estimate(ros):
+def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
     node, out, estimates = estimator_of_observations(ros)
     first = observation_to_msg(DATA[0], NAME)
     for count in (1, 2):
@@ -199,6 +199,15 @@ def test_reset_and_select_object_restart_the_estimate(ros):
     refusal = call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="brick"))
     assert not refusal.success
     assert "no object 'brick'" in refusal.message
+    bomb = tmp_path / "bomb.yaml"
+    bomb.write_text("[" * 3000)
+    for name in ("x" * 5000, "!!int ''", str(tmp_path), str(bomb)):
+        refusal = call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object=name))
+        assert not refusal.success
+        assert len(refusal.message) < 1100
+    broken = observation_to_msg(DATA[0], NAME)
+    broken.half_width = 1e200
+    out.publish(broken)
     out.publish(first)
     ros.wait_for(lambda: len(estimates) == 6, what="an estimate")
     assert [(msg.object, msg.data_points) for msg in estimates[4:]] == [("wood_rect3", 0), ("wood_rect3", 1)]

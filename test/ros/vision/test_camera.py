@@ -194,7 +194,7 @@ def test_an_impossible_camera_is_refused(fields, text):
         ("image_width: 640", "image_width: wide", "image_width must be an integer, got 'wide'"),
         ("plumb_bob", "equidistant", "distortion model must be"),
         ("-1600.", "1600.", "table homography is mirrored"),
-        ("rows: 3", "rows: [", "cannot be read as a camera YAML"),
+        ("rows: 3", "rows: [", "not YAML: "),
         (YAML, "just text", "expected a camera YAML with image_width, camera_matrix, ..., got str"),
     ],
 )

@@ -223,6 +223,8 @@ class Bag:
                 is_sqlite = stream.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
         except OSError as error:
             raise InvalidInput(f"{file}: cannot be read: {error.strerror}, expected a bag") from error
+        except ValueError as error:
+            raise InvalidInput(f"{str(file)!r}: cannot be read: {error}, expected a bag") from error
         if not is_sqlite:
             raise InvalidInput(f"{file}: is neither an MCAP file nor a database, expected a bag's folder or one of its files")
         from pushfric_ros.bags.sqlite_file import SqliteFile  # imported late: it loads SQLite, which few bags need
@@ -259,7 +261,7 @@ def bag_files(path: pathlib.Path, metadata: BagMetadata | None) -> list[pathlib.
     """
     if metadata is not None:
         return list(metadata.files)
-    if not path.is_dir():
+    if not os.path.isdir(path):
         return [path]
     for pattern in ("*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd"):
         if files := sorted(path.glob(pattern)):

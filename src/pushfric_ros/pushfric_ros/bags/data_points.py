@@ -1,5 +1,6 @@
 """Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate with which a live run would end."""
 
+import os
 import pathlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -59,7 +60,7 @@ def check_source(path: pathlib.Path) -> None:
     Raises:
         InvalidInput: there is nothing, or there is a folder of bags, one of which must be named.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
     if path.is_dir() and not any(file for name in BAG_FILES for file in path.glob(name)):
         bags = sorted({str(file.parent) for name in BAG_FILES for file in path.glob(f"*/{name}")})

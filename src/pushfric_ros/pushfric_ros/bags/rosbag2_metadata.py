@@ -1,5 +1,6 @@
 """metadata.yaml, the file in which rosbag2 describes the contents of a bag's folder."""
 
+import os
 import pathlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,7 +41,7 @@ def read_metadata(folder: pathlib.Path) -> BagMetadata | None:
         InvalidInput: the file is not the metadata of a bag.
     """
     path = folder / METADATA
-    if not path.is_file():
+    if not os.path.isfile(path):  # no name is too long or odd to ask
         return None
     with reading(path):
         text = path.read_text(encoding="utf-8")

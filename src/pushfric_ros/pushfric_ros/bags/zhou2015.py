@@ -9,6 +9,8 @@ import csv
 import gzip
 import math
 import pathlib
+import re
+import zlib
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -50,6 +52,13 @@ SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 
 COLUMNS = ("object", "log", "push", "cx_mm", "cy_mm", "nx", "ny", "dx_mm", "dy_mm", "dtheta_rad", "fx_N", "fy_N")
 MILLIMETRE = 1e-3
+
+LOG_LIMIT = 64 * 2**20
+"""Bytes of a log, decompressed; the longest of the data set has 2 MB."""
+
+LARGEST = 1e12
+"""No number in a log is larger; times are seconds since 1970."""
+
 SECOND = 10**9
 
 
@@ -118,12 +127,15 @@ def read_log(path: pathlib.Path) -> list[Observation]:
         InvalidInput: the file is not a log, or ends early.
     """
     try:
-        text = gzip.decompress(path.read_bytes()).decode() if path.suffix == ".gz" else path.read_text()
-        numbers = iter(text.split())
+        with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as stream:
+            content = stream.read(LOG_LIMIT + 1)
+        if len(content) > LOG_LIMIT:
+            raise ValueError(f"it holds more than {LOG_LIMIT} bytes")
+        numbers = (match[0] for match in re.finditer(r"\S+", content.decode()))
         outline = Outline(np.array(CORNERS))
         pushes = (_push(numbers) for _ in range(int(next(numbers))))
         found = [_observation(index, push, outline) for index, push in enumerate(pushes)]
-    except (OSError, UnicodeDecodeError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, zlib.error) as error:
         raise InvalidInput(f"{path}: not a log of {NAME}: {error}") from error
     except (StopIteration, RuntimeError) as error:
         raise InvalidInput(f"{path}: ends in the middle of a push") from error
@@ -142,12 +154,19 @@ class _Push(NamedTuple):
     tool: Array  # (k, 4) time [s], position [m], orientation [rad]
 
 
+def _number(text: str) -> float:
+    value = float(text)
+    if not abs(value) <= LARGEST:
+        raise ValueError(f"expected numbers within {LARGEST:g}, got {text[:40]}")
+    return value
+
+
 def _push(numbers: Iterator[str]) -> _Push:
     def table(columns: int) -> Array:
         rows = int(next(numbers))
-        return np.array([float(next(numbers)) for _ in range(rows * columns)]).reshape(rows, columns)
+        return np.array([_number(next(numbers)) for _ in range(rows * columns)]).reshape(rows, columns)
 
-    before, after = (np.array([float(next(numbers)) for _ in range(7)]) for _ in range(2))
+    before, after = (np.array([_number(next(numbers)) for _ in range(7)]) for _ in range(2))
     forces, tool = table(3), table(8)
     if not len(forces) or not len(tool):
         raise ValueError("a push without forces or tool poses")

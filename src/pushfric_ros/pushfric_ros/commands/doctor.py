@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, NamedTuple
 
-import cv2
 import numpy as np
 import typer
 from ament_index_python.packages import get_package_share_directory
@@ -40,7 +39,7 @@ from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
 from pushfric_ros.pushers.check import Check, Level
 from pushfric_ros.pushers.pusher import PusherConfig
 from pushfric_ros.report.report import to_json
-from pushfric_ros.vision.camera import Camera, Image, load_camera
+from pushfric_ros.vision.camera import Camera, Image, load_camera, picture_from
 from pushfric_ros.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_ros.vision.frame_source import Device
 from pushfric_ros.vision.sighting import NotSeen, Tracker
@@ -314,7 +313,7 @@ def _watch_topic(source: str, namespace: str) -> list[Frame]:
     def take(msg: Any) -> None:
         arrival = time.time_ns()
         try:
-            image = grey_from_msg(msg) if source == "topic" else _decoded(msg)
+            image = grey_from_msg(msg) if source == "topic" else picture_from(np.frombuffer(msg.data, np.uint8), msg.format)
         except ValueError as error:
             problems.append(str(error))
             return
@@ -330,13 +329,6 @@ def _watch_topic(source: str, namespace: str) -> list[Frame]:
     if problems:
         raise InvalidInput(f"{TOPICS[source]}: {problems[0]}")
     return frames
-
-
-def _decoded(msg: CompressedImage) -> Image:
-    image = cv2.imdecode(np.frombuffer(msg.data, np.uint8), cv2.IMREAD_GRAYSCALE) if len(msg.data) else None
-    if image is None:
-        raise ValueError(f"not a picture: {len(msg.data)} bytes of format {msg.format!r}")
-    return image
 
 
 def check_camera(frames: list[Frame], source: str) -> Check:

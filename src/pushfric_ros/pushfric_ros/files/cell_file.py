@@ -4,6 +4,7 @@ A section holds the fields of one node's settings classes. The values go through
 that the file is refused where the node would be, in the same words.
 """
 
+import os
 import pathlib
 import re
 from collections.abc import Mapping, Sequence
@@ -126,6 +127,8 @@ def _beside(values: Mapping[str, Any], folder: pathlib.Path, configs: Sequence[t
     """The values, with paths of files that exist in the cell's folder made absolute."""
     paths = {key_of(field) for config in configs for field in fields_of(config) if field.metadata.get("path")}
     return {
-        key: str(folder / value) if key in paths and isinstance(value, str) and value and (folder / value).exists() else value
+        key: str(folder / value)
+        if key in paths and isinstance(value, str) and value and os.path.exists(folder / value)
+        else value
         for key, value in values.items()
     }

@@ -10,6 +10,7 @@ from pushfric_core.estimator import EstimatorConfig
 from pushfric_core.region import RegionConfig
 from pushfric_core.settings import merged, read, setting
 from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_ros.files.file_errors import shortened
 
 TOPIC = "estimator_settings"
 
@@ -75,7 +76,10 @@ class EstimatorSettings:
         Raises:
             ValueError: it did not write this text.
         """
-        values = json.loads(text)
+        try:
+            values = json.loads(text)
+        except RecursionError as error:
+            raise ValueError("the estimator's settings must be a JSON object, got lists within lists") from error
         if not isinstance(values, dict):
-            raise ValueError(f"the estimator's settings must be a JSON object, got {text!r}")
+            raise ValueError(f"the estimator's settings must be a JSON object, got {shortened(text)}")
         return cls.from_parameters(values)

@@ -19,5 +19,29 @@ def reading(path: pathlib.Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInput(f"{path}: cannot be read: {error}") from error
+    except (csv.Error, ValueError) as error:  # a ValueError comes of bytes that are not UTF-8, and of a NUL in the path
+        name = repr(str(path)) if "\0" in str(path) else path
+        raise InvalidInput(f"{name}: cannot be read: {error}") from error
+
+
+def text_of(path: pathlib.Path, limit: int) -> str:
+    """The text of a file, which may be a device that never ends; for use within `reading`.
+
+    Raises:
+        ValueError: it has more than `limit` characters, or is not UTF-8.
+    """
+    with path.open(encoding="utf-8") as stream:
+        text = stream.read(limit + 1)
+    if len(text) > limit:
+        raise ValueError(f"expected at most {limit} characters")
+    return text
+
+
+LONGEST = 80
+"""Characters of a wrong value that are shown."""
+
+
+def shortened(value: object) -> str:
+    """A wrong value for people, on one line of bounded length."""
+    text = repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

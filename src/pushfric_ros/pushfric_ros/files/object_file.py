@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 import pathlib
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
@@ -12,12 +13,14 @@ import yaml
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Array
+from pushfric_core.planar import FARTHEST, Array
 from pushfric_core.recognition import Hypothesis
 from pushfric_core.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1
-from pushfric_ros.files.file_errors import reading
+from pushfric_ros.files.bounded_yaml import TEXT_LIMIT, load_yaml
+from pushfric_ros.files.file_errors import reading, shortened, text_of
 
-Point = tuple[float, float]
+Length = Annotated[float, pydantic.Field(ge=-FARTHEST, le=FARTHEST)]
+Point = tuple[Length, Length]
 OBJECT_FILE = "object.yaml"
 """Name of the file in a bag's folder that describes its object."""
 
@@ -39,11 +42,17 @@ class Strict(pydantic.BaseModel):
         return content
 
 
+ROW_LIMIT = 300
+"""Support points in a row of a grid."""
+
+Rows = Annotated[int, pydantic.Field(ge=-ROW_LIMIT, le=ROW_LIMIT)]
+
+
 class SupportFile(Strict):
     """Hypothesised support points: exactly one of grid, points and spacing."""
 
-    grid: tuple[int, int] | None = None  # columns and rows over the bounding box shrunk by inset
-    inset: float = 0.002  # [m]
+    grid: tuple[Rows, Rows] | None = None  # columns and rows over the bounding box shrunk by inset
+    inset: Length = 0.002  # [m]
     points: Annotated[list[Point], pydantic.Field(min_length=1)] | None = None  # [m]
     spacing: float | None = None  # of a grid [m]; adjusted slightly to fit the bounding box
 
@@ -62,7 +71,9 @@ class SupportFile(Strict):
         assert self.spacing is not None
         if not self.spacing > 0:
             raise ValueError(f"spacing must be positive, got {self.spacing:g} m")
-        columns, rows = np.maximum(1, np.round((outline.size - 2 * self.inset) / self.spacing).astype(int) + 1)
+        columns, rows = np.maximum(1, np.round((outline.size - 2 * self.inset) / self.spacing) + 1)
+        if max(columns, rows) > ROW_LIMIT:
+            raise ValueError(f"spacing must give at most {ROW_LIMIT} points a row, got {self.spacing:g} m")
         return outline.grid(int(columns), int(rows), self.inset)
 
 
@@ -101,7 +112,7 @@ class ObjectFile(Strict):
     name: Annotated[str, pydantic.Field(min_length=1)]
     outline: Annotated[list[Point], pydantic.Field(min_length=3)]  # corners in order [m]
     support: SupportFile = SupportFile(grid=(6, 6))
-    height: Annotated[float, pydantic.Field(ge=0)] = 0.0  # of the outline the camera sees, over the table [m]
+    height: Annotated[float, pydantic.Field(ge=0, le=FARTHEST)] = 0.0  # of the outline the camera sees, over the table [m]
     hypotheses: list[HypothesisFile] = []
 
     @pydantic.field_validator("hypotheses")
@@ -138,8 +149,8 @@ def load_object(name_or_path: str) -> ObjectModel:
         file = ObjectFile(name=name_or_path, outline=_points(known.outline.vertices), support=support, hypotheses=hypotheses)
         return make_object(file, name_or_path)
     path = pathlib.Path(name_or_path)
-    if not path.is_file():
-        raise InvalidInput(f"no object {name_or_path!r}: expected a YAML file or one of {', '.join(TABLE_1)}")
+    if not os.path.isfile(path):
+        raise InvalidInput(f"no object {shortened(name_or_path)}: expected a YAML file or one of {', '.join(TABLE_1)}")
     return make_object(read_yaml(path, ObjectFile), str(path))
 
 
@@ -204,11 +215,11 @@ def yaml_content(path: pathlib.Path) -> Any:
         InvalidInput: it cannot be read, or is not YAML.
     """
     with reading(path):
-        text = path.read_text(encoding="utf-8")
+        text = text_of(path, TEXT_LIMIT)
     try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError) as error:  # a ValueError comes of an impossible date
-        raise InvalidInput(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+        return load_yaml(text)
+    except ValueError as error:
+        raise InvalidInput(f"{path}: not YAML: {error}") from error
 
 
 EXPECTED = {
@@ -234,14 +245,11 @@ EXPECTED = {
 }
 """What pydantic's types of errors mean to the author of the file."""
 
-LONGEST = 80
-"""Number of characters of a wrong value that are shown."""
-
 
 def complaint(error: pydantic.ValidationError) -> str:
     """The first error in what was read, on one line: the path of the key, what was expected there, and what was found."""
     first = error.errors()[0]
-    kind, got = first["type"], "nothing" if first["input"] is None else repr(first["input"])
+    kind, got = first["type"], "nothing" if first["input"] is None else shortened(first["input"])
     where = list(map(str, first["loc"]))
     if kind == "missing" and isinstance(first["input"], dict):
         expected, got = "expected a value", f"only {', '.join(map(str, first['input'])) or 'an empty part'}"
@@ -253,7 +261,7 @@ def complaint(error: pydantic.ValidationError) -> str:
     else:
         expected = f"expected {EXPECTED[kind].format(**first.get('ctx', {}))}" if kind in EXPECTED else first["msg"]
     said = f"{'.'.join(where)}: {expected}" if where else expected
-    return said if ", got " in expected else f"{said}, got {got if len(got) <= LONGEST else f'{got[:LONGEST]}...'}"
+    return said if ", got " in expected else f"{said}, got {got}"
 
 
 def read_points(path: pathlib.Path) -> Array:
@@ -279,4 +287,6 @@ def _point(row: dict[str, str], where: str) -> Point:
         raise InvalidInput(f"{where}: x and y must be numbers, got {row['x']!r}, {row['y']!r}") from None
     if not np.isfinite((x, y)).all():
         raise InvalidInput(f"{where}: x and y must be finite, got {x}, {y}")
+    if max(abs(x), abs(y)) > FARTHEST:
+        raise InvalidInput(f"{where}: x and y must lie within {FARTHEST:g} m, got {x}, {y}")
     return x, y

@@ -11,7 +11,7 @@ from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.push_plan import PlannedPush, even_pushes, placement
 from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.files.object_file import ObjectModel, Strict, read_yaml
+from pushfric_ros.files.object_file import Length, ObjectModel, Strict, read_yaml
 
 EDGE_PUSHES = 5
 """Number of pushes along each edge if no plan is given."""
@@ -24,7 +24,7 @@ class PushEntry(Strict):
     """One push against an edge."""
 
     edge: int
-    offset: float = 0.0  # of the contact from the middle of the edge, along the edge [m]
+    offset: Length = 0.0  # of the contact from the middle of the edge, along the edge [m]
     angle_deg: float = 0.0  # of the direction from the inward normal, counter-clockwise
 
 

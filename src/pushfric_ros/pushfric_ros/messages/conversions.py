@@ -12,8 +12,8 @@ from geometry_msgs.msg import Twist as TwistMsg
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.estimate import Estimate
-from pushfric_core.observation import UNIT, Observation
-from pushfric_core.planar import Pose, Twist
+from pushfric_core.observation import STRONGEST, UNIT, Observation
+from pushfric_core.planar import FARTHEST, Pose, Twist
 from pushfric_core.prediction import FrictionModel, Predictions, Stability
 from pushfric_core.recognition import Ranking
 from pushfric_core.region import Region
@@ -41,6 +41,9 @@ from pushfric_msgs.srv import PredictPush, StablePushes
 
 TABLE = "table"
 OBJECT = "object"
+
+QUATERNION_LENGTHS = (1e-3, 1e3)
+"""A quaternion should have length 1. One that is merely not normalised is taken; beyond this range it is refused."""
 
 BIN_WIDTH = 0.05
 """Width of the bins of the histogram of lower bounds on mu_c, about that of Figures 7 and 8."""
@@ -82,14 +85,16 @@ def pose_from_msg(msg: PoseMsg) -> Pose:
     """The planar part of a pose: its position and its rotation about z, with theta in (-pi, pi].
 
     Raises:
-        ValueError: a value is not finite, or the quaternion has no length.
+        ValueError: a value is not finite, a position is beyond FARTHEST, or the quaternion's length is far from 1.
     """
     q = msg.orientation
     values = (msg.position.x, msg.position.y, q.x, q.y, q.z, q.w)
     if not all(math.isfinite(value) for value in values):
         raise ValueError(f"a pose must be finite, got {values}")
-    if q.x == q.y == q.z == q.w == 0:
-        raise ValueError("a pose needs a quaternion of length 1, got length 0")
+    length = math.hypot(q.x, q.y, q.z, q.w)
+    if not QUATERNION_LENGTHS[0] <= length <= QUATERNION_LENGTHS[1]:
+        raise ValueError(f"a pose needs a quaternion of length 1, got length {length:g}")
+    _check_size("a position", values[:2], FARTHEST, "m")
     theta = math.atan2(2 * (q.w * q.z + q.x * q.y), q.w**2 + q.x**2 - q.y**2 - q.z**2)
     return Pose(msg.position.x, msg.position.y, theta)
 
@@ -113,6 +118,11 @@ def pusher_sample_from_msg(msg: PusherState) -> PusherSample:
     numbers = (msg.position, msg.speed, msg.tip.x, msg.tip.y, *direction, msg.tip_radius)
     if not all(math.isfinite(number) for number in numbers):
         raise ValueError(f"a pusher state must be finite, got {numbers}")
+    _check_size("a pusher's position, speed, tip and tip radius", numbers, FARTHEST, "m or m/s")
+    if msg.tip_radius < 0:
+        raise ValueError(f"a pusher's tip radius must be at least 0, got {msg.tip_radius}")
+    if msg.push_id < PusherState.NO_PUSH:
+        raise ValueError(f"a push id must be at least 0, got {msg.push_id}")
     if abs(math.hypot(*direction) - 1) > 1e-6:
         raise ValueError(f"the direction of the pushing line must have length 1, got {direction}")
     # rounded to a nanometre, so that the line is the same in every state, whatever the position
@@ -133,6 +143,7 @@ def force_sample_from_msg(msg: WrenchStamped) -> ForceSample:
     force = (msg.wrench.force.x, msg.wrench.force.y)
     if not all(math.isfinite(component) for component in force):
         raise ValueError(f"a wrench must be finite, got a force of {force}")
+    _check_size("a force", force, STRONGEST, "N")
     return ForceSample(stamp_from_msg(msg.header.stamp), force)
 
 
@@ -279,7 +290,7 @@ def turns_from_msg(
         ValueError: their numbers differ, there are none, or a normal is not unit.
     """
     points, normals = _planar(request.contact_points), _normals(request.contact_normals)
-    half_widths, turns = np.array(request.half_widths), np.array(request.turns, dtype=float)
+    half_widths, turns = _bounded(np.array(request.half_widths)), _bounded(np.array(request.turns, dtype=float))
     centers = _planar(request.centers_of_rotation)
     names = "contact_points, contact_normals, half_widths, centers_of_rotation and turns"
     _as_many(names, points, normals, half_widths, centers, turns)
@@ -316,7 +327,13 @@ def limit_surface_to_msg(estimate: Estimate, model: FrictionModel, object_name: 
 
 
 def _planar(vectors: Sequence[Point] | Sequence[Vector3]) -> np.ndarray:
-    return np.array([(vector.x, vector.y) for vector in vectors]).reshape(-1, 2)
+    return _bounded(np.array([(vector.x, vector.y) for vector in vectors]).reshape(-1, 2))
+
+
+def _bounded(values: np.ndarray) -> np.ndarray:
+    if not (np.abs(values) <= FARTHEST).all():  # nor is a NaN
+        raise ValueError(f"positions, lengths, angles and speeds must be finite and lie within {FARTHEST:g}")
+    return values
 
 
 def _normals(vectors: Sequence[Vector3]) -> np.ndarray:
@@ -336,6 +353,11 @@ def _as_many(names: str, *arrays: np.ndarray) -> None:
 
 def _twist(row: np.ndarray) -> TwistMsg:
     return TwistMsg(linear=_vector(row[:2]), angular=Vector3(z=float(row[2])))
+
+
+def _check_size(what: str, values: Sequence[float], limit: float, unit: str) -> None:
+    if max(map(abs, values)) > limit:
+        raise ValueError(f"{what} must lie within {limit:g} {unit}, got {tuple(map(float, values))}")
 
 
 def _point(xy: tuple[float, float] | np.ndarray) -> Point:

@@ -245,6 +245,11 @@ class ExperimentNode(Node):
         return None if still and long_enough else "let it lie still"
 
     def _on_pusher_state(self, msg: PusherState) -> None:
+        try:
+            pusher_sample_from_msg(msg)
+        except ValueError as error:
+            self.get_logger().error(f"pusher_state refused: {error}", once=True)
+            return
         self._pusher, self._heard = msg, time.monotonic()
         if msg.mode != PusherState.MODE_IDLE or msg.push_id != PusherState.NO_PUSH:
             self._idle_since = None

@@ -23,7 +23,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA
-from pushfric_ros.vision.camera import Image, load_camera
+from pushfric_ros.vision.camera import Image, load_camera, picture_from
 from pushfric_ros.vision.frame_source import Device
 from pushfric_ros.vision.sighting import NotSeen, Sighting, Tracker
 
@@ -137,10 +137,10 @@ class TrackerNode(Node):
         self._on_frame(frame, stamp_from_msg(msg.header.stamp))
 
     def _on_compressed_image(self, msg: CompressedImage) -> None:
-        data = np.frombuffer(msg.data, np.uint8)
-        frame = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-        if frame is None:
-            self._refuse(f"not a picture: {len(data)} bytes of format {msg.format!r}")
+        try:
+            frame = picture_from(np.frombuffer(msg.data, np.uint8), msg.format)
+        except ValueError as error:
+            self._refuse(str(error))
             return
         self._on_frame(frame, stamp_from_msg(msg.header.stamp))
 

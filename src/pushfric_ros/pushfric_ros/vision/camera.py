@@ -13,6 +13,8 @@ import yaml
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Array
+from pushfric_ros import PIXEL_LIMIT
+from pushfric_ros.files.object_file import yaml_content
 
 Image = npt.NDArray[np.uint8]
 """A mono8 image (height, width)."""
@@ -234,13 +236,29 @@ def save_camera(camera: Lens, path: str | pathlib.Path, name: str = "camera") ->
     pathlib.Path(path).write_text(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None), encoding="utf-8")
 
 
-def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) -> Loaded:
+def picture_from(data: npt.NDArray[np.uint8], format_: str) -> Image:
+    """The grey levels (height, width) of a compressed picture.
+
+    Args:
+        data: its bytes.
+        format_: what it is said to be, for the error.
+    Raises:
+        ValueError: it is not a picture, or one of more pixels than `PIXEL_LIMIT`.
+    """
+    import cv2
+
     try:
-        fields = yaml.safe_load(pathlib.Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise InvalidInput(f"{path}: cannot be read as a camera YAML: {' '.join(str(error).split())}") from error
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    except cv2.error as error:
+        what = f"{len(data)} bytes of format {format_[:80]!r}"
+        raise ValueError(f"not a picture of at most {PIXEL_LIMIT} pixels: {what}") from error
+    if image is None:
+        raise ValueError(f"not a picture: {len(data)} bytes of format {format_[:80]!r}")
+    return np.asarray(image)
+
+
+def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) -> Loaded:
+    fields = yaml_content(pathlib.Path(path))
     if not isinstance(fields, dict):
         raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")
     try:

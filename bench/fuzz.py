@@ -1,0 +1,329 @@
+"""Hostile input to every parser: mutated files, messages and bytes must be taken, or refused in one line.
+
+    ./pushfric bench --fuzz MINUTES
+
+A failure names the target and the seed; `bench.fuzz.repeat(target, seed)` gives its bytes again.
+"""
+
+import csv
+import functools
+import gzip
+import io
+import pathlib
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimator import Estimator
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Pose, Twist
+from pushfric_core.trajectory import Trajectory
+from pushfric_ros.bags import zhou2015
+from pushfric_ros.bags.bag import Bag
+from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.bags.cdr import Decoder, Definition, encoder
+from pushfric_ros.bags.data_points import TYPES, observations
+from pushfric_ros.bags.rosbag2_metadata import METADATA, read_metadata
+from pushfric_ros.files.bounded_yaml import load_yaml
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.object_file import load_object, read_points
+from pushfric_ros.files.observation_file import OPTIONAL, REQUIRED, read_observations
+from pushfric_ros.files.plan_file import load_plan
+from pushfric_ros.messages.conversions import (
+    force_sample_from_msg,
+    observation_from_msg,
+    observation_to_msg,
+    pose_sample_from_msg,
+    pusher_sample_from_msg,
+)
+from pushfric_ros.messages.types import definition
+from pushfric_ros.pushers.grbl_protocol import parse_status
+from pushfric_ros.vision.camera import load_camera, picture_from
+from pushfric_ros.vision.fiducial_tracker import load_fiducials
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+DEMO, EXAMPLE = ROOT / "bags/rubber_rect4", ROOT / "docs/example_cell"
+
+TOKENS = [
+    *(b"", b"0", b"-1", b"1e308", b"1e200", b"-1e200", b"1e-308", b"nan", b"inf", b"999999999999", b"2024-99-99", b"null"),
+    *(b"9" * 5000, b"0x" + b"f" * 5000, b"a" * 5000, b"[" * 3000, b"{" * 3000),
+    *(
+        b"!!int ''",
+        b"!!bool x",
+        b"&a [*a]",
+        b"*a",
+        b"<<: [1]",
+        b"'",
+        b'"',
+        b"\n",
+        b",",
+        b": ",
+        b"- ",
+        b"\t",
+        b"#",
+        b"../../etc",
+    ),
+    *(b"\0", b"\xff\xfe", b"\xed\xa0\x80", b"\x7f\xff\xff\xff", b"\xff" * 8),
+    *(np.array([value]).tobytes() for value in (1e200, 1e308, -1e200, np.nan, np.inf)),
+]
+"""What has broken parsers before."""
+
+SLOW = 5.0
+"""An input that takes more CPU time is a failure in its own right [s]."""
+
+LONGEST_REFUSAL = 1100
+"""Characters of an error."""
+
+
+class Target(NamedTuple):
+    """A parser, valid inputs to begin with, and what it may raise."""
+
+    run: Callable[[bytes, pathlib.Path], Any]
+    corpus: list[bytes]
+    allowed: tuple[type[Exception], ...]
+
+
+class Failure(Exception):
+    """A parser broke its promise."""
+
+
+def mutated(corpus: list[bytes], rng: np.random.Generator) -> bytes:
+    """One of the inputs with a few changes: bits, tokens, and parts removed, doubled or taken from another place."""
+    data = bytearray(corpus[int(rng.integers(len(corpus)))])
+    for _ in range(int(rng.integers(1, 5))):
+        begin = int(rng.integers(len(data) + 1))
+        size = int(rng.integers(1, 9)) if rng.random() < 0.7 else int(rng.integers(1, 500))
+        part = bytes(data[begin : begin + size])
+        kind = int(rng.integers(6))
+        if kind == 0 and begin < len(data):
+            data[begin] ^= 1 << int(rng.integers(8))
+        elif kind == 1:
+            data[begin : begin + size] = TOKENS[int(rng.integers(len(TOKENS)))]
+        elif kind == 2:
+            data[begin:begin] = TOKENS[int(rng.integers(len(TOKENS)))]
+        elif kind == 3:
+            del data[begin : begin + size]
+        elif kind == 4:
+            data[begin:begin] = part * int(rng.integers(1, 50))
+        else:
+            data[begin : begin + size] = rng.bytes(size)
+    return bytes(data)
+
+
+def attempt(name: str, seed: int, folder: pathlib.Path) -> bool:
+    """Give a target one mutated input; returns whether it took it.
+
+    Raises:
+        Failure: it raised what it may not, needed several lines to say why, or took too long.
+    """
+    target = targets()[name]
+    data = mutated(target.corpus, np.random.default_rng(seed))
+    begin = time.process_time()
+    try:
+        target.run(data, folder)
+    except target.allowed as error:
+        if isinstance(error, InvalidInput) and (len(str(error).splitlines()) > 1 or len(str(error)) > LONGEST_REFUSAL):
+            raise Failure(f"{name}, seed {seed}: refused in several lines or a very long one: {str(error)[:300]!r}") from error
+        taken = False
+    except Exception as error:
+        raise Failure(f"{name}, seed {seed}: {type(error).__name__}: {str(error)[:300]}") from error
+    else:
+        taken = True
+    if time.process_time() - begin > SLOW:
+        raise Failure(f"{name}, seed {seed}: took more than {SLOW:g} s of CPU time")
+    return taken
+
+
+def repeat(name: str, seed: int) -> bytes:
+    """The input of an attempt."""
+    return mutated(targets()[name].corpus, np.random.default_rng(seed))
+
+
+def campaign(seconds: float, say: Callable[[str], None], first_seed: int = 0) -> int:
+    """Try all targets in turn for some time; returns how many attempts failed."""
+    deadline = time.monotonic() + seconds
+    failures, attempts, taken, seed = 0, 0, 0, first_seed
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        while time.monotonic() < deadline:
+            for name in targets():
+                try:
+                    taken += attempt(name, seed, pathlib.Path(folder))
+                except Failure as failure:
+                    failures += 1
+                    say(str(failure))
+                attempts += 1
+            seed += 1
+    refused = attempts - taken - failures
+    say(f"{attempts} inputs to {len(targets())} parsers: {taken} taken, {refused} refused, {failures} failures")
+    return failures
+
+
+# --- the targets ---
+
+
+@functools.cache
+def targets() -> dict[str, Target]:
+    """All parsers of what comes from outside."""
+    texts = {name: (EXAMPLE / f"{name}.yaml").read_bytes() for name in ("cell", "object", "plan")}
+    table = load_object("rubber_rect4")
+    outline = table.outline
+    yamls = [*texts.values(), (DEMO / METADATA).read_bytes(), b"a: &a [1, 2]\nb: *a\nc: {d: 1.5, e: 'text'}\n"]
+    camera = _camera()
+    return {
+        "yaml": Target(lambda data, _: load_yaml(data.decode("utf-8", "replace")), yamls, (ValueError,)),
+        "object": Target(_of_file("object.yaml", lambda path: load_object(str(path))), [texts["object"]], (InvalidInput,)),
+        "cell": Target(_of_file("cell.yaml", load_cell), [texts["cell"]], (InvalidInput,)),
+        "plan": Target(_of_file("plan.yaml", lambda path: load_plan(str(path), table)), [texts["plan"]], (InvalidInput,)),
+        "camera": Target(_of_file("camera.yaml", load_camera), [camera], (InvalidInput,)),
+        "markers": Target(_of_file("markers.yaml", load_fiducials), [MARKERS], (InvalidInput,)),
+        "metadata": Target(
+            _of_file(METADATA, lambda path: read_metadata(path.parent)), [(DEMO / METADATA).read_bytes()], (InvalidInput,)
+        ),
+        "observations": Target(_of_file("data.csv", lambda path: _estimated(read_observations(path, outline))), [_csv()],
+                               (InvalidInput,)),
+        "support points": Target(_of_file("points.csv", read_points), [b"x,y\n0.01,0.02\n-0.01,0.03\n"], (InvalidInput,)),
+        "log": Target(_of_file("cut__exp.txt", zhou2015.read_log), [_log()], (InvalidInput,)),
+        "compressed log": Target(_of_file("cut__exp.txt.gz", zhou2015.read_log), [gzip.compress(_log())], (InvalidInput,)),
+        "push points": Target(_of_file("push_points.csv", zhou2015.read_push_points), [_push_points()], (InvalidInput,)),
+        "bag": Target(_of_file("bag.mcap", _read_bag), [_small_bag()], (InvalidInput, PushfricError)),
+        "definition": Target(_decode_with, [definition(TYPES["observation"]).encode()], (InvalidInput, ValueError)),
+        "messages": Target(_use_messages, _messages(), (ValueError, PushfricError)),
+        "settings": Target(
+            lambda data, _: EstimatorSettings.from_text(data.decode("utf-8", "replace")),
+            [EstimatorSettings().to_text().encode()], (ValueError,)
+        ),
+        "picture": Target(
+            lambda data, _: picture_from(np.frombuffer(data, np.uint8), "png"), _pictures(), (ValueError,)
+        ),
+        "status line": Target(
+            lambda data, _: parse_status(data.decode("ascii", "replace")),
+            [b"<Idle|MPos:1.000,2.000,0.000|FS:0,0|WCO:0.000,0.000,0.000|Pn:XYZ>", b"<Run|WPos:-1.0|Bf:15,128>"], ()
+        ),
+    }  # fmt: skip
+
+
+MARKERS = b"family: apriltag_36h11\nmarkers:\n  - {id: 5, size: 0.04, center: [0, 0], angle_deg: 0}\n"
+
+
+def _of_file(name: str, read: Callable[[pathlib.Path], Any]) -> Callable[[bytes, pathlib.Path], Any]:
+    def run(data: bytes, folder: pathlib.Path) -> Any:
+        path = folder / name
+        path.write_bytes(data)
+        return read(path)
+
+    return run
+
+
+def _estimated(data: list[Observation]) -> None:
+    estimator = Estimator(load_object("rubber_rect4").support_points)
+    for observation in data:
+        try:
+            estimator.add(observation)
+        except PushfricError:  # it says nothing, or contradicts the others
+            continue
+
+
+def _observations() -> list[Observation]:
+    edge = (0.0, -1.0)
+    return [
+        Observation((0.01 * number, -0.032), edge, Twist(0.001 * number, 0.02, 0.05), number, 0.001, 0.1, 10**9 + number,
+                    Pose(0.1, 0.2, 0.3), (0.1, 2.0))
+        for number in range(-3, 4) if number >= 0
+    ]  # fmt: skip
+
+
+def _csv() -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow((*REQUIRED, *OPTIONAL))
+    for o in _observations():
+        writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, o.half_width, *(o.force or ())))
+    return text.getvalue().encode()
+
+
+def _push_points() -> bytes:
+    rows = [
+        ",".join(zhou2015.COLUMNS),
+        "cut,cut__exp.txt,0,10,0,0,-1,1,2,0.01,0.1,0.2",
+        "cut,cut__exp.txt,1,20,0,0,-1,1,2,0.02,0.1,0.2",
+    ]
+    return "\n".join(rows).encode()
+
+
+def _log() -> bytes:
+    pose, after = "400 0 0 1 0 0 0", "402 10 0 0.99995 0 0 0.01"
+    forces = "\n".join(f"{1e9 + 0.1 * n} {0.1 * n} {0.2 * n}" for n in range(10))
+    tool = "\n".join(f"{1e9 + 0.1 * n} {430 + n} {-5 + n} 200 1 0 0 0" for n in range(10))
+    return f"1\n{pose}\n{after}\n10\n{forces}\n10\n{tool}\n".encode()
+
+
+def _camera() -> bytes:
+    lens = "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}"
+    rest = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}"
+    table = "table_homography: {rows: 3, cols: 3, data: [1000, 0, 320, 0, -1000, 240, 0, 0, 1]}"
+    return f"image_width: 640\nimage_height: 480\ncamera_name: camera\n{lens}\n{rest}\n{table}\n".encode()
+
+
+def _pictures() -> list[bytes]:
+    image = np.arange(64, dtype=np.uint8).reshape(8, 8)
+    return [cv2.imencode(suffix, image)[1].tobytes() for suffix in (".png", ".jpg")]
+
+
+def _small_bag() -> bytes:
+    encode = encoder(TYPES["observation"])
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "bag"
+        with BagWriter(path) as writer:
+            writer.add_topic("/cell/observation", TYPES["observation"], [])
+            for stamp in range(40):
+                for observation in _observations():
+                    writer.write("/cell/observation", stamp, encode(observation_to_msg(observation, "rubber_rect4")))
+        return (path / "bag_0.mcap").read_bytes()
+
+
+def _read_bag(path: pathlib.Path) -> None:
+    observations(path, load_object("rubber_rect4"), EstimatorSettings(), lambda line: None, partial=True)
+
+
+def _decode_with(data: bytes, _: pathlib.Path) -> None:
+    text = data.decode("utf-8", "replace")
+    Decoder(TYPES["observation"], Definition("ros2msg", text or " "))(_messages()[0][1:])
+
+
+@functools.cache
+def _decoders() -> dict[str, Decoder]:
+    return {name: Decoder(type_name, Definition("", "")) for name, type_name in TYPES.items()}
+
+
+@functools.cache
+def _messages() -> list[bytes]:
+    """Messages of each type; a first byte says which."""
+    demo = {message.topic.rpartition("/")[2]: message.raw for message in Bag(DEMO).messages()}
+    encode = encoder(TYPES["observation"])
+    full = [encode(observation_to_msg(observation, "rubber_rect4")) for observation in _observations()]
+    found = [bytes([list(TYPES).index("observation")]) + raw for raw in full]
+    return found + [bytes([list(TYPES).index(name)]) + demo[name] for name in ("object_pose", "pusher_state", "observation")]
+
+
+def _use_messages(data: bytes, _: pathlib.Path) -> None:
+    """Whatever a message says, it is refused, or what is made of it does no harm."""
+    name = list(TYPES)[data[0] % 4] if data else "wrench"
+    content = _decoders()[name](data[1:])
+    if name == "observation":
+        observation = observation_from_msg(content)
+        observation_to_msg(observation, "object")
+        _estimated([*_observations(), observation])
+    elif name == "wrench":
+        force_sample_from_msg(content)
+    else:
+        trajectory = Trajectory(load_object("rubber_rect4").outline)
+        if name == "object_pose":
+            trajectory.add_pose(pose_sample_from_msg(content))
+        else:
+            trajectory.add_pusher(pusher_sample_from_msg(content))
