@@ -1,5 +1,6 @@
 """What a node offers, asks for and can be set to, told by the node itself."""
 
+import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,6 +17,9 @@ from pushfric_ros.node_kit.visit import Visit
 
 LARGEST = 2**62
 """Integer ranges end here where they have no end."""
+
+GRAPH_PATIENCE = 20.0
+"""How long the middleware may take to know all of a node of this process [s]."""
 
 ROLES = ("publishes", "subscribes", "serves", "calls")
 
@@ -94,12 +98,32 @@ def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
     made = [Endpoint(role, name, _type_name(of.msg_type), _qos(of.qos_profile)) for role, name, of in topics]
     services = [(node.resolve_service_name(service.srv_name), service.srv_type) for service in node.services]
     made += [Endpoint("serves", name, _type_name(kind), "service") for name, kind in services]
+    _await_graph(node)
     for role, actions in (
         ("serves", get_action_server_names_and_types_by_node(node, *here)),
         ("calls", get_action_client_names_and_types_by_node(node, *here)),
     ):
         made += [Endpoint(role, name, types[0], "action") for name, types in actions]
     return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in made]
+
+
+def _await_graph(node: Node) -> None:
+    """Wait until the middleware's graph, which alone knows of actions, knows all else that the node has.
+
+    Raises:
+        TimeoutError: it does not within GRAPH_PATIENCE.
+    """
+    here = node.get_name(), node.get_namespace()
+    subscribed = {subscription.topic_name for subscription in node.subscriptions}
+    served = {node.resolve_service_name(service.srv_name) for service in node.services}
+    deadline = time.monotonic() + GRAPH_PATIENCE
+    while not (
+        subscribed <= {name for name, _ in node.get_subscriber_names_and_types_by_node(*here)}
+        and served <= {name for name, _ in node.get_service_names_and_types_by_node(*here)}
+    ):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{here[0]} is not in the middleware's graph within {GRAPH_PATIENCE:g} s")
+        time.sleep(0.01)
 
 
 def _relative(name: str, namespace: str, node: str) -> str:
