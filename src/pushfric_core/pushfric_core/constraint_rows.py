@@ -24,9 +24,12 @@ class ConstraintRows(NamedTuple):
 
 def stack(parts: Sequence[ConstraintRows], n: int) -> ConstraintRows:
     """The rows of several constraints as one record with n columns; rows without the column of the scale get zeros there."""
-    a = [np.pad(part.a, ((0, 0), (0, n - part.a.shape[1]))) if part.a.shape[1] < n else part.a for part in parts]
-    return ConstraintRows(
-        np.concatenate([np.zeros((0, n)), *a]),
-        np.concatenate([np.zeros(0), *(part.above for part in parts)]),
-        np.concatenate([np.zeros(0), *(part.below for part in parts)]),
-    )
+    m = sum(len(part.above) for part in parts)
+    a, costs = np.zeros((m, n)), np.empty((2, m))
+    first = 0
+    for part in parts:
+        last = first + len(part.above)
+        a[first:last, : part.a.shape[1]] = part.a
+        costs[0, first:last], costs[1, first:last] = part.above, part.below
+        first = last
+    return ConstraintRows(a, costs[0], costs[1])

@@ -188,14 +188,17 @@ def functional_rows(functional: Array, forces: SupportForces, above: float, belo
     Returns:
         One row. If supports are free: one row for each side with a cost, which the free forces lower as far as they can.
     """
-    a = np.sum(functional * forces.directions, axis=1)
+    products = functional * forces.directions
+    a = products[:, 0] + products[:, 1]
     if not forces.free.any() or above == below == 0:
-        return ConstraintRows(a[None], np.full(1, above), np.full(1, below))
+        return ConstraintRows(a[None], np.array((above,)), np.array((below,)))
     reach = np.hypot(functional[..., 0], functional[..., 1]) * forces.free
     # by how much the free supports can lower a cost above, and one below
-    sides = [(a - reach, above, 0.0)] * (above > 0) + [(a + reach, 0.0, below)] * (below > 0)
-    rows, costs_above, costs_below = zip(*sides, strict=True)
-    return ConstraintRows(np.array(rows), np.array(costs_above), np.array(costs_below))
+    if below == 0:
+        return ConstraintRows((a - reach)[None], np.array((above,)), np.zeros(1))
+    if above == 0:
+        return ConstraintRows((a + reach)[None], np.zeros(1), np.array((below,)))
+    return ConstraintRows(np.array((a - reach, a + reach)), np.array((above, 0.0)), np.array((0.0, below)))
 
 
 def _within_cone(axis: Array, slope: float, forces: SupportForces, weight: float) -> ConstraintRows:

@@ -48,7 +48,10 @@ def cross(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
 def left_of(vectors: npt.ArrayLike) -> Array:
     """Vectors (..., 2) turned by +90 degrees: (x, y) -> (-y, x)."""
     v = np.asarray(vectors, dtype=float)
-    return np.stack((-v[..., 1], v[..., 0]), axis=-1)
+    turned = np.empty(v.shape)
+    np.negative(v[..., 1], out=turned[..., 0])
+    turned[..., 1] = v[..., 0]
+    return turned
 
 
 def rotation(theta: float) -> Array:
@@ -96,7 +99,10 @@ def log(pose: Pose) -> Twist:
 
 def velocity_at(twist: Twist, points: npt.ArrayLike) -> Array:
     """Velocities (..., 2) of body points (..., 2): (vx - omega y, vy + omega x)."""
-    return np.asarray(left_of(points) * twist.omega + (twist.vx, twist.vy))
+    velocities = left_of(points)
+    velocities *= twist.omega
+    velocities += (twist.vx, twist.vy)
+    return velocities
 
 
 def center_of_rotation(twist: Twist) -> Array:

@@ -77,13 +77,7 @@ def friction_directions(support_points: Array, twist: Twist) -> Array:
         UninformativePush: a support point does not move, so the direction of its friction is unknown (section 3).
     """
     velocities = velocity_at(twist, support_points)
-    speeds = np.hypot(velocities[:, 0], velocities[:, 1])
-    if not speeds.all():
-        if not any(twist):
-            raise UninformativePush("the object did not move")
-        still = support_points[int(np.argmin(speeds))]
-        raise UninformativePush(f"the object rotated exactly about its support point ({still[0]:g}, {still[1]:g})")
-    return np.asarray(-velocities / speeds[:, None])
+    return _opposite(twist, velocities, _lengths(velocities), support_points)
 
 
 class FreeRadii(NamedTuple):
@@ -117,11 +111,14 @@ def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_F
         UninformativePush: the object does not move, or it rotates exactly about a support and no support is free.
     """
     velocities = velocity_at(twist, support_points)
-    speeds = np.hypot(velocities[:, 0], velocities[:, 1])
+    speeds = _lengths(velocities)
     # |v_j| = |omega| * distance to the centre of rotation
-    near = speeds <= abs(twist.omega) * radii.partly
-    if radii.partly == 0 or not near.any():
-        return SupportForces(support_points, friction_directions(support_points, twist), np.zeros(len(support_points)))
+    reach = abs(twist.omega) * radii.partly
+    if radii.partly == 0 or not np.minimum.reduce(speeds) <= reach:
+        return SupportForces(
+            support_points, _opposite(twist, velocities, speeds, support_points), np.zeros(len(support_points))
+        )
+    near = speeds <= reach
     distances = speeds[near] / abs(twist.omega)
     free = np.zeros(len(support_points))
     width = radii.partly - radii.wholly
@@ -133,3 +130,17 @@ def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_F
 def center_of_friction(support_points: Array, weights: Array) -> Array:
     """Centroid (2,) of the support friction distribution [m], eq. 3."""
     return np.asarray(weights @ support_points / weights.sum())
+
+
+def _lengths(vectors: Array) -> Array:
+    return np.hypot(vectors[:, 0], vectors[:, 1])
+
+
+def _opposite(twist: Twist, velocities: Array, speeds: Array, support_points: Array) -> Array:
+    """-v_j / |v_j| of moving supports."""
+    if not np.minimum.reduce(speeds) > 0:
+        if not any(twist):
+            raise UninformativePush("the object did not move")
+        still = support_points[int(np.argmin(speeds))]
+        raise UninformativePush(f"the object rotated exactly about its support point ({still[0]:g}, {still[1]:g})")
+    return np.asarray(-velocities / speeds[:, None])

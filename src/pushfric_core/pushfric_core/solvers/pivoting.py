@@ -427,6 +427,21 @@ def price(state: State, phase: int, slopes: Array) -> None:
 
 
 @compiled
+def rises(state: State, steep: float) -> bool:
+    """Whether F rises along every edge by more than this fraction of the largest component of its gradient."""
+    n = len(state.active)
+    slopes = np.empty(2 * n)
+    price(state, FIT, slopes)
+    largest = 0.0
+    for j in range(n):
+        largest = max(largest, abs(state.gradient[FIT, j]))
+    smallest = math.inf
+    for i in range(2 * n):
+        smallest = min(smallest, slopes[i])
+    return smallest > steep * largest
+
+
+@compiled
 def ratio_test(
     state: State, ball: Ball, place: Array, edge: int, phase: int, firm: bool, initial: float, room: Array, ahead: Indices
 ) -> float:

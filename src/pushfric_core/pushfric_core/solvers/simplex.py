@@ -16,7 +16,7 @@ from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.basis import Basis
-from pushfric_core.solvers.pivoting import COEFFICIENT, COST, FIT, LARGEST, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
+from pushfric_core.solvers.pivoting import COEFFICIENT, COST, LARGEST, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,
     NOISELESS,
@@ -192,10 +192,7 @@ class Simplex:
 
     def unique(self) -> bool:
         """Whether the last optimum is certainly the only one: from its vertex F rises along every edge, and not just barely."""
-        state = self._basis.state
-        slopes = np.empty(2 * self._columns)
-        pivoting.price(state, FIT, slopes)
-        return bool(slopes.min() > STEEP * np.abs(state.gradient[FIT]).max())
+        return pivoting.rises(self._basis.state, STEEP)
 
     def rows(self) -> ConstraintRows:
         """The present rows, in order of arrival; O(M)."""
