@@ -76,6 +76,7 @@ class Outline:
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
+        """The same as a polygon of shapely."""
         return shapely.Polygon(self.vertices)
 
     @cached_property

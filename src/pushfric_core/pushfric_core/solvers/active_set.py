@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.constraint_rows import ConstraintRows
+from pushfric_core.errors import SolverUnavailable
 from pushfric_core.planar import Array
 from pushfric_core.solvers.program import HARD_VIOLATION
 
@@ -156,8 +157,12 @@ def _stationary(hessian: Array, linear: Array, conditions: Array, free: Mask, st
 def _approximate(hessian: Array, linear: Array, hard: HardRows) -> tuple[Array, Mask, Mask]:
     """The result of OSQP: w, which of them are not zero, and which low rows are active."""
     # hardly any program needs this
-    import osqp
     from scipy import sparse
+
+    try:
+        import osqp
+    except ModuleNotFoundError as error:
+        raise SolverUnavailable("this quadratic program needs the package osqp: pip install osqp") from error
 
     n, equal = len(linear), len(hard.equal)
     conditions = np.concatenate((np.ones((1, n)), hard.equal, np.eye(n), hard.low))

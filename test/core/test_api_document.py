@@ -1,0 +1,64 @@
+"""docs/api.md is what the docstrings of the public names say. `python3 test/core/test_api_document.py` writes it again."""
+
+import functools
+import inspect
+import pathlib
+
+import pushfric_core
+
+DOCUMENT = pathlib.Path(__file__).resolve().parents[2] / "docs/api.md"
+
+HEAD = """\
+# The public names of pushfric_core
+
+Made from the docstrings by `python3 test/core/test_api_document.py`; the tests compare. `help(pushfric_core.Estimator)` and the
+sources tell the rest: shapes, units, frames and errors of every argument. All of these are imported as in
+`from pushfric_core import Estimator, Observation, Twist`."""
+
+DATA = {"TABLE_1": "The six objects of Table 1 by name: outline, support, mu_c, grid and noise of each."}
+"""What is no class and no function has no docstring."""
+
+
+def document():
+    modules: dict[str, list[str]] = {}
+    for name in pushfric_core.__all__:
+        modules.setdefault(pushfric_core._HOMES[name].removeprefix("pushfric_core."), []).append(name)
+    parts = [HEAD]
+    for module, names in sorted(modules.items()):
+        source = f"../src/pushfric_core/pushfric_core/{module.replace('.', '/')}.py"
+        parts += [f"\n## [{module}]({source})"]
+        for name in names:
+            parts += ["", *entry(name, getattr(pushfric_core, name))]
+    return "\n".join(parts) + "\n"
+
+
+def entry(name, public):
+    lines = [f"`{name}{parameters(public)}`: {summary(name, public)}"]
+    if inspect.isclass(public):
+        members = [(member, value) for member, value in vars(public).items() if not member.startswith("_")]
+        for member, value in members:
+            attribute = isinstance(value, property | functools.cached_property)
+            if attribute or inspect.isfunction(value) or isinstance(value, classmethod):
+                shown = "" if attribute else parameters(getattr(public, member))
+                lines += [f"- `.{member}{shown}`: {summary(member, getattr(public, member))}"]
+    return [lines[0], ""] + lines[1:] if len(lines) > 1 else lines
+
+
+def parameters(public):
+    if not inspect.isroutine(public):
+        return ""
+    return f"({', '.join(name for name in inspect.signature(public).parameters if name != 'self')})"
+
+
+def summary(name, public):
+    text = DATA[name] if name in DATA else inspect.getdoc(public)
+    assert text, f"{name} has no docstring"
+    return " ".join(text.split("\n\n")[0].split())
+
+
+def test_the_document_says_what_the_docstrings_say():
+    assert DOCUMENT.read_text(encoding="utf-8") == document()
+
+
+if __name__ == "__main__":
+    DOCUMENT.write_text(document(), encoding="utf-8")
