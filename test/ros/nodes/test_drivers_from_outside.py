@@ -55,6 +55,8 @@ class CraneConfig:
 
 
 class Crane:
+    doubt, dropped = None, 0
+
     def __init__(self, rope):
         self.name, self.limits, self._rope = f"a crane with {rope:g} m of rope", Limits(), rope
         self._connected, self._from, self._to, self._speed, self._began, self._asked = False, 0.0, 0.0, 1.0, 0.0, None
@@ -93,8 +95,9 @@ class Crane:
     def ask(self, stamp):
         self._asked = stamp
 
-    def poll(self):
-        stamp, self._asked = self._asked, None
+    def poll(self, stamp=None):
+        asked, self._asked = self._asked, None
+        stamp = stamp if asked is None else asked
         if stamp is None:
             return None
         return PusherReport(self._position(), self._speed if self.busy else 0.0, self.mode, stamp)
