@@ -66,7 +66,7 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Ranking:
-    """All hypotheses after the last data point; None of it changes later.
+    """All hypotheses after the last data point; it never changes later.
 
     Attributes:
         hypotheses: in order of fit error, the infeasible ones last; those that are equal, in the order given.
