@@ -1,0 +1,68 @@
+"""The entry script builds the workspace for each ROS 2 environment that is sourced, and takes none of them away."""
+
+import os
+import pathlib
+import shutil
+import subprocess
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+PACKAGE = """
+<package format="3">
+  <name>tiny</name><version>0.0.1</version><description>Tiny.</description>
+  <maintainer email="a@b.cd">A</maintainer><license>Apache-2.0</license>
+  <export><build_type>ament_python</build_type></export>
+</package>"""
+SETUP = """from setuptools import setup
+setup(name="tiny", version="0.0.1", py_modules=["tiny"], data_files=[("share/tiny", ["package.xml"])])"""
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    """The entry script over a workspace of one tiny package."""
+    source = tmp_path / "ws/src/tiny"
+    source.mkdir(parents=True)
+    shutil.copy2(ROOT / "pushfric", tmp_path / "ws/pushfric")
+    (tmp_path / "ws/colcon.meta").write_text("{}")
+    (source / "package.xml").write_text(PACKAGE.strip())
+    (source / "setup.py").write_text(SETUP)
+    (source / "setup.cfg").write_text("[develop]\nscript_dir=$base/lib/tiny\n[install]\ninstall_scripts=$base/lib/tiny\n")
+    (source / "tiny.py").write_text("VALUE = 1\n")
+    return tmp_path / "ws"
+
+
+def set_up(workspace: pathlib.Path, *overlays: pathlib.Path) -> str:
+    """What the script says when it is called in the tests' environment with more overlays sourced on top."""
+    prefixes = os.pathsep.join([*map(str, overlays), os.environ["AMENT_PREFIX_PATH"]])
+    done = subprocess.run(
+        [workspace / "pushfric", "setup"],
+        env=os.environ | {"AMENT_PREFIX_PATH": prefixes},
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+def test_each_environment_has_a_build_of_its_own(workspace, tmp_path):
+    set_up(workspace)
+    first = (workspace / "install").resolve()
+    assert (first / "local_setup.bash").is_file()
+    said = set_up(workspace, tmp_path / "theirs")
+    second = (workspace / "install").resolve()
+    assert "another ROS 2 environment than before is sourced" in said
+    assert second != first
+    assert (second / "local_setup.bash").is_file()
+    assert (first / "local_setup.bash").is_file()  # whatever runs from there runs on
+    assert "building" not in set_up(workspace)  # back again: it is still there
+    assert (workspace / "install").resolve() == first
+
+
+def test_a_folder_that_colcon_made_by_hand_is_kept(workspace):
+    (workspace / "install").mkdir()
+    (workspace / "install/mine").write_text("mine")
+    set_up(workspace)
+    assert (workspace / "install").is_symlink()
+    assert next((workspace / ".colcon").glob("*/install-before/mine")).read_text() == "mine"
