@@ -23,7 +23,10 @@ def workspace(tmp_path):
     """The entry script over a workspace of one tiny package."""
     source = tmp_path / "ws/src/tiny"
     source.mkdir(parents=True)
-    shutil.copy2(ROOT / "pushfric", tmp_path / "ws/pushfric")
+    dependencies = "src/pushfric_ros/pushfric_ros/commands/dependencies.py"  # what the script asks before it builds
+    (tmp_path / "ws" / dependencies).parent.mkdir(parents=True)
+    for name in ("pushfric", dependencies):
+        shutil.copy2(ROOT / name, tmp_path / "ws" / name)
     (tmp_path / "ws/colcon.meta").write_text("{}")
     (source / "package.xml").write_text(PACKAGE.strip())
     (source / "setup.py").write_text(SETUP)
