@@ -1,15 +1,31 @@
 """The contact friction coefficient mu_c: a lower bound from every data point, and their percentiles (section 5.1.3)."""
 
 import math
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
 from pushfric_core.contact import tangent
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Array
+from pushfric_core.planar import Array, velocity_at
 from pushfric_core.records import comparable
 from pushfric_core.support import SupportForces
+
+SLIP_TOLERANCE = 0.05
+"""A tip slides where its velocity along the edge, relative to the object, exceeds this share of its speed, at least."""
+
+MISMATCHES = 2.0
+"""... and this many times the median of what it seems to move across the edge, where it cannot: so large are the errors."""
+
+FEWEST_SLIPS = 3
+"""Pushes that must slip for mu_c to be more than a bound."""
+
+LEAST_NORMAL = 0.05
+"""Data points whose pusher hardly presses say nothing of mu_c; in units of the support friction."""
+
+CONFIDENT = 1.645
+"""Standard deviations on either side that hold 90 % of a normal distribution."""
 
 TINY = 1e-300
 """Keeps the division by a force of zero defined; its quotient is not used."""
@@ -63,3 +79,107 @@ def percentile(bounds: Array, share: float) -> float:
     # the subtraction forgives 0.9 * 10 being a little above 9
     rank = math.ceil(share * len(bounds) - 1e-9)
     return float(np.partition(bounds, rank - 1)[rank - 1])
+
+
+class Kind(StrEnum):
+    """What mu_c rests on."""
+
+    BOUND = "bound"  # lower bounds alone
+    SLIP = "slip"  # pushes that were seen to slide
+    FORCE = "force"  # forces measured while the tip slid
+
+
+@comparable
+class Tip(NamedTuple):
+    """What was seen and measured of the tip at m contacts; NaN where nothing was."""
+
+    slip: Array  # (m,) its velocity along t relative to the object, over its speed
+    mismatch: Array  # (m,) the same along n, where it cannot move: an error
+    sensed: Array  # (m,) |F . t| / |F . n| of the measured force
+    push: Array  # (m,) push_id
+
+    @property
+    def tolerance(self) -> float:
+        """Of the slip: beyond it, a tip slides."""
+        seen = np.abs(self.mismatch[np.isfinite(self.mismatch)])
+        return max(SLIP_TOLERANCE, MISMATCHES * float(np.median(seen))) if len(seen) else SLIP_TOLERANCE
+
+    @property
+    def directions(self) -> Array:
+        """(m,) of sliding along t: +1 and -1; 0: sticking; NaN: unknown."""
+        with np.errstate(invalid="ignore"):
+            sliding = np.abs(self.slip) > self.tolerance
+        return np.where(np.isnan(self.slip), np.nan, np.where(sliding, np.sign(self.slip), 0.0))
+
+
+class MuC(NamedTuple):
+    """The contact friction coefficient."""
+
+    value: float | None  # None of a mere bound
+    low: float  # it lies in [low, high] with 90 %
+    high: float  # infinite of a bound
+    kind: Kind
+
+
+def tip_at(observation: Observation) -> tuple[float, float, float, float]:
+    """One data point's row of `Tip`."""
+    normal = np.asarray(observation.contact_normal)
+    along = tangent(normal)
+    slip = mismatch = sensed = math.nan
+    if observation.tip_velocity is not None and any(observation.tip_velocity):
+        tip = np.asarray(observation.tip_velocity)
+        relative = (tip - velocity_at(observation.twist, np.asarray(observation.contact_point))) / math.hypot(*tip)
+        slip, mismatch = float(relative @ along), float(relative @ normal)
+    if observation.force is not None and (pressed := abs(float(np.asarray(observation.force) @ normal))) > 0:
+        sensed = abs(float(np.asarray(observation.force) @ along)) / pressed
+    return slip, mismatch, sensed, float(observation.push_id)
+
+
+def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
+    """mu_c, from the sharpest evidence there is.
+
+    A sliding contact is at the edge of its friction cone: |f . t| = mu_c f . n, with the sign of the slip. mu_c is the one for
+    which these errors add up to the least, a median weighted with f . n; for this, no support is freed. Where forces were
+    measured while the tip slid, it is the median of theirs. The interval is that of a median from this many pushes, and holds
+    the values of all the w.
+
+    Args:
+        forces: at m contacts.
+        tip: at the same contacts.
+        weights: (k, n) w to go by, the likeliest first.
+    Returns:
+        None without any data point that presses.
+    """
+    directions = tip.directions
+    with np.errstate(invalid="ignore"):
+        slid = np.abs(directions) > 0
+    measured = slid & np.isfinite(tip.sensed)
+    if len(np.unique(tip.push[measured])) >= FEWEST_SLIPS:
+        value, low, high = _median(tip.sensed[measured], np.ones(int(measured.sum())), tip.push[measured])
+        return MuC(value, low, high, Kind.FORCE)
+    if len(np.unique(tip.push[slid])) >= FEWEST_SLIPS:
+        known = np.maximum(1 - forces.free[slid], TINY)
+        across = (forces.normal[slid] / known) @ weights.T
+        along = -directions[slid][:, None] * ((forces.along[slid] / known) @ weights.T)
+        found = []
+        for normal, tangential in zip(across.T, along.T, strict=True):
+            pressed = normal > LEAST_NORMAL
+            if len(np.unique(tip.push[slid][pressed])) >= FEWEST_SLIPS:
+                found.append(_median(tangential[pressed] / normal[pressed], normal[pressed], tip.push[slid][pressed]))
+        if found:
+            values = [max(value, 0.0) for value, _, _ in found]
+            low, high = min(*values, found[0][1]), max(*values, found[0][2])
+            return MuC(values[0], max(low, 0.0), max(high, 0.0), Kind.SLIP)
+    low = min(percentile(lower_bounds(forces, w), 0.9) for w in weights)
+    return MuC(None, low, math.inf, Kind.BOUND)
+
+
+def _median(values: Array, weights: Array, pushes: Array) -> tuple[float, float, float]:
+    """A weighted median, and the interval that holds that of the population with 90 %."""
+    order = np.argsort(values)
+    shares = np.cumsum(weights[order])
+    reach = CONFIDENT / 2 / math.sqrt(len(np.unique(pushes)))
+    wanted = np.array((0.5, max(0.5 - reach, 0.0), min(0.5 + reach, 1.0))) * shares[-1]
+    places = np.minimum(np.searchsorted(shares, wanted), len(values) - 1)
+    value, low, high = values[order][places].tolist()
+    return value, low, high

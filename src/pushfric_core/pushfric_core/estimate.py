@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from pushfric_core import contact_friction
-from pushfric_core.contact_friction import ContactForces
+from pushfric_core.contact_friction import ContactForces, MuC, Tip
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Optimum, Status
+from pushfric_core.spread import Spread
 from pushfric_core.support import center_of_friction
 
 
@@ -26,7 +29,10 @@ class Estimate:
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
         conflicts: data points whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
-        confidence: the true p_CF lies within this radius with 90 % [m]; None if it is not computed, or with too few pushes.
+        spread: how far p_CF and w can be trusted; None where it is not computed, or cannot be told.
+        lack: what the pushes lack to tell that, in words; None where they vary enough.
+        tip: what was seen and measured of the pusher's tip at each contact.
+        moment_error: mean error of a data point [m, unit force]; None where other terms and losses have a part in it.
     """
 
     support_points: Array
@@ -37,7 +43,10 @@ class Estimate:
     contact_forces: ContactForces
     conflicts: tuple[Observation, ...] = ()
     center_given: bool = False
-    confidence: float | None = None
+    spread: Spread | None = None
+    lack: str | None = None
+    tip: Tip | None = None
+    moment_error: float | None = None
 
     @property
     def w(self) -> Array:
@@ -69,6 +78,26 @@ class Estimate:
     def center_of_friction(self) -> Array:
         """p_CF (2,) [m], object frame (eq. 3)."""
         return center_of_friction(self.support_points, self.w)
+
+    @property
+    def confidence(self) -> float | None:
+        """Radius about p_CF that holds the truth with 90 % [m]; None without a spread."""
+        return None if self.spread is None else self.spread.radius
+
+    @cached_property
+    def mu_c(self) -> MuC | None:
+        """The contact friction coefficient with its interval; None without data points."""
+        if self.tip is None or not self.data_points:
+            return None
+        weights = self.w[None] if self.spread is None else np.vstack((self.spread.middle, self.spread.samples))
+        return contact_friction.coefficient(self.contact_forces, self.tip, weights)
+
+    def mu_c_of(self, weights: Array) -> list[float | None]:
+        """mu_c under each of some w (k, n); None where it is only bounded."""
+        if self.tip is None or not self.data_points:
+            return [None] * len(weights)
+        found = [contact_friction.coefficient(self.contact_forces, self.tip, w[None]) for w in weights]
+        return [None if one is None else one.value for one in found]
 
     @cached_property
     def contact_friction(self) -> Array:

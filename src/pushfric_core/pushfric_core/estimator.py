@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.confidence import Halves
 from pushfric_core.constraint_rows import stack
 from pushfric_core.constraints import (
     Cone,
@@ -20,13 +19,27 @@ from pushfric_core.constraints import (
     SensedForce,
     center_of_friction_rows,
 )
-from pushfric_core.contact_friction import ContactForces, contact_forces
+from pushfric_core.contact_friction import ContactForces, Tip, contact_forces, tip_at
 from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
+from pushfric_core.planar import Array
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
-from pushfric_core.solvers.program import Loss, Optimum, Program, Solver, Status
+from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Solver, Status
+from pushfric_core.spread import (
+    DIRECTIONS,
+    FEWEST_PUSHES,
+    REFRESHED,
+    SELDOM,
+    Effects,
+    Spread,
+    Variety,
+    effects,
+    rise,
+    spread,
+)
 from pushfric_core.support import FreeRadii, center_of_friction, check_points, support_forces
+from pushfric_core.verdict import InputCheck, Verdict
 
 TERMS: dict[str, Callable[["EstimatorConfig"], Constraint]] = {
     "moment": lambda config: Moment(config.half_width),
@@ -87,7 +100,7 @@ class EstimatorConfig:
     tie_break: bool = setting(
         True, "of equally good w, take the one nearest to equal weights; only with simplex and l1, and without the term force"
     )
-    confidence: bool = setting(True, "compute how far p_CF can be trusted; not with osqp, and not if p_CF is given")
+    confidence: bool = setting(True, "compute how far p_CF can be trusted; only with simplex and l1, and not if p_CF is given")
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -156,8 +169,11 @@ class Estimator:
         self._contacts = _Contacts(len(self.support_points))
         self._next = 0
         self._center_given = center_of_friction is not None
-        computed = self.config.confidence and self.config.solver is Solver.SIMPLEX and not self._center_given
-        self._halves = Halves(self.support_points, self._empty_program) if computed else None
+        self._size = float(np.ptp(self.support_points, axis=0).max())
+        exact = (self.config.loss, self.config.solver) == (Loss.L1, Solver.SIMPLEX)
+        self._open = self.config.confidence and exact and not self._center_given
+        self._tilts = DIRECTIONS @ (self.support_points - self.support_points.mean(axis=0)).T
+        self._forget()
         if center_of_friction is not None:
             center = np.array(center_of_friction, dtype=float)
             if center.shape != (2,) or not np.isfinite(center).all():
@@ -182,9 +198,8 @@ class Estimator:
         forces = support_forces(self.support_points, observation.twist, self._free)
         rows = stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns)
         self._program.add(rows)
-        if self._halves is not None:
-            self._halves.add(self._next, observation.push_id, rows)
-        self._contacts.append(contact_forces(observation, forces))
+        self._contacts.append(contact_forces(observation, forces), tip_at(observation))
+        self._look_at(observation)
         self._observations[self._next] = observation
         self._pushes[observation.push_id] += 1
         self._next += 1
@@ -210,11 +225,12 @@ class Estimator:
         kept = np.array([observation.push_id != push_id for observation in self._observations.values()])
         for group in groups:
             self._program.remove(group)
-            if self._halves is not None:
-                self._halves.remove(group)
             del self._observations[group]
         del self._pushes[push_id]
         self._contacts.keep(kept)
+        self._forget()
+        for observation in self._observations.values():
+            self._look_at(observation)
         return self.estimate()
 
     def estimate(self) -> Estimate:
@@ -224,9 +240,10 @@ class Estimator:
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         stamp = self._observations[next(reversed(self._observations))].stamp if self._observations else 0
         data_points, pushes = len(self._observations), len(self._pushes)
-        confidence = None
-        if self._halves is not None and solution.status is not Status.INFEASIBLE:
-            confidence = self._halves.radius(center_of_friction(self.support_points, solution.w))
+        config = self.config
+        plain = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
+        lack = self._variety.lack if pushes >= FEWEST_PUSHES else None
+        told = self._open and lack is None and pushes >= FEWEST_PUSHES and solution.status is Status.OPTIMAL
         return Estimate(
             self.support_points,
             solution,
@@ -236,8 +253,45 @@ class Estimator:
             self._contacts.forces,
             conflicts,
             self._center_given,
-            confidence,
+            self._spread(solution) if told else None,
+            lack,
+            self._contacts.tip,
+            solution.objective / data_points if plain and data_points else None,
         )
+
+    def verdict(self, estimate: Estimate) -> Verdict:
+        """Whether the last estimate may be used."""
+        return self._input.verdict(estimate)
+
+    def _forget(self) -> None:
+        """Begin to look at the data points from the first one on."""
+        self._variety, self._input = Variety(self._size), InputCheck(self.support_points)
+        self._effects: Effects | None = None
+        self._extremes: Array | None = None
+        self._measured = 0  # data points that the extremes rest on
+
+    def _look_at(self, observation: Observation) -> None:
+        self._variety.add(observation.push_id, observation.contact_point, observation.contact_normal)
+        self._input.add(observation)
+
+    def _spread(self, solution: Optimum) -> Spread | None:
+        """What the data leave open; None where the extremes of the set were not found."""
+        count, pushes = len(self._observations), len(self._pushes)
+        assert isinstance(self._program, LevelSets)
+        delta = rise(solution.objective, count, solution.w)
+        if self._extremes is None or count - self._measured > count // SELDOM:
+            self._extremes = self._program.extremes(self._tilts, delta)
+            self._measured = count
+        if self._extremes is None:
+            return None
+        if self._effects is None or count - self._effects.data_points > count // REFRESHED:
+            group_pushes = np.zeros(self._next, dtype=np.int64)
+            group_pushes[list(self._observations)] = [one.push_id for one in self._observations.values()]
+            rows, groups = self._program.rows(), self._program.row_groups()
+            self._effects = effects(rows, groups, group_pushes, self._extremes, solution.scale, delta)
+        freedom = max(1, min(count - int(np.count_nonzero(solution.w > 1e-9)) + 1, pushes - 1))
+        center = center_of_friction(self.support_points, solution.w)
+        return spread(self.support_points, center, self._extremes, self._effects, freedom)
 
     def _empty_program(self) -> Program:
         config = self.config
@@ -254,7 +308,14 @@ class _Contacts:
 
     def __init__(self, n: int) -> None:
         self._room = np.empty((3, 64, n))
+        self._tips = np.empty((4, 64))
         self._count = 0
+
+    @property
+    def tip(self) -> Tip:
+        view = self._tips[:, : self._count]
+        view.setflags(write=False)
+        return Tip(*view)
 
     @property
     def forces(self) -> ContactForces:
@@ -262,12 +323,15 @@ class _Contacts:
         view.setflags(write=False)
         return ContactForces(*view)
 
-    def append(self, forces: ContactForces) -> None:
+    def append(self, forces: ContactForces, tip: tuple[float, float, float, float]) -> None:
         if self._count == self._room.shape[1]:
             self._room = np.concatenate((self._room, np.empty_like(self._room)), axis=1)
+            self._tips = np.concatenate((self._tips, np.empty_like(self._tips)), axis=1)
+        self._tips[:, self._count] = tip
         self._room[:, self._count] = np.concatenate(forces)
         self._count += 1
 
     def keep(self, which: npt.NDArray[np.bool_]) -> None:
-        kept = self._room[:, : self._count][:, which]
+        kept, tips = self._room[:, : self._count][:, which], self._tips[:, : self._count][:, which]
+        self._tips = np.concatenate((tips, np.empty((4, 64))), axis=1)
         self._room, self._count = np.concatenate((kept, np.empty((3, 64, kept.shape[2]))), axis=1), kept.shape[1]

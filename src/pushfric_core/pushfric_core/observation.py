@@ -41,6 +41,8 @@ class Observation:
         stamp: time of the middle image [ns]; 0 if unknown.
         pose: of the object in the table frame at the stamp; None if unknown.
         force: measured force of the pusher ON the object [N]; None without a force sensor.
+        tip_velocity: of the pusher's tip over the table, in the object frame, per the unit of time of the twist; None where
+            unknown.
     Raises:
         ValueError: a value that is not finite, beyond its limit or of another type, a normal that is not unit, a
             negative half-width or duration.
@@ -56,10 +58,11 @@ class Observation:
     stamp: int = 0
     pose: Pose | None = None
     force: Vector | None = None
+    tip_velocity: Vector | None = None
 
     def __post_init__(self) -> None:
-        for name in ("contact_point", "contact_normal", "force"):
-            if name != "force" or self.force is not None:
+        for name in ("contact_point", "contact_normal", "force", "tip_velocity"):
+            if name.startswith("contact") or getattr(self, name) is not None:
                 object.__setattr__(self, name, _vector(name, getattr(self, name)))
         if not isinstance(self.twist, Twist):
             raise ValueError(f"twist must be a Twist(vx, vy, omega), got {self.twist!r}")

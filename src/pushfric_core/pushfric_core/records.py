@@ -32,7 +32,7 @@ def _fields(record: object) -> Iterable[object]:
 
 def _same(one: object, another: object) -> bool:
     if isinstance(one, np.ndarray) and isinstance(another, np.ndarray):
-        return np.array_equal(one, another)
+        return np.array_equal(one, another, equal_nan=one.dtype.kind == another.dtype.kind == "f")
     if isinstance(one, tuple | list) and type(one) is type(another) and not hasattr(one, "_fields"):
         assert isinstance(another, tuple | list)
         return len(one) == len(another) and all(map(_same, one, another))

@@ -184,6 +184,7 @@ class Trajectory:
         touch = self._touch(self._pusher.line, pose)
         if touch is None or not any(twist) or self._speed(twist) < self.config.minimum_speed:
             return None
+        tip = self._pusher.speed * rotation(-pose.theta) @ np.asarray(self._pusher.line.direction)
         return Observation(
             contact_point=(float(touch.point[0]), float(touch.point[1])),
             contact_normal=(float(touch.normal[0]), float(touch.normal[1])),
@@ -192,6 +193,7 @@ class Trajectory:
             duration=duration,
             stamp=frames[middle].stamp,
             pose=pose,
+            tip_velocity=(float(tip[0]), float(tip[1])),
         )
 
     def _speed(self, twist: Twist) -> float:

@@ -59,7 +59,16 @@ def test_what_is_saved_is_read_to_the_last_bit(path):
 
 def test_all_that_a_data_point_brings_is_kept(tmp_path):
     full = Observation(
-        (0.0125, -1e-05), (0.0, -1.0), Twist(1e-05, 0.1, math.pi), 7, 0.002, 0.3, 123456789, Pose(0.1, 0.2, -0.3), (0.5, 1 / 3)
+        (0.0125, -1e-05),
+        (0.0, -1.0),
+        Twist(1e-05, 0.1, math.pi),
+        7,
+        0.002,
+        0.3,
+        123456789,
+        Pose(0.1, 0.2, -0.3),
+        (0.5, 1 / 3),
+        (0.02, -1 / 7),
     )
     assert all(getattr(full, field.name) != field.default for field in dataclasses.fields(full)), "a field is not tried"
     model, estimate, observations = estimated([full])

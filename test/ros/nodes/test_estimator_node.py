@@ -145,7 +145,8 @@ def test_a_late_subscriber_gets_the_last_estimate(ros):
     }
     got = {topic: collect(ros, late, kind, topic, LATCHED) for topic, kind in kinds.items()}
     ros.wait_for(lambda: all(got.values()), what="the last estimates")
-    assert got["friction_estimate"][0] == estimates[-1]
+    # in words: the value of a mere bound is NaN, which equals nothing
+    assert repr(got["friction_estimate"][0]) == repr(estimates[-1])
     assert got["center_of_friction"][0].point == estimates[-1].center_of_friction
 
 

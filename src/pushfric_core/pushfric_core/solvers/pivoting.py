@@ -50,6 +50,9 @@ LEVEL = 1e-9
 STALLED = 12
 """After this many exchanges without progress, a degenerate vertex is perturbed: its conditions are shifted apart."""
 
+PERTURBATION = 1e-10
+"""By about this, on the way to an extreme of the level set."""
+
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
 
@@ -550,6 +553,92 @@ def perturb(state: State, shift: float) -> None:
     for k in range(state.tally[COUNT]):
         if state.side[k] * state.value[k] < shift:
             state.value[k] += state.side[k] * shift * (1.0 + k * GOLDEN % 1.0)
+
+
+# ---- how far the objective leaves it free
+
+
+@compiled
+def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> bool:
+    """Walk from the optimum to the x of largest tilt . x among those with F(x) <= level: a parametric simplex method.
+
+    On the way F - lambda tilt . x is at its least, for a lambda that rises from 0. The last step ends where F is the level.
+
+    Args:
+        state: at the least F; it is used up.
+        tilt: (n,).
+        limit: of exchanges.
+    Returns:
+        Whether `state.x` is that x: it was reached within the limit, and in the ball.
+    """
+    n = len(state.active)
+    slopes = np.empty(2 * n)
+    rates = np.empty(n)
+    direction = np.empty(n)
+    change = np.empty(len(state.value))
+    x = state.x
+    f = 0.0
+    for j in range(n):
+        f += state.settled[j] * x[j]
+    for k in range(state.tally[COUNT]):
+        f += state.value[k] * slope(state.cost[FIT], k, np.sign(state.value[k]))
+    stalled = 0
+    for _ in range(limit):
+        price(state, FIT, slopes)
+        for i in range(n):
+            rates[i] = 0.0
+        for j in range(n):
+            if tilt[j] != 0:
+                for i in range(n):
+                    rates[i] += tilt[j] * state.inverse[j, i]
+        best, edge = math.inf, -1
+        for i in range(1, n):
+            if rates[i] > PARALLEL:
+                merit, candidate = slopes[i] / rates[i], i
+            elif rates[i] < -PARALLEL:
+                merit, candidate = slopes[n + i] / -rates[i], n + i
+            else:
+                continue
+            if merit < best:
+                best, edge = merit, candidate
+        if edge < 0:
+            return holds(ball, x, 1.0)
+        steepness = max(slopes[edge], 0.0)
+        i = edge % n
+        upwards = 1.0 if edge < n else -1.0
+        for j in range(n):
+            direction[j] = upwards * state.inverse[j, i]
+        evaluate(state, direction, change)
+        step, speed, entering = math.inf, 0.0, -1
+        for k in range(state.tally[COUNT]):
+            approach = -state.side[k] * change[k]
+            if approach > PARALLEL and state.cost[FIT, 0, k] + state.cost[FIT, 1, k] > 0:
+                distance = max(state.side[k] * state.value[k], 0.0) / approach
+                if distance < step - TIE or (distance <= step + TIE and approach > speed):
+                    step, speed, entering = distance, approach, k
+        end = steepness > 0 and f + steepness * step >= level
+        if end:
+            step = max(0.0, (level - f) / steepness)
+        if math.isinf(step):
+            return False
+        f += steepness * step
+        for j in range(n):
+            x[j] += step * direction[j]
+        if end:
+            return holds(ball, x, 1.0)
+        if not holds(ball, x, 1.0):
+            return False
+        for k in range(state.tally[COUNT]):
+            state.value[k] += step * change[k]
+        put(state, state.active[i], upwards)
+        put(state, entering, 0.0)
+        state.value[entering] = 0.0
+        exchange(state, i, entering)
+        stalled = stalled + 1 if step < TIE else 0
+        if stalled == STALLED:
+            perturb(state, PERTURBATION)
+            stalled = 0
+    return False
 
 
 # ---- the certificate

@@ -9,9 +9,10 @@ bound, and any w in the simplex with any s >= 0 an upper one (Lynch 1993, sectio
 """
 
 from enum import Enum, StrEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 
 from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
@@ -86,6 +87,20 @@ class Program(Protocol):
 
     def conflicts(self) -> list[int]:
         """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""
+
+
+@runtime_checkable
+class LevelSets(Program, Protocol):
+    """A program that tells, besides its optimum, how far the objective leaves w free."""
+
+    def extremes(self, tilts: Array, rise: float, /) -> Array | None:
+        """For each tilt (k, n) the w of the largest tilt . w that raises F by at most `rise`; None where they are not found."""
+
+    def rows(self) -> ConstraintRows:
+        """The present rows, in order of arrival."""
+
+    def row_groups(self) -> npt.NDArray[np.int64]:
+        """The group of each present row."""
 
 
 @comparable

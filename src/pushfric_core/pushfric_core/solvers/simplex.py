@@ -65,6 +65,12 @@ BLOCK = 512
 """Norms are computed for this many rows at a time, because the product for all of them would double the memory."""
 
 
+LONGEST_WALK = 400
+"""Cap on the exchanges from the optimum to an extreme of the level set; some twenty are usual."""
+
+WIDENINGS = 8
+"""How often the balls are doubled for such a walk, at most."""
+
 STEEP = 1e-9
 """An edge along which F rises by less than this fraction of its gradient counts as level."""
 
@@ -177,6 +183,41 @@ class Simplex:
         if certificate.status is not Status.OPTIMAL:
             return optimum
         return nearest_uniform(self.rows(), certificate).optimum
+
+    def extremes(self, tilts: Array, rise: float) -> Array | None:
+        """For each tilt, the w of the largest tilt . w among those with F(w) <= the least F + rise; exact.
+
+        Args:
+            tilts: (k, n)
+            rise: >= 0.
+        Returns:
+            (k, n) weights; None where the hard rows contradict each other, or rounding keeps a walk from its end.
+        """
+        optimum = self.solve()
+        if optimum.status is not Status.OPTIMAL:
+            return None
+        found = np.empty((len(tilts), self._n))
+        for tilt, w in zip(tilts, found, strict=True):
+            for effort in range(WIDENINGS + 1):
+                if effort > 0:  # the walk led out of the ball: more rows may change sides
+                    self._sort(effort)
+                    self._strained = True
+                state = self._basis.state
+                own = ("tally", "value", "side", "gradient", "active", "inverse", "x")
+                walker = state._replace(**{name: getattr(state, name).copy() for name in own})
+                padded = np.append(tilt, np.zeros(self._columns - self._n))
+                if pivoting.stretch(walker, self._close, padded, optimum.objective + rise, LONGEST_WALK):
+                    break
+            else:
+                return None
+            w[:] = np.maximum(walker.x[: self._n], 0.0)
+            w /= w.sum()
+        return found
+
+    def row_groups(self) -> Indices:
+        """The group of each of the present rows, in order of arrival."""
+        rows = self._rows.part(slice(self._count))
+        return rows.group[rows.scale > 0]
 
     def multipliers(self) -> Array:
         """The dual y of the last optimum, one per present row in order of arrival; O(M)."""

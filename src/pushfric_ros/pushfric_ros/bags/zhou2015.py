@@ -20,7 +20,7 @@ from pushfric_core import planar
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform
+from pushfric_core.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform, velocity_at
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.cdr import encoder
 from pushfric_ros.bags.offered_qos import OfferedQos
@@ -51,6 +51,7 @@ SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 """From the sensor's reading to the force ON the object, in the frame of the tool."""
 
 COLUMNS = ("object", "log", "push", "cx_mm", "cy_mm", "nx", "ny", "dx_mm", "dy_mm", "dtheta_rad", "fx_N", "fy_N")
+TIPS = ("tip0x_mm", "tip0y_mm", "tip1x_mm", "tip1y_mm")
 MILLIMETRE = 1e-3
 
 LOG_LIMIT = 64 * 2**20
@@ -104,13 +105,15 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         for row in reader:
             try:
                 cx, cy, nx, ny, dx, dy, turn, fx, fy = (float(row[name]) for name in COLUMNS[3:])
+                motion = Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
                 observation = Observation(
                     contact_point=(cx * MILLIMETRE, cy * MILLIMETRE),
                     contact_normal=(nx, ny),
-                    twist=Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn),
+                    twist=motion,
                     push_id=int(row["push"]),
                     stamp=(int(row["push"]) + 1) * SECOND,
                     force=(fx, fy),
+                    tip_velocity=_tip_velocity(row, motion, (cx * MILLIMETRE, cy * MILLIMETRE)),
                 )
             except (TypeError, ValueError, PushfricError) as error:
                 raise InvalidInput(f"{path}, line {reader.line_num}: {error}") from error
@@ -200,6 +203,12 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     contact = tip - gaps[edge] * outline.normals[edge]
     if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion) or not pressed.any():
         return None
+    # where the tip was in the object's frame at first touch and at the end: what it moved there adds to the contact's motion
+    first, last = (
+        np.array([np.interp(time, push.tool[:, 0], column) for column in push.tool.T[1:3]]) for time in (touched, end)
+    )
+    travel = transform(inverse(push.after), last) - transform(inverse(push.before), first)
+    tip_velocity = velocity_at(motion, contact) + travel
     in_tool = SENSOR_TO_TOOL @ forces[pressed].mean(axis=0)
     fx, fy = rotation(heading - pose.theta) @ in_tool
     nx, ny = outline.normals[edge]
@@ -211,7 +220,17 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
         stamp=round(middle * SECOND),
         pose=pose,
         force=(float(fx), float(fy)),
+        tip_velocity=(float(tip_velocity[0]), float(tip_velocity[1])),
     )
+
+
+def _tip_velocity(row: dict[str, str], motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
+    """The contact's motion, and what the tip moved in the object's frame; None of a file without the tips."""
+    if any(not row.get(name) for name in TIPS):
+        return None
+    x0, y0, x1, y1 = (float(row[name]) * MILLIMETRE for name in TIPS)
+    vx, vy = velocity_at(motion, np.asarray(contact))
+    return float(vx) + x1 - x0, float(vy) + y1 - y0
 
 
 def _object_of(log: pathlib.Path) -> str:

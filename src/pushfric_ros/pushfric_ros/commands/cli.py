@@ -24,6 +24,7 @@ COMMANDS = {
     "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
     "reproduce": "The paper's tables and figures next to the paper's numbers, from simulated pushes; as report.html and"
     " tables.json.",
+    "study": "How far the estimates can be acted on, measured on simulated pushes of many seeds, and on real ones.",
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
     "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
     "bag": "Check and recover bags.",

@@ -1,6 +1,7 @@
 """The command `estimate`."""
 
 import pathlib
+import sys
 from collections import deque
 from typing import Annotated
 
@@ -17,7 +18,7 @@ from pushfric_ros.commands.settings_options import with_settings
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.model_file import check_name, make_model, save_model
 from pushfric_ros.messages.conversions import estimate_to_msg
-from pushfric_ros.report.report import report
+from pushfric_ros.report.report import ensemble, report
 
 
 def estimate(
@@ -34,8 +35,10 @@ def estimate(
         pathlib.Path | None, typer.Option(help="Write a model to keep there (.yaml), to predict with.", show_default=False)
     ] = None,
     partial: PartialFlag = False,
+    samples: Annotated[bool, typer.Option("--samples", help="With --json, also weighted samples of w and mu_c.")] = False,
     json: JsonFlag = False,
 ) -> None:
+    """Exit code 1: the estimate is not to be used; warnings say why."""
     if save is not None:
         check_name(save)
     model, _ = object_of(source, object_name)
@@ -45,8 +48,9 @@ def estimate(
     # only the figure shows the estimates before the last
     course = deque(data_points.taken(estimator.add, data, warn), maxlen=None if figure is not None else 1)
     result = data_points.last(course)
-    if result.contradiction is not None:
-        warn(result.contradiction)
+    verdict = estimator.verdict(result)
+    for reason in verdict.reasons:
+        warn(reason)
     if figure is not None:
         from pushfric_ros.report.figures import (
             summary_figure,
@@ -58,7 +62,12 @@ def estimate(
             raise InvalidInput(f"{save}: not written: {result.contradiction}")
         save_model(make_model(model, result, estimator.observations, str(source), settings), save)
     slipping = [observation.push_id in settings.slipping for observation in estimator.observations]
-    print_result(report(estimate_to_msg(result, model.name, slipping)), json, settings.estimator.loss)
+    figures = report(estimate_to_msg(result, model.name, slipping, verdict))
+    if samples:
+        figures["samples"] = ensemble(result)
+    print_result(figures, json, settings.estimator.loss)
+    if not verdict.use:
+        sys.exit(1)
 
 
 app = typer.Typer(add_completion=False)

@@ -25,7 +25,7 @@ def print_result(figures: dict[str, Any], as_json: bool, loss: Loss) -> None:
     output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm{trust}")
     mu = figures["mu_c"]
     slipping = ", {:.3f} to {:.3f} (slipping)".format(*mu["slipping"]) if "slipping" in mu else ""
-    output.print(f"mu_c   {mu['p90']:.3f} (90 %), {mu['max']:.3f} (100 %){slipping}")
+    output.print(f"mu_c   {_coefficient(mu)}{mu['p90']:.3f} (90 %), {mu['max']:.3f} (100 %){slipping}")
     if "total_friction" in figures:
         output.print(f"total  {figures['total_friction']:.3f} N of support friction")
     squares = loss is Loss.L2
@@ -34,3 +34,11 @@ def print_result(figures: dict[str, Any], as_json: bool, loss: Loss) -> None:
         f"fit    {figures['objective'] * scale:.4f} {unit}, {figures['status']}, gap {figures['gap'] * scale:.1e} {unit}"
     )
     output.print(f"from   {figures['data_points']} data points of {figures['pushes']} pushes")
+
+
+def _coefficient(mu: dict[str, Any]) -> str:
+    """The value and its interval, in front of the bounds; nothing where it is only bounded."""
+    if mu.get("value") is None:
+        return ""
+    low, high = mu["interval"]
+    return f"{mu['value']:.3f} (from {mu['kind']}; {low:.3f} to {high:.3f} with 90 %); bounds "

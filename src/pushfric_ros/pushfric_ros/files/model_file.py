@@ -56,6 +56,7 @@ class DataPointFile(Strict):
     stamp: int = 0
     pose: tuple[float, float, float] | None = None  # in the table frame
     force: Point | None = None
+    tip_velocity: Point | None = None
 
 
 class MadeFile(Strict):
@@ -118,6 +119,7 @@ class ModelFile(Strict):
                 stamp=point.stamp,
                 pose=None if point.pose is None else Pose(*point.pose),
                 force=point.force,
+                tip_velocity=point.tip_velocity,
             )
             for point in self.data_points
         ]
@@ -178,6 +180,7 @@ def _data_point(observation: Observation) -> DataPointFile:
         stamp=observation.stamp,
         pose=None if observation.pose is None else (*observation.pose,),
         force=observation.force,
+        tip_velocity=observation.tip_velocity,
     )
 
 

@@ -11,7 +11,8 @@ from pushfric_core.planar import Twist
 from pushfric_ros.files.file_errors import reading
 
 REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
-OPTIONAL = ("half_width", "force_x", "force_y")
+PAIRS = (("force_x", "force_y"), ("tip_vx", "tip_vy"))
+OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1])
 
 
 def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]:
@@ -29,8 +30,9 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
         reader.fieldnames = columns
         if missing := [name for name in REQUIRED if name not in columns]:
             raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {', '.join(REQUIRED)}")
-        if ("force_x" in columns) != ("force_y" in columns):
-            raise InvalidInput(f"{path}: expected both of force_x and force_y, or neither")
+        for x, y in PAIRS:
+            if (x in columns) != (y in columns):
+                raise InvalidInput(f"{path}: expected both of {x} and {y}, or neither")
         observations = [_observation(row, f"{path}, line {reader.line_num}", outline) for row in reader]
     if not observations:
         raise InvalidInput(f"{path}: no data points; expected a row for each")
@@ -47,6 +49,9 @@ def _observation(row: dict[str, str], where: str, outline: Outline) -> Observati
             raise InvalidInput(f"{where}: {name} must be finite, got {value}")
         return value
 
+    def pair(x: str, y: str) -> tuple[float, float] | None:
+        return (number(x), number(y)) if row.get(x) or row.get(y) else None
+
     push_id = number("push_id")
     if push_id != int(push_id) or not 0 <= push_id < 2**31:
         raise InvalidInput(f"{where}: push_id must be a whole number in [0, 2^31), got {push_id:g}")
@@ -57,7 +62,8 @@ def _observation(row: dict[str, str], where: str, outline: Outline) -> Observati
             twist=Twist(number("vx"), number("vy"), number("omega")),
             push_id=int(push_id),
             half_width=number("half_width") if row.get("half_width") else 0.0,
-            force=(number("force_x"), number("force_y")) if row.get("force_x") or row.get("force_y") else None,
+            force=pair("force_x", "force_y"),
+            tip_velocity=pair("tip_vx", "tip_vy"),
         )
         observation.check_contact(outline)
     except (ValueError, PushfricError) as error:

@@ -23,14 +23,17 @@ from pushfric_core.solvers.program import Status
 from pushfric_core.surface_models import convex_quartic, ellipsoid_error, named_ellipsoid, quartic_error, surface_samples
 from pushfric_core.test_pushes import RankedPush
 from pushfric_core.trajectory import PoseSample, PusherSample
+from pushfric_core.verdict import Verdict
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
+    FrictionCoefficient,
     FrictionEstimate,
     Hypothesis,
     LimitSurface,
     PusherState,
     Recognition,
+    Spread,
     SupportFriction,
     TestPush,
 )
@@ -159,15 +162,18 @@ def observation_to_msg(observation: Observation, object_name: str) -> Observatio
         msg.pose = [pose_to_msg(observation.pose)]
     if observation.force is not None:
         msg.force = [_vector(observation.force)]
+    if observation.tip_velocity is not None:
+        msg.tip_velocity = [_vector(observation.tip_velocity)]
     return msg
 
 
 def observation_from_msg(msg: ObservationMsg) -> Observation:
-    """The data point in a message.
+    """A data point; bags from before tip_velocity was recorded have no such field.
 
     Raises:
         ValueError, UninformativePush: the message is not a data point, as for `Observation`.
     """
+    tip_velocity = getattr(msg, "tip_velocity", None)
     return Observation(
         contact_point=(msg.contact_point.x, msg.contact_point.y),
         contact_normal=(msg.contact_normal.x, msg.contact_normal.y),
@@ -178,6 +184,7 @@ def observation_from_msg(msg: ObservationMsg) -> Observation:
         stamp=stamp_from_msg(msg.header.stamp),
         pose=pose_from_msg(msg.pose[0]) if msg.pose else None,
         force=(msg.force[0].x, msg.force[0].y) if msg.force else None,
+        tip_velocity=(tip_velocity[0].x, tip_velocity[0].y) if tip_velocity else None,
     )
 
 
@@ -187,13 +194,16 @@ def histogram(lower_bounds: npt.ArrayLike) -> np.ndarray:
     return np.bincount(bins.astype(int), minlength=BINS)
 
 
-def estimate_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[bool] = ()) -> FrictionEstimate:
+def estimate_to_msg(
+    estimate: Estimate, object_name: str, slipping: Sequence[bool] = (), verdict: Verdict | None = None
+) -> FrictionEstimate:
     """An estimate as a message.
 
     Args:
         estimate: from at least one data point.
         object_name: name of the object.
         slipping: for each data point, whether its contact is known to have slipped; empty: for none.
+        verdict: on its input; None: not judged.
     """
     msg = FrictionEstimate(object=object_name)
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
@@ -218,6 +228,13 @@ def estimate_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[boo
     msg.objective, msg.lower_bound, msg.gap = estimate.solution.objective, estimate.solution.lower_bound, estimate.solution.gap
     if estimate.confidence is not None:
         msg.confidence = [estimate.confidence]
+    if estimate.spread is not None:
+        msg.spread = [Spread(covariance=estimate.spread.covariance.ravel(), middle=estimate.spread.middle)]
+    if (mu_c := estimate.mu_c) is not None:
+        value = math.nan if mu_c.value is None else mu_c.value
+        msg.mu_c = [FrictionCoefficient(value=value, low=mu_c.low, high=mu_c.high, kind=mu_c.kind.value)]
+    if verdict is not None:
+        msg.reasons = list(verdict.reasons)
     return msg
 
 

@@ -20,6 +20,7 @@ from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.sensed_force import SensedForce
 from pushfric_core.test_pushes import next_pushes
 from pushfric_core.trajectory import Trajectory
+from pushfric_core.verdict import Verdict
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
@@ -128,6 +129,7 @@ class EstimatorNode(Node):
         self._estimate: Estimate | None = None
         self._model: tuple[Estimate, FrictionModel] | None = None  # the last estimate that was asked to predict
         self._before: Estimate | None = None  # the estimate a moment ago
+        self._verdict = Verdict()
         self._problem: str | None = None
         self._refused = 0
 
@@ -221,7 +223,8 @@ class EstimatorNode(Node):
         self._problem = contradiction
         data, slipping = self._estimator.observations, self._settings.slipping
         slips = [observation.push_id in slipping for observation in data] if slipping else ()
-        msg = estimate_to_msg(estimate, self._object.name, slips)
+        self._verdict = self._estimator.verdict(estimate)
+        msg = estimate_to_msg(estimate, self._object.name, slips, self._verdict)
         self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
         self._publish_parts(msg if contradiction is None else nothing_known(self._object.name))
@@ -378,6 +381,8 @@ class EstimatorNode(Node):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:
             return Health(Level.ERROR, self._problem, values)
+        if not self._verdict.use:
+            return Health(Level.WARN, "; ".join(self._verdict.reasons), values)
         return Health(Level.OK, "estimating" if self._estimate else "waiting for data points", values)
 
 

@@ -1,27 +1,20 @@
 """`pushfric reproduce`: runs the paper's experiments for many seeds in parallel, and writes tables.json and an HTML report."""
 
-import importlib
 import json
 import os
 import pathlib
-import threading
-import time
-from collections.abc import Iterable, Iterator
 from typing import Any
 
-from joblib import Parallel, delayed
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_ros.paper import workers
 from pushfric_ros.paper.experiments import CODE, rods, run_seed
 from pushfric_ros.paper.figures import figures
 from pushfric_ros.paper.html_report import html_report
 from pushfric_ros.paper.tables import Nested, tables
 from pushfric_ros.report.report import to_json
-
-DASK_TIMEOUT = "10s"
-"""How long the scheduler of a Dask cluster may take to answer (a duration in Dask's notation)."""
 
 
 class WorkerDiffers(PushfricError):
@@ -55,7 +48,7 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("seeds", total=seeds, completed=len(results))
-        for result in _on_cluster(missing, dask) if dask else _on_this_machine(missing, jobs):
+        for result in workers.results(run_seed, missing, jobs, dask):
             if result["code"] != CODE:
                 raise WorkerDiffers(f"the worker of seed {result['seed']} runs another version of pushfric; update it")
             _keep(out, result)
@@ -68,35 +61,6 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
     report = out / "report.html"
     _write(report, html_report(summary, figures(summary, [results[seed] for seed in range(seeds)], rod_drawings)))
     return summary, report
-
-
-def _on_this_machine(seeds: Iterable[int], jobs: int) -> Iterator[dict[str, Any]]:
-    parallel = Parallel(jobs, return_as="generator_unordered", initializer=_end_with, initargs=(os.getpid(),))
-    yield from parallel(delayed(run_seed)(seed) for seed in seeds)
-
-
-def _end_with(parent: int) -> None:
-    """Let this worker process end with its parent, even if the parent is killed; joblib's workers would stay for ever."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1)
-        os._exit(1)
-
-    threading.Thread(target=watch, name="end with the parent", daemon=True).start()
-
-
-def _on_cluster(seeds: Iterable[int], address: str) -> Iterator[dict[str, Any]]:
-    # importing it takes a second, which a run without a cluster should not wait for
-    distributed = importlib.import_module("distributed")
-    try:
-        client = distributed.Client(address, timeout=DASK_TIMEOUT)
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"--dask: no scheduler answers at {address}: {error}") from error
-    with client:
-        futures = client.map(run_seed, list(seeds), pure=False)
-        for _, result in distributed.as_completed(futures, with_results=True):
-            yield result
 
 
 def _path(out: pathlib.Path, seed: int) -> pathlib.Path:

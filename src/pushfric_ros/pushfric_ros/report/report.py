@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pushfric_core.estimate import Estimate
 from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate, Recognition
 
@@ -39,7 +40,25 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
         figures["total_friction"] = friction.total_friction[0]
     if msg.confidence:
         figures["confidence"] = msg.confidence[0]
+    for spread in msg.spread:
+        figures["center_of_friction_covariance"] = spread.covariance.reshape(2, 2).tolist()
+        center = (spread.middle @ np.asarray(figures["support_points"])).tolist()
+        figures["middle"] = {"w": list(spread.middle), "center_of_friction": center}
+    for mu_c in msg.mu_c:
+        value = None if math.isnan(mu_c.value) else mu_c.value
+        figures["mu_c"] |= {"value": value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind}
+    figures["verdict"] = {"use": not msg.reasons, "reasons": list(msg.reasons)}
     return figures
+
+
+def ensemble(estimate: Estimate) -> list[dict[str, Any]]:
+    """Weighted samples of w and mu_c for planners; none where the spread is not told. mu_c is None where it is only bounded."""
+    if estimate.spread is None:
+        return []
+    weights = estimate.spread.samples
+    return [
+        {"w": w, "mu_c": mu_c, "weight": 1 / len(weights)} for w, mu_c in zip(weights, estimate.mu_c_of(weights), strict=True)
+    ]
 
 
 def recognition_report(msg: Recognition) -> dict[str, Any]:

@@ -1,0 +1,201 @@
+"""How far the estimate can be trusted: what the data leave open, as a set of w, and how p_CF scatters in it.
+
+The set {w: F(w) <= F* + k b} holds what fits the data about as well as the optimum. b = F* / (M - d) is the scale of the
+errors, M the number of data points and d that of the weights above zero, less one: for errors of a Laplace distribution, F / b
+is half a likelihood ratio. Its extreme points along eight directions of p_CF are an ensemble, and their mean is its middle.
+
+Real errors are no independent Laplace errors. So the extent along a direction is turned into a standard deviation by the
+sandwich rule: with s_i the slope of data point i's cost along it, and Delta the rise of F to the boundary,
+sigma^2 = extent^2 * sum_i s_i^2 / (2 Delta)^2. Errors that data points of one push share, or undo, enter as the design effect
+rho = sum_pushes (sum_i r_i)^2 / sum_i r_i^2 (Kish, "Survey Sampling", 1965) of the errors r_i.
+docs/estimation.md has the evidence.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.constraint_rows import ConstraintRows
+from pushfric_core.planar import Array
+from pushfric_core.records import comparable
+from pushfric_core.solvers.program import finite
+
+Indices = npt.NDArray[np.int64]
+
+SHARE = 0.9
+"""The truth lies within the ellipse this often."""
+
+ELLIPSE = -2 * math.log(1 - SHARE)
+"""x' C^-1 x at the edge of the ellipse of a normal distribution in the plane that holds SHARE of it."""
+
+LEVEL = 4.6
+"""k: how many b above the least F the set reaches; ELLIPSE, rounded."""
+
+DIRECTIONS = np.column_stack([trig(np.arange(8) * math.pi / 4) for trig in (np.cos, np.sin)])
+"""(8, 2) along which the set is measured; each of the last four is opposite to one of the first."""
+
+CALIBRATION = 1.2
+"""Factor on the standard deviation, chosen on simulated and real pushes together: the shares in docs/estimation.md."""
+
+LEAST_EFFECT = 0.15
+"""The design effect of few data points may come out at nothing by chance."""
+
+COMMON = 1e-3
+"""Standard deviation of what all pushes have in common, as a share of the support's size: outline, camera, support points."""
+
+FEWEST_PUSHES = 4
+"""Of fewer pushes, nothing is said."""
+
+SEPARATE = 0.12
+"""Contacts are at different places where they are this share of the support's size apart."""
+
+FEWEST_PLACES = 3
+"""Pushes at fewer places all say the same."""
+
+ONE_SIDE = math.cos(math.radians(30))
+"""Contacts whose normals lie within this angle of one another are on the same side."""
+
+SELDOM = 50
+"""The set is measured again when one data point for each this many has come: always up to 50, then every second one, ..."""
+
+REFRESHED = 200
+"""The effects are computed again when one data point for each this many has come, so that their cost does not grow."""
+
+
+@comparable
+@dataclass(frozen=True)
+class Spread:
+    """What the data leave open.
+
+    Attributes:
+        middle: (n,) the mean of the extreme w: the middle of the set.
+        samples: (8, n) equally probable w, of about the covariance of p_CF: the extreme ones, drawn towards the middle.
+        covariance: (2, 2) of p_CF about the truth [m^2]; the ellipse x' C^-1 x <= 4.605 holds the truth with 90 %.
+    """
+
+    middle: Array
+    samples: Array
+    covariance: Array
+
+    @property
+    def radius(self) -> float:
+        """Of the circle about the 90 % ellipse [m]."""
+        return math.sqrt(ELLIPSE * float(np.linalg.eigvalsh(self.covariance)[-1]))
+
+
+class Effects(NamedTuple):
+    """What turns half extents (4,) into variances."""
+
+    factors: Array  # (4,) variance along a direction over the half extent squared
+    data_points: int  # how many there were
+
+
+def rise(objective: float, data_points: int, w: Array) -> float:
+    """k b: how far above the least F the set reaches.
+
+    Args:
+        objective: F*.
+        data_points: M.
+        w: (n,) the optimum.
+    """
+    return LEVEL * objective / max(data_points - int(np.count_nonzero(w > 1e-9)) + 1, 1)
+
+
+def effects(rows: ConstraintRows, groups: Indices, pushes: Indices, extremes: Array, scale: float, delta: float) -> Effects:
+    """How the errors scatter along the four axes.
+
+    Args:
+        rows: of the program, m of them.
+        groups: (m,) the data point that each row belongs to.
+        pushes: (data points ever added,) the push of each data point.
+        extremes: (8, n) of the set.
+        scale: s of the optimum.
+        delta: how far above the least F the set reaches.
+    """
+    n = extremes.shape[1]
+    present, data = np.unique(groups, return_inverse=True)
+    count = len(present)
+    if delta <= 0:  # the data fit exactly: the set is that of the optima
+        return Effects(np.full(4, 1 / ELLIPSE), count)
+    residuals = rows.a[:, :n] @ extremes.mean(axis=0) + rows.a[:, n:].sum(axis=1) * scale
+    slopes = np.where(residuals > 0, finite(rows.above), -finite(rows.below))
+    along = (rows.a[:, :n] @ (extremes[:4] - extremes[4:]).T) * (slopes / 2)[:, None]  # per half extent
+    scores = np.stack([np.bincount(data, weights=column, minlength=count) for column in along.T])
+    errors = np.bincount(data, weights=np.abs(slopes) * residuals, minlength=count)
+    _, push = np.unique(pushes[present], return_inverse=True)
+    total = float(errors @ errors)
+    clustered = np.bincount(push, weights=errors)
+    design = max(LEAST_EFFECT, float(clustered @ clustered) / total) if total > 0 else 1.0
+    return Effects(np.sum(scores**2, axis=1) * design / (2 * delta) ** 2, count)
+
+
+def spread(points: Array, center: Array, extremes: Array, effect: Effects, freedom: int) -> Spread:
+    """The spread from the extreme w of the set.
+
+    Args:
+        points: (n, 2) support points [m].
+        center: p_CF (2,) of the estimate [m], about which the ellipse lies.
+        extremes: (8, n) w of the set, farthest along DIRECTIONS.
+        effect: see `effects`.
+        freedom: degrees of freedom that b, or the scatter between the pushes, rests on.
+    """
+    reach = np.einsum("ij,ij->i", extremes @ points, DIRECTIONS)
+    half = (reach[:4] + reach[4:]) / 2
+    # the quantile of F(2, freedom) over that of the normal distribution: few data tell less than they seem to
+    few = freedom / 2 * ((1 - SHARE) ** (-2 / freedom) - 1) / -math.log(1 - SHARE)
+    variances = half**2 * effect.factors * few * CALIBRATION**2
+    size = float(np.ptp(points, axis=0).max())
+    covariance = _ellipse(variances) + (COMMON * size) ** 2 * np.eye(2)
+    middle = extremes.mean(axis=0)
+    offset = middle @ points - center
+    covariance = covariance + np.outer(offset, offset) / ELLIPSE
+    scatter = float(np.mean(np.sum((extremes @ points - middle @ points) ** 2, axis=1)))
+    drawn = min(1.0, math.sqrt(np.trace(covariance) / scatter)) if scatter > 0 else 1.0
+    samples = middle + drawn * (extremes - middle)
+    for array in (middle, samples, covariance):
+        array.setflags(write=False)
+    return Spread(middle, samples, covariance)
+
+
+def _ellipse(variances: Array) -> Array:
+    """The covariance (2, 2) that has about these variances along the first four directions."""
+    x, y = DIRECTIONS[:4].T
+    xx, xy, yy = np.linalg.lstsq(np.column_stack((x**2, 2 * x * y, y**2)), variances, rcond=None)[0]
+    values, axes = np.linalg.eigh(np.array(((xx, xy), (xy, yy))))
+    return np.asarray((axes * np.maximum(values, 0.01 * variances.max())) @ axes.T)
+
+
+class Variety:
+    """Whether the pushes come from enough places and sides to tell p_CF at all.
+
+    Args:
+        size: of the support [m].
+    """
+
+    def __init__(self, size: float) -> None:
+        self._apart = SEPARATE * size
+        self._places: list[Array] = []
+        self._normals: list[Array] = []
+        self._last: int | None = None
+
+    def add(self, push_id: int, contact: tuple[float, float], normal: tuple[float, float]) -> None:
+        """Take a data point; the first one of each push says where it is."""
+        if push_id == self._last:
+            return
+        self._last = push_id
+        if all(math.dist(contact, place) > self._apart for place in self._places):
+            self._places.append(np.asarray(contact))
+            self._normals.append(np.asarray(normal))
+
+    @property
+    def lack(self) -> str | None:
+        """What the pushes lack, in words; None where they vary enough."""
+        if len(self._places) < FEWEST_PLACES:
+            where = "one place" if len(self._places) == 1 else f"{len(self._places)} places"
+            return f"all pushes are at {where} and say the same: push at least {FEWEST_PLACES} places, on more than one side"
+        if all(float(normal @ self._normals[0]) >= ONE_SIDE for normal in self._normals):
+            return "all pushes are against one side, which leaves p_CF open across it: push another side, too"
+        return None

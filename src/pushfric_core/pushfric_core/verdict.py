@@ -1,0 +1,156 @@
+"""A verdict on the input: whether an estimate may be used, and if not, the likely cause and what to do about it.
+
+Every check adds up a few numbers for each data point, so that its cost does not grow with their number.
+"""
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pushfric_core.estimate import Estimate
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Array, Twist, velocity_at
+from pushfric_core.solvers.program import Status
+from pushfric_core.spread import FEWEST_PUSHES
+
+MOST = 0.5
+"""What holds for more than this share of the data points is no outlier but a mistake in the input."""
+
+RECEDING = 0.1
+"""A contact recedes where it moves outward by more than this share of its speed: less is noise."""
+
+MANY_RECEDE = 0.2
+"""More receding contacts than this share are a mistake in the input."""
+
+ABOUT_ORIGIN = 0.15
+"""A push hardly ever turns an object about a point this near to its frame's origin, as a share of the support's rms radius."""
+
+TURNED = math.radians(50)
+"""Friction keeps a force within the friction cone: the mean force is turned no further than this from the motion."""
+
+SCATTERED = 0.5
+"""The mean unit vector of the forces, relative to the motion, is longer than this where their frame is right."""
+
+POOR_FIT = 0.2
+"""An error per data point of this share of the support's rms radius is worse than any real push has shown."""
+
+AT_THE_EDGE = 0.01
+"""p_CF lies at the edge of the hull of the support points within this share of their extent."""
+
+DIRECTIONS = np.column_stack([trig(np.arange(64) * math.pi / 32) for trig in (np.cos, np.sin)])
+"""(64, 2) unit vectors all around."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an estimate may be used.
+
+    Attributes:
+        use: it may.
+        reasons: why not, a sentence each with the likely cause and what to do; none if it may.
+    """
+
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def use(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.reasons
+
+
+class InputCheck:
+    """Looks at the data points of one object as they arrive.
+
+    Args:
+        points: (n, 2) support points [m].
+    """
+
+    def __init__(self, points: Array) -> None:
+        self._points = points
+        self._middle = points.mean(axis=0)
+        self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1))))
+        self._count = self._inward = self._receding = self._about_origin = self._forces = 0
+        self._turn = 0j
+
+    def add(self, observation: Observation) -> None:
+        """Take a data point."""
+        contact, normal = np.asarray(observation.contact_point), np.asarray(observation.contact_normal)
+        vx, vy, omega = observation.twist
+        self._count += 1
+        self._inward += bool((contact - self._middle) @ normal < 0)
+        self._receding += _recedes(observation.twist, contact, normal)
+        self._about_origin += math.hypot(vx, vy) < ABOUT_ORIGIN * self._radius * abs(omega)
+        if observation.force is not None and any(observation.force):
+            motion = complex(*velocity_at(observation.twist, self._middle))
+            if motion != 0:
+                turned = complex(*observation.force) / motion
+                self._turn += turned / abs(turned)
+                self._forces += 1
+
+    def verdict(self, estimate: Estimate) -> Verdict:
+        """On the estimate from these data points."""
+        reasons = self._mistakes()
+        if estimate.contradiction is not None:
+            reasons.append(f"{estimate.contradiction}: leave out a bad one of them with --exclude-push")
+        elif estimate.pushes >= FEWEST_PUSHES:
+            reasons += self._doubts(estimate)
+        return Verdict(tuple(reasons))
+
+    def _mistakes(self) -> list[str]:
+        """What the data points themselves show."""
+        found = []
+        if self._inward > MOST * self._count:
+            found.append(
+                f"the normals point inward in {self._inward} of {self._count} data points: contact_normal must point away from "
+                "the object; negate normal_x and normal_y"
+            )
+        elif self._about_origin > MOST * self._count:
+            found.append(
+                f"the object seems to turn about the origin of its frame in {self._about_origin} of {self._count} data points, "
+                "as if omega were in degrees: give omega in radians per unit of time"
+            )
+        elif self._receding > MANY_RECEDE * self._count:
+            found.append(
+                f"the contact moves away from the pusher in {self._receding} of {self._count} data points: vx, vy, omega must "
+                "be the velocity of the object-frame origin, in the object frame"
+            )
+        if self._forces >= FEWEST_PUSHES:
+            mean = self._turn / self._forces
+            turn = math.degrees(cmath.phase(mean))
+            if abs(mean) < SCATTERED:
+                found.append("the measured forces do not turn with the object: give force_x, force_y in the object frame")
+            elif abs(turn) > 180 - math.degrees(TURNED):
+                found.append(
+                    "the measured forces oppose the motion: force_x, force_y are of the pusher ON the object; negate them"
+                )
+            elif abs(turn) > math.degrees(TURNED):
+                found.append(
+                    f"the measured forces are turned by {turn:.0f} degrees against the motion: check the sensor's frame"
+                )
+        return found
+
+    def _doubts(self, estimate: Estimate) -> list[str]:
+        """What the fit shows."""
+        if estimate.lack is not None:
+            return [estimate.lack]
+        found = []
+        error = estimate.moment_error
+        if error is not None and error > POOR_FIT * self._radius:
+            found.append(
+                f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: check the units and "
+                "frames of contact, twist and outline, and the support points"
+            )
+        w = estimate.w if estimate.spread is None else estimate.spread.middle
+        reach = (DIRECTIONS @ (self._points - w @ self._points).T).max(axis=1)
+        extent = reach[:32] + reach[32:]
+        thick = extent.min() > 0.1 * extent.max()
+        if estimate.status is not Status.INFEASIBLE and thick and reach.min() < AT_THE_EDGE * extent.max():
+            found.append("p_CF lies at the edge of the hull of the support points: give support points further out")
+        return found
+
+
+def _recedes(twist: Twist, contact: Array, normal: Array) -> bool:
+    velocity = velocity_at(twist, contact)
+    return bool(velocity @ normal > RECEDING * math.hypot(*velocity))

@@ -1,0 +1,32 @@
+"""The command `study`."""
+
+import pathlib
+from typing import Annotated
+
+import typer
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.console import console
+from pushfric_ros.commands.recorded_run import RUNS
+from pushfric_ros.paper import study as paper
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def study(
+    out: Annotated[pathlib.Path, typer.Option(help="Folder of study.json and study.md.")] = RUNS / "study",
+    seeds: Annotated[int, typer.Option(help="Simulated runs of each cell.", min=1, max=10_000)] = 200,
+    pushes: Annotated[
+        pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015: real pushes, too.", show_default=False)
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Processes; -1: one for each core.", min=-1)] = -1,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
+    ] = None,
+) -> None:
+    if jobs == 0:
+        raise InvalidInput("--jobs must be -1, or 1 or more, got 0")
+    paper.study(out, seeds, pushes, jobs, dask, console)
+    console.print(f"report: {out / 'study.md'}", markup=False)

@@ -1,0 +1,347 @@
+"""`pushfric study`: how far the estimates can be acted on, measured on simulated pushes of many seeds and on real ones.
+
+Each cell of the study is an object, a camera's noise and a plan of pushes. What is counted: how often the 90 % ellipse of p_CF
+contains the truth, its radius compared with the errors, the errors of the optimum and of the middle of the set, mu_c.
+"""
+
+import math
+import os
+import pathlib
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from pushfric_core.contact import tangent
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimate import Estimate
+from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Array, Pose, velocity_at, wrap
+from pushfric_core.push_plan import PlannedPush, even_pushes, placement
+from pushfric_core.simulation import PushedObject
+from pushfric_core.spread import ELLIPSE
+from pushfric_core.support import Support
+from pushfric_core.table_1 import FEET, FLAT, INSET, TABLE_1, PoseNoise
+from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
+from pushfric_ros.bags.zhou2015 import CORNERS, GRID, read_push_points
+from pushfric_ros.paper.experiments import FRAME_RATE, LINE, PLACEMENT, SPEED, STROKE
+from pushfric_ros.paper.workers import results
+from pushfric_ros.report.report import to_json
+
+SHARP = math.radians(55)
+"""Pushes at this angle to the normal slide."""
+
+SUBSETS = 30
+"""Random choices of so many real pushes from each log."""
+
+SIZES = (10, 20, 40)
+"""Numbers of real pushes."""
+
+REAL_CENTER = np.full(2, 0.05)
+"""True p_CF of the real triangle [m], by statics."""
+
+SLIPPED = 1e-3
+"""A real push slips where its tip moved along the edge by more than this [m]: its sensor then tells mu_c."""
+
+Numbers = dict[str, Any]
+
+
+class Studied(NamedTuple):
+    """An object of the study."""
+
+    outline: Outline
+    support: Support
+    mu_c: float
+    support_points: Array
+    plans: dict[str, tuple[int, ...]]  # pushes along each edge
+    longest_turn: float  # of a push [rad]
+
+
+def _objects() -> dict[str, Studied]:
+    right = TABLE_1["delrin_rect_right"]
+    rectangle = TABLE_1["wood_rect4"]
+    triangle = Outline(np.array(CORNERS))
+    feet = Support(np.array(((0.03, 0.03), (0.09, 0.03), (0.03, 0.09))), np.full(3, 1 / 3))
+    unequal = Support(rectangle.support.points, np.array((0.4, 0.3, 0.2, 0.1)))
+    return {
+        "unequal_feet": Studied(
+            rectangle.outline,
+            unequal,
+            0.3,
+            rectangle.outline.grid(5, 3, INSET),
+            {"all": (5, 2, 5, 2), "eight": (3, 1, 3, 1)},
+            math.inf,
+        ),
+        "triangle": Studied(
+            triangle, feet, 0.3, triangle.grid(10, 10, GRID.inset), {"all": (5, 5, 5), "eight": (3, 2, 3)}, math.inf
+        ),
+        "delrin_rect_right": Studied(
+            right.outline,
+            right.support,
+            right.mu_c,
+            right.support_points,
+            {"all": (5, 2, 5, 2), "eight": (3, 1, 3, 1)},
+            math.radians(25),
+        ),
+    }
+
+
+NOISES = {"FEET": FEET, "FLAT": FLAT}
+
+
+def run_seed(seed: int) -> dict[str, Any]:
+    """All simulated cells of one seed: `seed`, and under `cells` what was found in each, by its name."""
+    cells: dict[str, Numbers] = {}
+    for number, (name, studied) in enumerate(_objects().items()):
+        rng = np.random.default_rng((seed, number))
+        edge = int(rng.integers(len(studied.outline.vertices)))
+        offset = float(rng.uniform(-0.3, 0.3) * studied.outline.lengths[edge])
+        plans = {plan: even_pushes(studied.outline, counts) for plan, counts in studied.plans.items()}
+        plans["one_place"] = [PlannedPush(edge, offset)] * 8
+        for plan, pushes in plans.items():
+            moved = _moved(studied, pushes, rng)
+            for noise, spread in NOISES.items():
+                data = _watched(studied.outline, moved, spread, rng)
+                cells[f"{name}/{plan}/{noise}"] = _found(data, studied.support_points, studied.support.center_of_friction)
+    for number, (name, known) in enumerate(TABLE_1.items()):
+        rng = np.random.default_rng((seed, 100 + number))
+        turn = math.radians(25) if name.startswith("delrin_rect") else math.inf
+        studied = Studied(known.outline, known.support, known.mu_c, known.support_points, {}, turn)
+        sharp = [
+            PlannedPush(edge, side * 0.12 * float(known.outline.lengths[edge]), side * SHARP)
+            for edge in (0, 2)
+            for side in (-1, 1)
+        ]
+        moved = _moved(studied, even_pushes(known.outline, known.pushes) + sharp, rng)
+        estimate = _estimate(_watched(known.outline, moved, known.noise, rng), known.support_points)
+        mu_c = estimate.mu_c
+        if mu_c is not None:
+            cells[f"mu_c/{name}"] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}
+    return {"seed": seed, "cells": cells}
+
+
+def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int, dask: str | None, console: Console) -> Numbers:
+    """Measure everything, and write study.json and study.md into a folder.
+
+    Args:
+        out: the folder.
+        seeds: simulated runs of each cell.
+        pushes: push_points.csv of zhou2015; None: no real pushes.
+        jobs: processes; -1: one for each core.
+        dask: address of a Dask scheduler; None: this machine.
+        console: for the progress bar.
+    Returns:
+        What study.json holds.
+    Raises:
+        InvalidInput: the folder or the CSV cannot be used, or no cluster answers.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{out}: cannot be made a folder: {error.strerror}") from error
+    logs = {} if pushes is None else read_push_points(pushes)
+    found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
+    found.sort(key=lambda one: int(one["seed"]))
+    names = [name for name in found[0]["cells"] if not name.startswith("mu_c/")]
+    summary: Numbers = {
+        "seeds": seeds,
+        "simulated": {name: _summary([one["cells"][name] for one in found]) for name in names},
+        "mu_c": {
+            name: _within([one["cells"][f"mu_c/{name}"] for one in found if f"mu_c/{name}" in one["cells"]]) for name in TABLE_1
+        },
+        "real": _real(logs),
+        "real_mu_c": {f"{log}/{terms}": _real_mu_c(data, terms) for log, data in logs.items() for terms in ("moment", "force")},
+        "cost": _cost(),
+    }
+    for name, text in (("study.json", to_json(summary) + "\n"), ("study.md", _report(summary))):
+        draft = out / f".{name}.{os.getpid()}"
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(out / name)
+    return summary
+
+
+def _moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Generator) -> list[list[tuple[float, Pose]]]:
+    """Stroke position and true pose in each frame of each push; a push in which the tip wedges is left out."""
+    moved = []
+    for push in pushes:
+        x, y, theta = placement(studied.outline, push, LINE, 0.0)
+        dx, dy, turn = rng.normal(0.0, PLACEMENT, 3).tolist()
+        start = Pose(x + dx, y + dy, theta + turn / 0.02)
+        body = PushedObject(studied.outline, studied.support, studied.mu_c, start)
+        frames = []
+        try:
+            for frame in range(int(STROKE / SPEED * FRAME_RATE) + 1):
+                body.push(LINE, frame / FRAME_RATE * SPEED)
+                if abs(wrap(body.pose.theta - start.theta)) > studied.longest_turn:
+                    break
+                frames.append((frame / FRAME_RATE * SPEED, body.pose))
+        except PushfricError:
+            continue
+        moved.append(frames)
+    return moved
+
+
+def _watched(
+    outline: Outline, moved: list[list[tuple[float, Pose]]], noise: PoseNoise, rng: np.random.Generator
+) -> list[Observation]:
+    trajectory, data = Trajectory(outline), []
+    for push_id, frames in enumerate(moved):
+        for frame, (position, pose) in enumerate(frames):
+            stamp = round((3600 * push_id + frame / FRAME_RATE) * 1e9)
+            seen = np.asarray(pose) + rng.normal(0.0, 1.0, 3) * (noise.position, noise.position, noise.angle)
+            data += trajectory.add_pusher(PusherSample(stamp, position, SPEED, LINE, push_id))
+            data += trajectory.add_pose(PoseSample(stamp, Pose(*seen.tolist())))
+    return data
+
+
+def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...] = ("moment",)) -> Estimate:
+    estimator = Estimator(points, EstimatorConfig(terms=terms))
+    for observation in data:
+        try:
+            estimator.add(observation)
+        except PushfricError:
+            continue  # a data point that the estimator refuses, as in a live run
+    return estimator.estimate()
+
+
+def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
+    """Errors [m] of an estimate, and what it says of them; `told` is false where it cannot tell."""
+    estimate = _estimate(data, points, terms)
+    error = estimate.center_of_friction - truth
+    numbers: Numbers = {"error": float(np.hypot(*error)), "told": estimate.spread is not None}
+    if estimate.spread is not None:
+        covariance = estimate.spread.covariance
+        numbers["held"] = bool(error @ np.linalg.solve(covariance, error) <= ELLIPSE)
+        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(covariance))))
+        numbers["middle"] = float(np.hypot(*(estimate.spread.middle @ points - truth)))
+    return numbers
+
+
+def _summary(runs: Sequence[Numbers]) -> Numbers:
+    """Of the runs of one cell; lengths in mm."""
+    told = [one for one in runs if one["told"]]
+    numbers: Numbers = {"runs": len(runs), "told": len(told), **_quantiles("error", [1e3 * one["error"] for one in runs])}
+    if told:
+        numbers |= _quantiles("middle", [1e3 * one["middle"] for one in told])
+        numbers["middle_to_optimum"] = float(np.median([o["middle"] for o in told]) / np.median([o["error"] for o in told]))
+        numbers["held"] = float(np.mean([one["held"] for one in told]))
+        errors = float(np.quantile([one["error"] for one in told], 0.9))
+        numbers["radius_to_errors"] = float(np.median([one["radius"] for one in told])) / errors if errors > 0 else math.inf
+    return numbers
+
+
+def _quantiles(name: str, values: Sequence[float]) -> Numbers:
+    return {f"{name}_median": float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
+
+
+def _within(runs: Sequence[Numbers]) -> Numbers:
+    """How often mu_c is within 10 % of the truth, and its interval holds it."""
+    values = [one["value"] for one in runs if one["value"] is not None]
+    return {
+        "truth": runs[0]["truth"],
+        "runs": len(runs),
+        "told": len(values),
+        "median": float(np.median(values)) if values else None,
+        "within_10_percent": sum(abs(value / runs[0]["truth"] - 1) <= 0.1 for value in values),
+        "held": sum(one["low"] <= one["truth"] <= one["high"] for one in runs),
+    }
+
+
+def _real(logs: dict[str, list[Observation]]) -> Numbers:
+    """Random choices of pushes from each log, without and with their forces."""
+    points = Outline(np.array(CORNERS)).grid(*(GRID.grid or (10, 10)), GRID.inset)
+    cells: Numbers = {}
+    for terms in (("moment",), ("moment", "force")):
+        for size in SIZES:
+            runs = []
+            for number, data in enumerate(logs.values()):
+                rng = np.random.default_rng((number, size))
+                for _ in range(SUBSETS if len(data) >= size else 0):
+                    chosen = sorted(rng.permutation(len(data))[:size].tolist())
+                    runs.append(_found([data[index] for index in chosen], points, REAL_CENTER, terms))
+            if runs:
+                cells[f"{size} pushes, {terms[-1]}"] = _summary(runs)
+    return cells
+
+
+def _real_mu_c(data: Sequence[Observation], terms: str) -> Numbers:
+    """mu_c without the forces, or with them, against the median that the sensor says of slipping pushes."""
+    points = Outline(np.array(CORNERS)).grid(*(GRID.grid or (10, 10)), GRID.inset)
+    sensed = []
+    for one in data:
+        normal = np.asarray(one.contact_normal)
+        slip = (np.asarray(one.tip_velocity) - velocity_at(one.twist, np.asarray(one.contact_point))) @ tangent(normal)
+        if abs(float(slip)) > SLIPPED and one.force is not None:
+            sensed.append(abs(float(np.asarray(one.force) @ tangent(normal)) / float(np.asarray(one.force) @ normal)))
+    used = data if terms == "force" else [replace(one, force=None) for one in data]
+    mu_c = _estimate(used, points, ("moment",) if terms == "moment" else ("moment", "force")).mu_c
+    truth = float(np.median(sensed))
+    if mu_c is None or mu_c.value is None:
+        return {"sensor": truth, "value": None}
+    held = mu_c.low <= truth <= mu_c.high
+    return {"sensor": truth, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high, "kind": mu_c.kind.value, "held": held}
+
+
+def _cost() -> Numbers:
+    """Median CPU time of a data point in ms, without and with spread and verdict, on 36 support points."""
+    outline = Outline.rectangle(0.12, 0.12)
+    points = outline.grid(6, 6, 0.01)
+    rng = np.random.default_rng(0)
+    support = Support(points, rng.dirichlet(np.full(len(points), 0.2)))
+    studied = Studied(outline, support, 0.3, points, {}, math.inf)
+    pushes = [
+        PlannedPush(int(rng.integers(4)), float(rng.uniform(-0.04, 0.04)), float(rng.uniform(-0.6, 0.6))) for _ in range(60)
+    ]
+    data = _watched(outline, _moved(studied, pushes, rng), FEET, rng)
+    found: Numbers = {"data_points": len(data)}
+    for name, confidence in (("plain", False), ("with_spread_and_verdict", True)):
+        estimator = Estimator(points, EstimatorConfig(confidence=confidence))
+        times = []
+        for observation in data:
+            start = time.process_time()
+            estimate = estimator.add(observation)
+            if confidence:
+                estimator.verdict(estimate)
+            times.append(time.process_time() - start)
+        for first in (50, 200):
+            if len(times) > first:
+                found[f"{name}_from_{first}"] = 1e3 * float(np.median(times[first : first + 50]))
+    return found
+
+
+def _report(summary: Numbers) -> str:
+    lines = [f"# Study of {summary['seeds']} seeds", "", "Lengths in mm; error: of the certified optimum.", ""]
+    head = ["cell", "runs", "told", "held", "radius / p90 of errors", "error (p90)", "middle (p90)", "middle / optimum"]
+    lines += ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for name, cell in {**summary["simulated"], **{f"real, {key}": value for key, value in summary["real"].items()}}.items():
+        row = [name, str(cell["runs"]), str(cell["told"])]
+        if cell["told"]:
+            row += [f"{100 * cell['held']:.0f} %", f"{cell['radius_to_errors']:.2f}"]
+        else:
+            row += ["-", "-"]
+        row.append(f"{cell['error_median']:.2f} ({cell['error_p90']:.2f})")
+        if cell["told"]:
+            row += [f"{cell['middle_median']:.2f} ({cell['middle_p90']:.2f})", f"{cell['middle_to_optimum']:.2f}"]
+        else:
+            row += ["-", "-"]
+        lines.append("| " + " | ".join(row) + " |")
+    lines += ["", "| mu_c of | truth | median | within 10 % | interval holds it | told |", "|---|---|---|---|---|---|"]
+    for name, cell in summary["mu_c"].items():
+        median = "-" if cell["median"] is None else f"{cell['median']:.3f}"
+        counts = f"{cell['within_10_percent']} of {cell['runs']} | {cell['held']} of {cell['runs']} | {cell['told']}"
+        lines.append(f"| {name} | {cell['truth']} | {median} | {counts} |")
+    for name, cell in summary["real_mu_c"].items():
+        value = "-" if cell["value"] is None else f"{cell['value']:.3f} ({cell['low']:.2f} to {cell['high']:.2f})"
+        lines.append(f"| {name} | {cell['sensor']:.3f} (sensor) | {value} | | {cell.get('held', '-')} | |")
+    lines += [
+        "",
+        "Cost of a data point [ms]: " + ", ".join(f"{name} {value:.3g}" for name, value in summary["cost"].items()),
+        "",
+    ]
+    return "\n".join(lines)
