@@ -1,32 +1,39 @@
 """The actuator node on the simulated controller: the push action, its published states, and every way a motion can end."""
 
 import itertools
+import math
 import os
 import signal
 import subprocess
 import sys
 import time
 import tty
+import uuid
 from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
+from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
-from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
+from pushfric_ros.pushers.position_memory import PositionMemory
 from pushfric_ros.pushers.pusher import Mode, NotReady
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
@@ -41,6 +48,8 @@ LINE = {
     "stroke": 0.08,
     "max_speed": 0.08,
     "silence": 5.0,
+    "owner_timeout": 5.0,
+    "memory": "",
 }  # for a busy machine
 
 
@@ -91,6 +100,10 @@ class Cell:
         self._other.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
         self._other.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.health.extend(msg.status), RELIABLE)
         self._client = ActionClient(self._other, Push, "push")
+        self.heartbeat = Heartbeat(self._other)
+        self.faults: list[str] = []
+        self._other.create_subscription(String, "pusher_fault", lambda msg: self.faults.append(msg.data), LATCHED)
+        self._stop = self._other.create_client(Trigger, "actuator/stop")
         self._reset = self._other.create_client(Trigger, "actuator/reset")
         self._change = self._other.create_client(ChangeState, "actuator/change_state")
         self._get = self._other.create_client(GetState, "actuator/get_state")
@@ -104,14 +117,18 @@ class Cell:
         self.wait_for_mode(PusherState.MODE_IDLE)
         self.ros.wait_for(self._client.server_is_ready, what="the action server")
         # wait now; otherwise a push might be over before they are found
-        for service in (self._reset, self._change, self._get):
+        for service in (self._reset, self._change, self._get, self._stop):
             self.ros.wait_for(service.service_is_ready, 30.0, what=service.srv_name)
         return self
 
-    def send(self, distance=0.03, speed=0.08, retract=False, push_id=7):
+    def send(self, distance=0.03, speed=0.08, retract=False, push_id=7, owner=True):
         """Send a goal and return its handle."""
         goal = Push.Goal(push_id=push_id, distance=distance, speed=speed, retract=retract)
-        answer = self._client.send_goal_async(goal, feedback_callback=lambda msg: self.feedback.append(msg.feedback))
+        owned = uuid.uuid4().bytes
+        if owner:
+            self.heartbeat.own(owned)
+        given = {"goal_uuid": UUID(uuid=list(owned)), "feedback_callback": lambda msg: self.feedback.append(msg.feedback)}
+        answer = self._client.send_goal_async(goal, **given)
         self.ros.wait_for(answer.done, what="the answer to the goal")
         return answer.result()
 
@@ -240,7 +257,7 @@ def test_pushes_follow_each_other(ros, controller, tmp_path):
         {"speed": 0.081},
         {"speed": 0.0},
         {"speed": float("nan")},
-        {"push_id": -1},
+        {"push_id": -2},
     ],
 )
 def test_a_goal_beyond_the_limits_is_rejected(ros, controller, tmp_path, goal):
@@ -296,14 +313,116 @@ def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
     assert not cell.send(-0.01, retract=True).accepted
 
 
-def test_a_push_whose_client_leaves_is_stopped(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
-    cell.halfway(controller)
-    ros.wait_for(lambda: cell.node._client_seen, what="the client in the graph")
-    ros.wait_for(cell.node.executor.create_task(cell._client.destroy).done, what="the end of the client")
-    cell.comes_to_rest(controller)
+def test_a_push_whose_owner_shows_no_sign_of_life_is_stopped(ros, controller, tmp_path):
+    """Whoever else is there: the client itself, and its node, live on."""
+    cell = Cell(ros, tmp_path / "port", owner_timeout=0.3).ready()
+    handle = cell.halfway(controller)
+    begin = controller.position()
+    cell.heartbeat.own(None)
+    result = cell.result(handle)
+    assert result.result.outcome == Push.Result.OUTCOME_ABORTED
+    assert result.result.message.startswith("its client published no heartbeat for 0.3 s")
+    assert cell.comes_to_rest(controller) - begin < 0.5 * 0.004 + 0.001  # 0.3 s, and a busy machine
     cell.wait_for_mode(PusherState.MODE_IDLE)
+    ros.wait_for(lambda: cell.faults[-1:] == ["owner"], what="the fault")
     assert cell.node._goal is None
+
+
+def test_a_push_whose_client_sends_no_heartbeat_at_all_never_moves(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", owner_timeout=0.3).ready()
+    result = cell.result(cell.send(owner=False))
+    assert result.result.outcome == Push.Result.OUTCOME_ABORTED
+    assert "or set owner_timeout to 0" in result.result.message
+    assert controller.position() == 0.0
+
+
+def test_heartbeats_need_not_be_sent_where_that_is_configured(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", owner_timeout=0.0).ready()
+    assert cell.result(cell.send(0.01, owner=False)).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+@pytest.mark.parametrize("how", ["topic", "service"])
+def test_anybody_may_stop_the_pusher_and_nothing_moves_until_a_person_says_so(ros, controller, tmp_path, how):
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    if how == "topic":
+        out = cell._other.create_publisher(Empty, "stop", RELIABLE)
+        ros.wait_for(out.get_subscription_count, what="the actuator's subscription")
+        out.publish(Empty())
+    else:
+        assert cell._call(cell._stop, Trigger.Request()).success
+    result = cell.result(handle)
+    assert (result.result.outcome, result.result.message) == (Push.Result.OUTCOME_ABORTED, "somebody asked for a stop")
+    cell.wait_for_mode(PusherState.MODE_HOLD)
+    ros.wait_for(lambda: cell.faults[-1:] == ["stopped"], what="the fault")
+    rest = controller.position()
+    assert not cell.send(0.01).accepted
+    assert controller.position() == rest
+    ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
+    assert cell.reset().message == "released"
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+def test_nothing_moves_without_enable_where_it_is_configured(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", enable_timeout=0.5).ready()
+    assert not cell.send(0.01).accepted
+    out = cell._other.create_publisher(Bool, "enable", LATCHED)
+    timer = cell._other.create_timer(0.05, lambda: out.publish(Bool(data=True)))
+    ros.wait_for(lambda: cell.node._enabled > 0, what="enable")
+    handle = cell.halfway(controller)
+    timer.cancel()
+    result = cell.result(handle)
+    assert result.result.message == "the topic enable does not say true, or said so too long ago"
+    assert cell.comes_to_rest(controller) < 0.07
+
+
+def test_a_node_that_a_push_needs_must_live(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", requires=["tracker"], requires_timeout=0.5).ready()
+    assert cell.result(cell.send(0.01)).result.message == "tracker showed no sign of life for 0.5 s"
+    tracker = ros.node("tracker", namespace=cell.node.get_namespace())
+    life = Heartbeat(tracker)
+    ros.wait_for(lambda: cell.node._life.silent("tracker") < 0.5, what="a sign of life")
+    handle = cell.halfway(controller)
+    life._timer.cancel()
+    assert cell.result(handle).result.message == "tracker showed no sign of life for 0.5 s"
+
+
+def test_a_force_beyond_the_limit_stops_until_a_person_says_so(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", max_force=3.0).ready()
+    out = cell._other.create_publisher(WrenchStamped, "wrench", SENSOR_DATA)
+    msg = WrenchStamped()
+    msg.wrench.force.x = 2.9
+    cell._other.create_timer(0.05, lambda: out.publish(msg))
+    ros.wait_for(lambda: cell.node._forced > 0, what="a force")
+    handle = cell.halfway(controller)
+    msg.wrench.force.y = 1.0
+    assert cell.result(handle).result.message == "the force was 3.1 N, more than max_force 3 N"
+    cell.wait_for_mode(PusherState.MODE_HOLD)
+    assert not cell.send(0.01).accepted
+
+
+def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, capfd):
+    """It rested at 10 mm, as it does now; it rested there, and is said to be elsewhere; it moved when the old one died."""
+    memory = PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port"))
+    controller._carriage, controller._offset = 10.0, 0.0
+    memory.keep(0.010)
+    cell = Cell(ros, tmp_path / "port", memory=str(tmp_path / "memory")).ready()
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    ros.wait_for(lambda: PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port")).recall() == 0.02, what="the memory")
+    cell.halfway(controller, distance=0.05)
+    assert math.isnan(PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port")).recall())
+
+
+@pytest.mark.parametrize("kept", [0.010, math.nan])
+def test_a_new_process_that_cannot_know_waits_for_a_person(ros, controller, tmp_path, capfd, kept):
+    PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port")).keep(kept)
+    cell = Cell(ros, tmp_path / "port", memory=str(tmp_path / "memory"))
+    cell.refuses(controller, capfd, UNVOUCHED)
+    assert cell.reset().success
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
 def test_a_manager_takes_it_through_its_states(ros, controller, tmp_path):
@@ -682,13 +801,13 @@ def test_a_node_that_ends_stops_its_pusher(ros, controller, tmp_path):
     assert controller.position() == rest
 
 
-def test_a_signal_stops_the_pusher(controller, tmp_path):
-    parameters = [f"{key}:={value}" for key, value in LINE.items()] + [f"port:={tmp_path}/port"]
-    arguments = [argument for parameter in parameters for argument in ("-p", parameter)]
+def test_a_signal_stops_the_pusher_and_its_client_is_told(controller, tmp_path):
+    stage = LINE | {"port": f"{tmp_path}/port", "memory": "''"}
+    arguments = [argument for key, value in stage.items() for argument in ("-p", f"{key}:={value}")]
     program = "from pushfric_ros.nodes.actuator import main; main()"
     environment = os.environ | {"ROS_DOMAIN_ID": "101"}
     process = subprocess.Popen([sys.executable, "-c", program, "--ros-args", *arguments], env=environment)
-    client = subprocess.Popen([sys.executable, "-c", PUSH], env=environment)
+    client = subprocess.Popen([sys.executable, "-c", PUSH], env=environment, stdout=subprocess.PIPE, text=True)
     try:
         deadline = time.monotonic() + 60
         while controller.position() < 0.001:
@@ -699,6 +818,8 @@ def test_a_signal_stops_the_pusher(controller, tmp_path):
         rest = controller.position()
         assert rest < 0.07
         assert controller.position() == rest
+        said, _ = client.communicate(timeout=20)
+        assert said.split() == ["2", "the", "actuator", "was", "told", "to", "end", str(PusherState.MODE_HOLD), "0.0"]
     finally:
         for started in (process, client):
             started.kill()
@@ -706,18 +827,34 @@ def test_a_signal_stops_the_pusher(controller, tmp_path):
 
 
 PUSH = """
+import uuid
 import rclpy
 from rclpy.action import ActionClient
+from unique_identifier_msgs.msg import UUID
 from pushfric_msgs.action import Push
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.qos import RELIABLE
 rclpy.init()
 node = rclpy.create_node("client")
+states = []
+node.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
 client = ActionClient(node, Push, "push")
+heartbeat = Heartbeat(node)
 client.wait_for_server()
 while True:
-    answer = client.send_goal_async(Push.Goal(push_id=1, distance=0.08, speed=0.004))
+    owned = uuid.uuid4().bytes
+    heartbeat.own(owned)
+    goal = Push.Goal(push_id=1, distance=0.08, speed=0.004)
+    answer = client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned)))
     rclpy.spin_until_future_complete(node, answer)
     if answer.result().accepted:
-        rclpy.spin(node)
+        break
+result = answer.result().get_result_async()
+rclpy.spin_until_future_complete(node, result)
+for _ in range(20):
+    rclpy.spin_once(node, timeout_sec=0.05)
+print(result.result().result.outcome, result.result().result.message, states[-1].mode, states[-1].speed, flush=True)
 """
 
 

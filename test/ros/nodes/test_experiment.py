@@ -71,6 +71,8 @@ class Table:
                 "stroke": 0.06,
                 "max_speed": 0.1,
                 "silence": 5.0,  # for a busy machine
+                "owner_timeout": 5.0,
+                "memory": "",
             }
             self.actuator = ros.compose(
                 ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **line}))
@@ -264,14 +266,25 @@ def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros
     assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
-def test_an_object_lost_during_a_push_stops_the_pusher(ros, controller, tmp_path, capfd):
+@pytest.mark.parametrize("until", ["it is seen", "a person says so"])
+def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller, tmp_path, capfd, until):
     table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
     ros.wait_for(lambda: controller.position() > 0.002, 30.0, what="the push")
     table.visible = False
-    table.wait_for_message("bringing the pusher back")
-    assert max(state.position for state in table.states) < 0.029  # before the end of the push
+    table.wait_for_message("the pusher stays where it is: the object is not seen")
+    assert max(state.position for state in table.states) < 0.029  # short of the push's end
     assert "push 1 aborted: the object was not seen for 0.5 s" in capfd.readouterr().err
+    rest = controller.position()
+    table.states.clear()
+    ros.wait_for(lambda: len(table.states) > 20, what="more states")
+    assert controller.position() == rest
+    if until == "it is seen":
+        table.visible = True
+    else:
+        assert table.call("experiment/withdraw")
+    table.wait_for_message("bringing the pusher back")
     table.wait_for_message("push 2 of 3: place the object")
+    assert min(state.speed for state in table.states) >= -0.0101  # no faster than asked
     table.visible = True
     ros.wait_for(lambda: 1 in pushed(table.states), what="the next push")
 

@@ -28,6 +28,11 @@ COMMANDS = {
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
     "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
     "bag": "Check and recover bags.",
+    "stop": "Stop the pusher of a running cell; nothing moves before ./pushfric reset.",
+    "reset": "After a stop, fault or alarm: vouch for the position that the controller reports, or home where the cell homes.",
+    "status": "What the pusher of a running cell is doing, where it is, and what is the matter.",
+    "echo": "Print the states of the pusher of a running cell as they come, until Ctrl-C.",
+    "jog": "Move the pusher of a running cell a little; it is no push, and it stops when this command ends.",
     "import": "Turn a public data set of real pushes into bags of observations, each with its object.yaml.",
 }
 """Each command's name and the first paragraph of its help; the docstring of its function adds to that."""

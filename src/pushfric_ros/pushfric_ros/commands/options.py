@@ -26,4 +26,5 @@ SupportPointsOption = Annotated[
 ]
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag, from which messages are missing.")]
+NamespaceOption = Annotated[str, typer.Option("--namespace", help="Of the cell.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]

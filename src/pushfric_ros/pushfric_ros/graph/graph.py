@@ -20,6 +20,9 @@ NAMESPACE = CellFile.namespace
 
 CLOCK = "/clock"
 
+WATCHED = ("tracker", "estimator")
+"""Nodes without which the cell does not push."""
+
 PATIENCE = 10.0
 """Least time for which a simulated object must be unseen before its push is given up, in wall time [s]."""
 
@@ -91,12 +94,13 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         recorder = replace(file.recorder, topics=(*(" ".join(topic) for topic in topics), *file.recorder.topics))
     except ValueError as error:
         raise InvalidInput(f"recorder: {error}") from error
+    pusher = replace(file.pusher, requires=file.pusher.requires or WATCHED)
     return [
         NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(recorder)}),
         NodeSpec("estimator", {"object": file.object, **file.estimator.parameters()}),
         NodeSpec("tracker", {"object": file.object, **plain(file.camera), **plain(file.tracker)}, respawn=True),
         # a new actuator does not know where the pusher stands, unless it homes
-        NodeSpec("actuator", {**plain(file.pusher), **plain(file.driver)}, respawn=file.pusher.home),
+        NodeSpec("actuator", {**plain(pusher), **plain(file.driver)}, respawn=file.pusher.home),
         NodeSpec("experiment", {"object": file.object, "start": start, **plain(file.plan)}, ends_run=True),
     ]
 
@@ -124,7 +128,9 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
     # at a multiple of real time, the object may be unseen only because the machine is busy, and the controller silent
     plan = replace(file.plan, lost_object=max(file.plan.lost_object, PATIENCE))
     driver = replace(file.driver, real_time_factor=speed, silence=max(file.driver.silence, PATIENCE))
-    patient = replace(file, plan=plan, driver=driver)
+    slow = {name: max(getattr(file.pusher, name), PATIENCE) for name in ("owner_timeout", "requires_timeout")}
+    pusher = replace(file.pusher, memory="", **slow)  # a simulated pusher does not outlive its run
+    patient = replace(file, plan=plan, pusher=pusher, driver=driver)
     specs = [NodeSpec("simulated_cell", simulation), *map(with_simulated_time, cell(patient, bag))]
     return with_own_clock(specs, file.namespace)
 

@@ -3,9 +3,11 @@
 import atexit
 import contextlib
 import gc
+import math
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from typing import NoReturn
 
@@ -13,10 +15,14 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from pushfric_core.errors import InvalidInput, PushfricError
 
 EXIT_INVALID_INPUT = 2
+
+WINDING_UP, LAST_WORDS = 2.0, 0.1
+"""A node that winds up may take so long, and its last messages so long to leave [s]."""
 
 LAST_RESORT = 5
 """If a process has not ended this long [s] after it was asked to, or began to, the kernel ends it.
@@ -26,12 +32,14 @@ keeps Python from running meanwhile.
 """
 
 
-def run_node(make: Callable[[], Node]) -> NoReturn:
+def run_node(make: Callable[[], Node], winds_up: bool = False) -> NoReturn:
     """Make a node, spin it until SIGINT, SIGTERM or its own end, destroy it and leave.
 
     Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2; any other PushfricError
     that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its process by raising
-    SystemExit in a callback. If the process hangs at its end, SIGALRM ends it after `LAST_RESORT`.
+    SystemExit in a callback. A node that `winds_up` has a method `wind_up`; after a signal it is called, while the node is
+    still spun, until it returns True, so that the node can tell others how it ended. If the process hangs at its end, SIGALRM
+    ends it after `LAST_RESORT`.
     """
     # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -47,12 +55,17 @@ def run_node(make: Callable[[], Node]) -> NoReturn:
     node = executor = None
     code = 0
     try:
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO if winds_up else None)
         if not asked_to_stop:  # otherwise the signal came before rclpy's handlers were installed
             executor = SingleThreadedExecutor()  # made first, because after a signal it could not be made without an error
             node = make()
             executor.add_node(node)
-            executor.spin()
+            if winds_up:
+                _spin_until(executor, lambda: bool(asked_to_stop))
+                _spin_until(executor, node.wind_up, WINDING_UP)  # type: ignore[attr-defined]
+                _spin_until(executor, lambda: False, LAST_WORDS)
+            else:
+                executor.spin()
     except InvalidInput as error:
         code = _refuse(error)
     except SystemExit as end:
@@ -86,6 +99,12 @@ def _leave(code: int) -> NoReturn:
         with contextlib.suppress(OSError):  # whoever read it has gone
             stream.flush()
     os._exit(code)
+
+
+def _spin_until(executor: SingleThreadedExecutor, done: Callable[[], bool], seconds: float = math.inf) -> None:
+    deadline = time.monotonic() + seconds
+    while not done() and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.01)
 
 
 def _limit_the_end() -> None:

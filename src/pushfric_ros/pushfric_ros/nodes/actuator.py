@@ -11,13 +11,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, Vector3, WrenchStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
+from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
 from pushfric_core.contact import pushing_line
@@ -27,16 +28,21 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.files.plugins import PUSHERS, plugin
 from pushfric_ros.messages.conversions import TABLE, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import RELIABLE
-from pushfric_ros.pushers.pusher import Mode, NotConnected, Pusher, PusherConfig, PusherDriver, PusherError, PusherReport
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.pushers.position_memory import PositionMemory
+from pushfric_ros.pushers.pusher import Fault, Mode, NotConnected, Pusher, PusherConfig, PusherDriver, PusherError, PusherReport
 
 READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.5, 5.0
+FORCE_SILENCE = 0.5
+OWNER_GRACE = 1.0  # for the first sign of life of a goal's owner
 GRACE = 3.0  # a port may appear this late before anybody is told
 ROUNDING = 1e-5  # of positions [m]
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
+NOT_ENABLED = "the topic enable does not say true, or said so too long ago"
 UNKNOWN = "where the pusher stands is not known: "
 REMEDIES = {
     False: UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset",
@@ -74,24 +80,50 @@ class ActuatorNode(LifecycleNode):
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
         self._quiet_until = time.monotonic() + GRACE
         self._told: str | None = None  # the last problem that was logged
+        self._unsure = False  # what an earlier process, or this connection, leaves unknown waits for a person
+        self._fault = Fault.NONE
+        self._stopped: str | None = None  # why nothing moves before a person says so, though the position is known
+        self._ending = False
+        self._enabled = self._forced = -math.inf  # when enable was last true, and a force measured; in wall time [s]
+        self._memory = PositionMemory(config.memory, self._pusher.place)
+        self._lost_at = self._memory.recall()
+        self._unsure = self._lost_at is not None and math.isnan(self._lost_at)
         self._goal: ServerGoalHandle | None = None
-        self._client_seen = False  # that of the goal, in the graph
+        self._may_go: Future | None = None  # until the goal's owner has shown a sign of life
         self._revoked: str | None = None  # why the goal may not go on
         self._push_id = PusherState.NO_PUSH
         self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
         self._arrival: Future | None = None
         self._diagnostics = Diagnostics(self, self._health)
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
+        self._told_fault: Fault | None = None
+        self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
-        self._client_endpoint = self.resolve_service_name("push") + "/_action/send_goal"
+        self._life = Listener(self)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/stop", self._on_stop)
+        self.create_subscription(Empty, "stop", lambda _: self._halt(), RELIABLE)
+        if config.enable_timeout:
+            self.create_subscription(Bool, "enable", self._on_enable, RELIABLE)
+        if config.max_force:
+            self._diagnostics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_DATA)
         self.create_timer(1 / config.poll_rate, self._ask)
         # bytes come in real time, whatever clock the cell runs on
         self.create_timer(READ_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._service_change_state.callback = self._refuse_unknown(self._service_change_state.callback)
         if self._start_due:
             self.trigger_configure()
+
+    def wind_up(self) -> bool:
+        """Stop the pusher, tell the client and publish the state at rest; True when all that is done."""
+        if not self._ending:
+            self._ending, self._active = True, False
+            self._revoke(Fault.STOPPED, "the actuator was told to end")
+        if self._goal is not None or (self._pusher.busy and self._pusher.mode is not Mode.DISCONNECTED):
+            return False
+        self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
+        return True
 
     def destroy_node(self) -> None:
         """Stop the pusher, whatever it does, before anything else ends."""
@@ -131,7 +163,7 @@ class ActuatorNode(LifecycleNode):
         if self._pusher.mode is Mode.DISCONNECTED or self._pusher.busy:
             self.get_logger().error(f"cannot be activated yet: {self._problem or 'the controller is being connected'}")
             return TransitionCallbackReturn.FAILURE
-        if self._config.home and not self._located:
+        if self._config.home and not self._located and not self._unsure:
             try:
                 self._recover()
             except PusherError as error:
@@ -143,7 +175,7 @@ class ActuatorNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop a motion, and take no more goals."""
         self._active = False
-        self._revoke("the actuator was deactivated")
+        self._revoke(Fault.STOPPED, "the actuator was deactivated")
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -166,12 +198,20 @@ class ActuatorNode(LifecycleNode):
     def _not_active(self) -> str:
         return f"the actuator is {self._lifecycle_state}, expected active"
 
-    def _revoke(self, why: str) -> None:
+    def _revoke(self, fault: Fault, why: str) -> None:
         """Stop whatever moves; a goal under way is aborted with this reason once the pusher rests."""
-        if self._goal is not None:
-            self._revoked = why
+        if self._goal is not None and self._revoked is None:
+            self._revoked, self._fault = why, fault
+        if self._may_go is not None and not self._may_go.done():
+            self._may_go.set_result(None)
         if self._pusher.busy:
             self._stop()
+
+    def _halt(self, fault: Fault = Fault.STOPPED, why: str = "somebody asked for a stop") -> None:
+        """Stop whatever moves, and move nothing more until a person says so."""
+        self._stopped, self._fault = why, fault
+        self.get_logger().warning(f"{why}: nothing moves until actuator/reset is called")
+        self._revoke(fault, why)
 
     def _leave(self, why: str) -> None:
         self._configured = self._active = False
@@ -192,20 +232,54 @@ class ActuatorNode(LifecycleNode):
             self._pusher.ask(self.get_clock().now().nanoseconds)
         except PusherError as error:
             self._fail(error)
-        self._look_for_client()
 
-    def _look_for_client(self) -> None:
-        """Nobody would cancel a push once the last client of the action has left."""
-        if self._goal is None or self._revoked is not None:
+    def _guard(self) -> None:
+        """What a push needs besides the pusher itself; the first that is missing stops it."""
+        config, goal = self._config, self._goal
+        moves = goal is not None or (self._pusher.busy and self._pusher.mode is Mode.HOMING)
+        if moves and config.enable_timeout and time.monotonic() - self._enabled > config.enable_timeout:
+            self._revoke(Fault.DISABLED, NOT_ENABLED)
+        if goal is None or self._revoked is not None:
             return
-        if self.count_clients(self._client_endpoint):
-            self._client_seen = True
-        elif self._client_seen:
-            self._revoke("the client that sent it is gone")
+        waits = self._may_go is not None and not self._may_go.done()
+        if config.owner_timeout:
+            silent = self._life.ownerless(bytes(goal.goal_id.uuid))
+            if self._may_go is not None and waits and silent <= config.owner_timeout:
+                self._may_go.set_result(None)
+            elif silent > config.owner_timeout and not (waits and time.monotonic() - self._accepted < OWNER_GRACE):
+                how = f"its client published no heartbeat for {config.owner_timeout:g} s"
+                self._revoke(Fault.OWNER, f"{how}; docs/graph.md says how, or set owner_timeout to 0")
+        for name in config.requires:
+            if self._life.silent(name) > config.requires_timeout:
+                self._revoke(Fault.NODES, f"{name} showed no sign of life for {config.requires_timeout:g} s")
+        if config.max_force and time.monotonic() - self._forced > FORCE_SILENCE:
+            self._revoke(Fault.FORCE, f"no force was measured for {FORCE_SILENCE:g} s")
+
+    def _on_enable(self, msg: Bool) -> None:
+        self._enabled = time.monotonic() if msg.data else -math.inf
+
+    def _on_wrench(self, msg: WrenchStamped) -> None:
+        force = math.hypot(msg.wrench.force.x, msg.wrench.force.y, msg.wrench.force.z)
+        if math.isfinite(force):
+            self._forced = time.monotonic()
+        if self._goal is not None and force > self._config.max_force and self._stopped is None:
+            self._halt(Fault.FORCE, f"the force was {force:.1f} N, more than max_force {self._config.max_force:g} N")
+
+    def _remember(self, moves: bool = False) -> None:
+        """Keep for the next process what is known of the position."""
+        report = self._report
+        if report.mode is Mode.DISCONNECTED and not moves:
+            return
+        rests = not moves and self._located and self._goal is None and report.mode is Mode.IDLE and report.speed == 0
+        try:
+            self._memory.keep(report.position if rests else math.nan)
+        except OSError as error:
+            self.get_logger().warning(f"the pusher's position is not kept: {error}", once=True)
 
     def _poll(self) -> None:
         if not self._configured:
             return
+        self._guard()
         pusher = self._pusher
         try:
             if pusher.mode is Mode.DISCONNECTED and not pusher.busy:
@@ -225,6 +299,7 @@ class ActuatorNode(LifecycleNode):
             self._problem = None
         if self._recovering:
             self._recovering, self._located, self._problem = False, True, None
+            self._unsure, self._fault = False, Fault.NONE
         if self._start_due and pusher.mode is not Mode.DISCONNECTED:
             self._start_due = False
             self.trigger_activate()
@@ -234,22 +309,23 @@ class ActuatorNode(LifecycleNode):
             self._on_connected(report)
         self._report = report
         self._publish(report)
+        self._remember()
         if self._goal is not None and self._start is not None:
             self._goal.publish_feedback(Push.Feedback(travelled=report.position - self._start, speed=report.speed))
 
     def _on_connected(self, report: PusherReport) -> None:
         self.get_logger().info(f"connected to {self._pusher.name}")
         if self._lost_at is not None and not abs(report.position - self._lost_at) <= KEPT:
-            self._located = False
+            self._located, self._unsure = False, True
             before = "not idle" if math.isnan(self._lost_at) else f"at {self._lost_at:.4f} m"
             what = f"{before} when the connection was lost, said to be at {report.position:.4f} m now"
             self.get_logger().error(f"{what}: {REMEDIES[self._config.home]}")
         if isinstance(self._problem, NotConnected):
             self._problem = None
-        if self._pusher.mode is Mode.ALARM:
+        if self._pusher.mode is Mode.ALARM and not self._config.home:
             self._located = False
         if self._pusher.doubt is not None:
-            self._located = False
+            self._located, self._unsure = False, True
             self.get_logger().error(f"{self._pusher.doubt}: {REMEDIES[self._config.home]}")
         self._lost_at, self._told, self._retry_after = None, None, FIRST_RETRY
         self._quiet_until = 0.0
@@ -260,7 +336,7 @@ class ActuatorNode(LifecycleNode):
         if self._arrival is not None:
             self._arrival.set_exception(error)
         lost = self._pusher.mode is Mode.DISCONNECTED
-        self._problem = error
+        self._problem, self._fault = error, error.fault
         if not lost or (str(error) != self._told and time.monotonic() >= self._quiet_until):
             self.get_logger().error(f"{error}, retrying" if lost else str(error))
             self._told = str(error)
@@ -295,13 +371,15 @@ class ActuatorNode(LifecycleNode):
 
     def _shown(self, mode: Mode) -> Mode:
         """To others, idle means ready to move."""
-        if mode is not Mode.IDLE or (self._active and self._located):
+        if mode is not Mode.IDLE or (self._active and self._located and self._stopped is None):
             return mode
-        return Mode.ALARM if self._active else Mode.HOLD
+        return Mode.ALARM if self._active and not self._located else Mode.HOLD
 
     def _explained(self, mode: Mode) -> str:
         """A mode with what went wrong, and what to do where the position is not known; for people."""
         remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and self._active and not self._located else None
+        if mode is Mode.HOLD and self._stopped is not None:
+            remedy = f"{self._stopped}: call actuator/reset"
         return ": ".join(str(text) for text in (mode.value, self._problem, remedy) if text is not None)
 
     def _publish(self, report: PusherReport) -> None:
@@ -319,10 +397,19 @@ class ActuatorNode(LifecycleNode):
         )
         msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), TABLE
         self._state_out.publish(msg)
+        fault = self._fault if self._located or self._fault is not Fault.NONE else Fault.POSITION
+        if fault is not self._told_fault:
+            self._told_fault = fault
+            self._fault_out.publish(String(data=fault.value))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._goal is not None or not self._active:
             response.message = "a push is under way, cancel it first" if self._goal else self._not_active
+            return response
+        stopped, self._stopped = self._stopped, None
+        if stopped is not None and self._located and self._pusher.mode is Mode.IDLE:
+            self._fault = Fault.NONE
+            response.success, response.message = True, "released"
             return response
         try:
             self._recover()
@@ -332,6 +419,11 @@ class ActuatorNode(LifecycleNode):
             response.success, response.message = True, "homing" if self._config.home else "unlocking"
         return response
 
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._halt()
+        response.success, response.message = True, "stopped: nothing moves until actuator/reset is called"
+        return response
+
     def _health(self) -> Health:
         mode = self._shown(self._pusher.mode) if self._active else self._pusher.mode
         level = {Mode.DISCONNECTED: Level.ERROR, Mode.ALARM: Level.ERROR, Mode.HOLD: Level.WARN}.get(mode, Level.OK)
@@ -339,7 +431,8 @@ class ActuatorNode(LifecycleNode):
         if not self._active and (not self._configured or level is Level.OK):
             level, message = Level.WARN, self._not_active
         values = {"state": self._lifecycle_state, "controller": self._pusher.name,
-                  "mode": mode.value, "last problem": self._problem or "none"}  # fmt: skip
+                  "mode": mode.value, "fault": self._fault.value, "reports dropped": self._pusher.dropped,
+                  "last problem": self._problem or "none"}  # fmt: skip
         return Health(level, message, values)
 
     # The push action
@@ -362,8 +455,10 @@ class ActuatorNode(LifecycleNode):
             return self._not_active
         if mode is not Mode.IDLE:
             return f"the pusher must be idle, it is {self._explained(mode)}"
-        if push.push_id < 0:
-            return f"push_id must be 0 or more, got {push.push_id}"
+        if push.push_id < PusherState.NO_PUSH:
+            return f"push_id must be 0 or more, or {PusherState.NO_PUSH} for a jog, got {push.push_id}"
+        if config.enable_timeout and time.monotonic() - self._enabled > config.enable_timeout:
+            return NOT_ENABLED
         if push.distance == 0 or not math.isfinite(push.distance):
             return f"distance must be a length, negative for the way back, got {push.distance} m"
         if push.distance < 0 and push.retract:
@@ -378,7 +473,10 @@ class ActuatorNode(LifecycleNode):
         return None
 
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
-        self._goal, self._revoked, self._client_seen = goal, None, False
+        self._goal, self._revoked, self._fault = goal, None, Fault.NONE
+        self._may_go, self._accepted = Future(), time.monotonic()
+        if not self._config.owner_timeout:
+            self._may_go.set_result(None)
         goal.execute()
 
     def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:
@@ -391,6 +489,8 @@ class ActuatorNode(LifecycleNode):
         if push.speed > fastest:
             self.get_logger().warning(f"push {push.push_id} is slower than asked: the controller allows {fastest:.4f} m/s")
         try:
+            assert self._may_go is not None
+            await self._may_go  # nothing moves for a client of which nobody would know that it is gone
             self._start = start
             problem = await self._stroke(goal, start + push.distance, push.speed)
             self._start = None
@@ -399,7 +499,7 @@ class ActuatorNode(LifecycleNode):
                 back = min(self._config.retract_speed, self._config.max_speed)
                 problem = await self._stroke(goal, start, back)
         finally:
-            self._goal = self._start = None
+            self._goal = self._start = self._may_go = None
         if problem is not None:
             goal.abort()
             return Push.Result(outcome=Push.Result.OUTCOME_ABORTED, travelled=travelled, message=problem)
@@ -415,6 +515,7 @@ class ActuatorNode(LifecycleNode):
             return self._revoked
         forward = position > self._report.position
         self._push_id, self._arrival = goal.request.push_id if forward else PusherState.NO_PUSH, Future()
+        self._remember(moves=True)
         try:
             self._pusher.move_to(position, speed)
             await self._arrival
@@ -429,4 +530,4 @@ class ActuatorNode(LifecycleNode):
 
 
 def main() -> None:
-    run_node(ActuatorNode)
+    run_node(ActuatorNode, winds_up=True)

@@ -59,6 +59,7 @@ from pushfric_ros.messages.conversions import (
 )
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
@@ -82,6 +83,7 @@ class EstimatorNode(Node):
         self._estimator.estimate()  # loads the compiled solver now instead of with the first data point
         self._observations_out = None
         self._diagnostics = topics = Diagnostics(self, self._health)
+        Heartbeat(self)
         if config.source is DataPointSource.OBSERVATIONS:
             topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
         else:

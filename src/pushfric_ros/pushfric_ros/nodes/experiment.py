@@ -2,6 +2,7 @@
 
 import math
 import time
+import uuid
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +13,8 @@ from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
+from std_srvs.srv import Trigger
+from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
@@ -24,6 +27,7 @@ from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.messages.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
@@ -61,6 +65,9 @@ class ExperimentNode(Node):
         self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
         self._newest = -1  # its newest data point [ns]
         self._diagnostics = topics = Diagnostics(self, self._health)
+        self._heartbeat = Heartbeat(self)
+        self._blind = False  # the last push was stopped because the object was not seen
+        self.create_service(Trigger, "~/withdraw", self._on_withdraw)
         self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
         self._progress = PlanProgress(count=self._count, push_id=self._first)
@@ -109,7 +116,9 @@ class ExperimentNode(Node):
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         assert self._pusher is not None
         if self._pusher.position <= WITHDRAWN:
+            self._blind = False
             return None
+        await self._until_well(self._blindness, PlanProgress.PHASE_WAITING, "the pusher stays where it is")
         self._report(PlanProgress.PHASE_WAITING, "bringing the pusher back")
         back = Push.Goal(push_id=self._progress.push_id, distance=-self._pusher.position, speed=self._config.speed)
         problem = await self._carry(back)
@@ -147,8 +156,15 @@ class ExperimentNode(Node):
         return next((PlannedPush(one.edge, one.offset, one.angle) for one in self._region.next_pushes), None)
 
     async def _carry(self, goal: Push.Goal) -> str | None:
-        """Have the pusher carry out a goal; return what went wrong, or None."""
-        answered = self._action.send_goal_async(goal)
+        """Have the pusher carry out a goal, and own it meanwhile; return what went wrong, or None."""
+        owned = uuid.uuid4().bytes
+        self._heartbeat.own(owned)
+        problem = await self._owned(goal, owned)
+        self._heartbeat.own(None)
+        return problem
+
+    async def _owned(self, goal: Push.Goal, owned: bytes) -> str | None:
+        answered = self._action.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned)))
         self._idle_since = None
         await self._until(lambda: answered.done() or self._forgotten())
         if not answered.done():
@@ -161,6 +177,7 @@ class ExperimentNode(Node):
         await self._until(lambda: result.done() or self._forgotten() or self._pushes_unseen())
         unseen = not result.done() and not self._forgotten()
         if unseen:
+            self._blind = True
             handle.cancel_goal_async()
             await self._until(lambda: result.done() or self._forgotten())
         if not result.done():
@@ -168,6 +185,19 @@ class ExperimentNode(Node):
         if result.result().status == GoalStatus.STATUS_SUCCEEDED:
             return None
         return f"the object was not seen for {self._config.lost_object:g} s" if unseen else str(result.result().result.message)
+
+    def _blindness(self) -> str | None:
+        """Why the pusher is not brought back yet: what it would do to an object that nobody sees is not known."""
+        if not self._blind or not self._unseen:
+            self._blind = False
+            return None
+        return "the object is not seen; let the camera see it, or call experiment/withdraw"
+
+    def _on_withdraw(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """A person says that the pusher may be brought back though the object is not seen."""
+        response.success, self._blind = self._blind, False
+        response.message = "bringing the pusher back" if response.success else "the pusher does not wait to be brought back"
+        return response
 
     def _report(self, phase: int, message: str) -> None:
         self._progress.phase, self._progress.message = phase, message

@@ -20,6 +20,7 @@ from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plugins import chosen_tracker, tracker_kinds
 from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA
@@ -101,6 +102,7 @@ class TrackerNode(Node):
         self._complaints: set[str] = set()
 
         self._diagnostics = topics = Diagnostics(self, self._health)
+        Heartbeat(self)
         self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)

@@ -180,6 +180,10 @@ class Grbl:
         return f"{self._version or 'no controller'} at {self._path}"
 
     @property
+    def place(self) -> str:
+        return self._path
+
+    @property
     def doubt(self) -> str | None:
         return self._doubt
 

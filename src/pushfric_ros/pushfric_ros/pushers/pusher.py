@@ -9,25 +9,25 @@ from typing import NamedTuple, Protocol
 
 from pushfric_core.contact import pushing_line
 from pushfric_core.errors import PushfricError
-from pushfric_core.settings import REQUIRED, check_ranges, setting
+from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
 from pushfric_ros.pushers.check import Check
 
 
 class Fault(Enum):
-    """Why a pusher was stopped, or may not move; the names and values are those of PusherState.FAULT_*."""
+    """Why a pusher was stopped, or may not move; the values are those of the topic `pusher_fault`."""
 
-    NONE = 0
-    CONNECTION = 1
-    CONTROLLER = 2
-    POSITION = 3
-    WAY = 4
-    SPEED = 5
-    TIME = 6
-    STOPPED = 7
-    DISABLED = 8
-    OWNER = 9
-    NODES = 10
-    FORCE = 11
+    NONE = "none"
+    CONNECTION = "connection"  # no controller answers, or the connection was lost
+    CONTROLLER = "controller"  # an alarm, or a command was refused
+    POSITION = "position"  # where the pusher stands is not known
+    WAY = "way"  # it was reported 2 mm off its commanded way
+    SPEED = "speed"  # it was faster than commanded
+    TIME = "time"  # the controller was silent, or a stroke took too long
+    STOPPED = "stopped"  # somebody asked for it
+    DISABLED = "disabled"  # `enable` is false, or late
+    OWNER = "owner"  # the client that owns the push shows no sign of life
+    NODES = "nodes"  # a node that a push needs shows no sign of life
+    FORCE = "force"  # more than max_force, or no force is measured
 
 
 class PusherError(PushfricError):
@@ -104,6 +104,18 @@ class PusherConfig(StageConfig):
     home: bool = setting(False, "seek the home switch at activation; otherwise the controller's work zero is stroke position 0")
     retract_speed: float = setting(0.05, "of the way back after a push; max_speed where that is less [m/s]", 0.0001, 10.0)
     poll_rate: float = setting(20.0, "reports of the pusher's position [Hz]", 1.0, 100.0)
+    owner_timeout: float = setting(
+        0.3, "a push is stopped when its client shows no sign of life for so long; 0: it need not show any [s]", 0.0, 60.0
+    )
+    requires: tuple[str, ...] = setting((), "nodes that must show signs of life during a push, such as tracker and estimator")
+    requires_timeout: float = setting(1.0, "for how long these may show none [s]", 0.1, 60.0)
+    max_force: float = setting(0.0, "greatest force on the pusher, from the topic wrench; 0: it is not measured [N]", 0.0, 1e6)
+    enable_timeout: float = setting(
+        0.0, "nothing moves unless the topic enable said true within this time; 0: it is not needed [s]", 0.0, 60.0
+    )
+    memory: str = setting(
+        AUTO, f"folder that keeps where the pusher was for the next process; {AUTO}: of the user; empty: it is not kept"
+    )
     autostart: bool = setting(True, "configure and activate by itself, as soon as the controller answers")
 
     @property
@@ -145,6 +157,10 @@ class Pusher(Protocol):
     @property
     def name(self) -> str:
         """What answered, for people."""
+
+    @property
+    def place(self) -> str:
+        """What tells it from other pushers: its port."""
 
     @property
     def doubt(self) -> str | None:

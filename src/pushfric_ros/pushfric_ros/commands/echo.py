@@ -1,0 +1,16 @@
+"""The command `echo`."""
+
+import typer
+
+from pushfric_ros.commands.options import NamespaceOption
+from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.node_kit.person import Person, line
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def echo(namespace: NamespaceOption = NAMESPACE) -> None:
+    with Person(namespace) as person:
+        while True:
+            print(line(person.state(new=True)), flush=True)

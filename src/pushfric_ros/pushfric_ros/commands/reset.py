@@ -1,0 +1,15 @@
+"""The command `reset`."""
+
+import typer
+
+from pushfric_ros.commands.options import NamespaceOption
+from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.node_kit.person import Person
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def reset(namespace: NamespaceOption = NAMESPACE) -> None:
+    with Person(namespace) as person:
+        print(person.call("actuator/reset"))

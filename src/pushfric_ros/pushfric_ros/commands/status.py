@@ -1,0 +1,23 @@
+"""The command `status`."""
+
+import sys
+
+import typer
+
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.commands.options import NamespaceOption
+from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.node_kit.person import Person, line
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def status(namespace: NamespaceOption = NAMESPACE) -> None:
+    """Exit code 1: nothing can move now."""
+    with Person(namespace) as person:
+        print(line(person.state()))
+        for name, text in person.health().items():
+            print(f"{name}: {text}")
+        if person.state().mode not in (PusherState.MODE_IDLE, PusherState.MODE_RUNNING):
+            sys.exit(1)

@@ -1,0 +1,16 @@
+"""The command `stop`."""
+
+import typer
+
+from pushfric_ros.commands.options import NamespaceOption
+from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.node_kit.person import Person
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def stop(namespace: NamespaceOption = NAMESPACE) -> None:
+    with Person(namespace) as person:
+        person.say_stop()
+        print(person.call("actuator/stop"))

@@ -1,0 +1,122 @@
+"""A person at the pusher of a running cell: what the commands stop, reset, status, echo and jog share."""
+
+import contextlib
+import os
+import time
+import uuid
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
+from unique_identifier_msgs.msg import UUID
+
+from pushfric_core.errors import PushfricError
+from pushfric_msgs.action import Push
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.qos import RELIABLE
+
+PATIENCE = 5.0
+"""For the actuator's answer [s]."""
+
+MODES = {getattr(PusherState, name): name[5:].lower() for name in dir(PusherState) if name.startswith("MODE_")}
+
+
+class NoAnswer(PushfricError):
+    """No actuator answers, or it answers that it will not."""
+
+
+def line(state: PusherState) -> str:
+    push = "" if state.push_id == PusherState.NO_PUSH else f", push {state.push_id}"
+    return f"{MODES.get(state.mode, state.mode)} at {state.position * 1e3:.3f} mm, {state.speed * 1e3:.2f} mm/s{push}"
+
+
+class Person(contextlib.AbstractContextManager["Person"]):
+    """A node of their own, for as long as one command takes."""
+
+    def __init__(self, namespace: str) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, args=[])
+        self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._states: list[PusherState] = []
+        self._health: list[Any] = []
+        self._node.create_subscription(PusherState, "pusher_state", self._states.append, RELIABLE)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self._health.extend(msg.status), RELIABLE)
+        self._actuator = f"{self._node.get_namespace().rstrip('/')}/actuator"
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def say_stop(self) -> None:
+        """On the topic, which also reaches who serves no service."""
+        out = self._node.create_publisher(Empty, "stop", RELIABLE)
+        with contextlib.suppress(NoAnswer):
+            self._wait(out.get_subscription_count, "nobody listens to the topic stop")
+            out.publish(Empty())
+
+    def call(self, service: str) -> str:
+        """What a Trigger service answers. Raises NoAnswer where there is none, or it refuses."""
+        client = self._node.create_client(Trigger, service)
+        self._wait(client.service_is_ready, f"no service {self._node.resolve_service_name(service)}: does the cell run?")
+        answer = self._future(client.call_async(Trigger.Request()), f"{client.srv_name} does not answer")
+        if not answer.success:
+            raise NoAnswer(f"{client.srv_name}: {answer.message}")
+        return str(answer.message)
+
+    def state(self, new: bool = False) -> PusherState:
+        """The last state; `new`: one that was not given before."""
+        if new:
+            self._states.clear()
+        self._wait(lambda: self._states, "no pusher_state comes: does the cell run?")
+        return self._states[-1]
+
+    def health(self) -> dict[str, str]:
+        """The actuator's diagnostics."""
+
+        def found() -> list[Any]:
+            return [status for status in self._health if status.name == self._actuator]
+
+        self._wait(found, "no diagnostics of the actuator come")
+        last = found()[-1]
+        return {"message": last.message, **{value.key: value.value for value in last.values}}
+
+    def jog(self, distance: float, speed: float) -> str:
+        """Own a stroke until it is done. Raises NoAnswer where it does not arrive."""
+        client = ActionClient(self._node, Push, "push")
+        try:
+            self._wait(client.server_is_ready, "no action push: does the cell run?")
+            owned = uuid.uuid4().bytes
+            Heartbeat(self._node).own(owned)
+            goal = Push.Goal(push_id=PusherState.NO_PUSH, distance=distance, speed=speed)
+            handle = self._future(client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned))), "no answer to the jog")
+            if not handle.accepted:
+                raise NoAnswer(f"the actuator refuses: {self.health()['message']}")
+            seconds = abs(distance) / speed * 4 + PATIENCE
+            result = self._future(handle.get_result_async(), "the jog does not end", seconds).result
+        finally:
+            client.destroy()
+        if result.outcome != Push.Result.OUTCOME_REACHED:
+            raise NoAnswer(result.message)
+        return f"{result.message}: {result.travelled * 1e3:.3f} mm"
+
+    def _future(self, future: Future, otherwise: str, seconds: float | None = None) -> Any:
+        self._wait(future.done, otherwise, seconds)
+        return future.result()
+
+    def _wait(self, condition: Callable[[], object], otherwise: str, seconds: float | None = None) -> None:
+        deadline = time.monotonic() + (PATIENCE if seconds is None else seconds)
+        while not condition():
+            if time.monotonic() > deadline:
+                raise NoAnswer(otherwise)
+            self._executor.spin_once(timeout_sec=0.05)

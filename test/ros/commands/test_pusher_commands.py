@@ -1,0 +1,56 @@
+"""What a person at the pusher of a running cell can do with the commands stop, reset, status, echo and jog."""
+
+import time
+
+import pytest
+from rclpy.parameter import Parameter
+
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.node_kit.person import NoAnswer, Person, line
+from pushfric_ros.nodes.actuator import ActuatorNode
+from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
+
+STAGE = {
+    "line_origin": [0.0, 0.0],
+    "line_direction": [0.0, 1.0],
+    "tip_radius": 0.003,
+    "stroke": 0.06,
+    "max_speed": 0.1,
+    "silence": 5.0,  # for a busy machine
+    "owner_timeout": 5.0,
+    "memory": "",
+}
+
+
+def test_a_person_jogs_stops_and_resets(ros):
+    with SimulatedGrbl(time.monotonic) as controller, Person("/person_cell") as person:
+        given = [Parameter(name, value=value) for name, value in {"port": controller.port, **STAGE}.items()]
+        ros.compose(ActuatorNode(namespace="/person_cell", parameter_overrides=given))
+
+        def wait_for_idle() -> PusherState:
+            deadline = time.monotonic() + 20
+            while (state := person.state(new=True)).mode != PusherState.MODE_IDLE:
+                assert time.monotonic() < deadline, "the pusher does not idle"
+            return state
+
+        wait_for_idle()
+        assert person.jog(0.010, 0.05) == "reached: 10.000 mm"
+        assert controller.position() == pytest.approx(0.010)
+        assert line(wait_for_idle()) == "idle at 10.000 mm, 0.00 mm/s"
+        person.say_stop()
+        assert person.call("actuator/stop") == "stopped: nothing moves until actuator/reset is called"
+        with pytest.raises(NoAnswer, match="the actuator refuses"):
+            person.jog(0.010, 0.05)
+        assert person.call("actuator/reset") == "released"
+        assert person.health()["fault"] in ("none", "stopped")
+        wait_for_idle()
+        assert person.jog(-0.010, 0.05) == "reached: -10.000 mm"
+
+
+def test_without_a_cell_a_person_is_told_so(monkeypatch):
+    monkeypatch.setattr("pushfric_ros.node_kit.person.PATIENCE", 0.2)
+    with Person("/nobody") as person:
+        with pytest.raises(NoAnswer, match=r"no service /nobody/actuator/stop: does the cell run\?"):
+            person.call("actuator/stop")
+        with pytest.raises(NoAnswer, match="no pusher_state comes"):
+            person.state()
