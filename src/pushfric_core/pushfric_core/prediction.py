@@ -238,18 +238,19 @@ def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: in
 
 
 def model_of(estimate: Estimate, observations: Sequence[Observation]) -> FrictionModel:
-    """The model of an estimate.
+    """The model of an estimate: the samples of its spread where it has one, each with its own mu_c.
 
-    mu_c is what 90 % of the lower bounds stay below, of those that are finite.
+    Where mu_c is only bounded, it is what 90 % of the finite lower bounds stay below.
 
     Args:
         estimate: from at least one data point.
         observations: the data points it rests on.
     """
     bounds = estimate.contact_friction[np.isfinite(estimate.contact_friction)]
-    mu_c = contact_friction.percentile(bounds, SHARE) if len(bounds) else STICKING
-    w = np.clip(estimate.w, 0.0, 1.0)
-    model = FrictionModel(estimate.support_points, w[None], np.array((mu_c,)), np.ones(1))
+    bound = contact_friction.percentile(bounds, SHARE) if len(bounds) else STICKING
+    w = np.clip(estimate.w[None] if estimate.spread is None else estimate.spread.samples, 0.0, 1.0)
+    mu_c = np.array([bound if value is None else value for value in estimate.mu_c_of(w)])
+    model = FrictionModel(estimate.support_points, w, mu_c, np.full(len(w), 1 / len(w)))
     fitted = int(np.count_nonzero(estimate.w)) - 1
     return replace(model, misfit=misfit(model, observations, fitted))
 

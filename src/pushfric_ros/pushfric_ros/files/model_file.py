@@ -1,6 +1,7 @@
 """A model to keep, as a YAML file: what was learned of an object, to predict with it and to go on from it."""
 
 import importlib.metadata
+import math
 import os
 import pathlib
 import platform
@@ -14,7 +15,7 @@ import yaml
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Pose, Twist
+from pushfric_core.planar import Array, Pose, Twist
 from pushfric_core.prediction import FrictionModel, model_of
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml
@@ -32,8 +33,8 @@ class ContactFrictionFile(Strict):
     """mu_c."""
 
     value: Positive  # what predictions use
-    interval: tuple[Positive, Positive] | None = None  # holds the truth with 90 %
-    kind: str = "bound"  # bound: data points bound it from below
+    interval: tuple[Positive, Positive | None] | None = None  # holds the truth with 90 %; no upper end of a bound
+    kind: str = "bound"  # bound: data points bound it from below; slip: sliding ones gave it; force: measured forces did
 
 
 class SampleFile(Strict):
@@ -152,7 +153,8 @@ def make_model(
         object=model.file.model_copy(update={"support": SupportFile(points=points)}),
         w=np.clip(estimate.w, 0.0, 1.0).tolist(),
         center_of_friction=(x, y),
-        mu_c=ContactFrictionFile(value=friction.mean_mu_c),
+        covariance=None if estimate.spread is None else _covariance(estimate.spread.covariance),
+        mu_c=_contact_friction(estimate, friction),
         total_friction=estimate.total_friction,
         misfit=friction.misfit,
         ensemble=_ensemble(friction),
@@ -160,6 +162,19 @@ def make_model(
         versions={"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in VERSIONED},
         data_points=tuple(map(_data_point, observations)),
     )
+
+
+def _covariance(matrix: Array) -> tuple[Point, Point]:
+    (a, b), (c, d) = matrix.tolist()
+    return (a, b), (c, d)
+
+
+def _contact_friction(estimate: Estimate, friction: FrictionModel) -> ContactFrictionFile:
+    known = estimate.mu_c
+    if known is None:
+        return ContactFrictionFile(value=friction.mean_mu_c)
+    high = known.high if math.isfinite(known.high) else None
+    return ContactFrictionFile(value=friction.mean_mu_c, interval=(known.low, high), kind=known.kind.value)
 
 
 def _ensemble(friction: FrictionModel) -> tuple[SampleFile, ...]:
