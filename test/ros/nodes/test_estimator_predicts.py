@@ -110,12 +110,12 @@ def test_the_limit_surface_is_latched_once_the_estimate_stands(asked):
     send, ask, surfaces, ros = asked
     send(DATA)
     ros.wait_for(lambda: surfaces and surfaces[-1].wrenches, what="a limit surface")
-    estimate, model = expected_model()
+    _, model = expected_model()
     msg = surfaces[-1]
     ellipsoid = named_ellipsoid(model.support)
     assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.mean_mu_c)
     assert (msg.f_max, msg.m_max) == (1, ellipsoid.m_max)
-    assert (msg.center.x, msg.center.y) == pytest.approx(tuple(estimate.center_of_friction))
+    assert (msg.center.x, msg.center.y) == pytest.approx(tuple(model.support.center_of_friction))
     assert msg.quartic_twist_error < msg.ellipsoid_twist_error < 0.3
     quartic = Quartic(np.array(msg.quartic))
     loads = [quartic.load(Wrench(w.force.x, w.force.y, w.torque.z)) for w in msg.wrenches]
