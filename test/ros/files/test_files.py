@@ -141,7 +141,7 @@ def test_observations_are_read_in_order(write):
         (HEADER + "0.05,0,0,-1,0,0,0,3\n", "line 2: the twist of a data point must not be zero"),
         (HEADER + "0.05,0,0,-1,0,1\n", "line 2: push_id must be a number, got None"),
         (HEADER + ROW.replace(",3", ",3.5"), "push_id must be a whole number"),
-        (HEADER.strip() + ",force_x\n", "both of force_x and force_y"),
+        (HEADER.strip() + ",force_x\n" + ROW, "both of force_x and force_y"),
     ],
 )
 def test_bad_observations_are_refused_in_one_line(write, text, error):
@@ -181,8 +181,8 @@ def test_support_points_are_read(write):
     [
         ("x\n1\n", "missing column y"),
         ("x,y\n", "no support points"),
-        ("x,y\n1,a\n", "line 2: x and y must be numbers, got '1', 'a'"),
-        ("x,y\n1,inf\n", "line 2: x and y must be finite"),
+        ("x,y\n1,a\n", "line 2: y must be a number, got 'a'"),
+        ("x,y\n1,inf\n", "line 2: y must be finite, got inf"),
     ],
 )
 def test_bad_support_points_are_refused(write, text, error):

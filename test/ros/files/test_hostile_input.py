@@ -211,9 +211,18 @@ def test_malformed_messages_in_a_whole_bag_are_refused_one_by_one(tmp_path):
     assert all("not a pushfric_msgs/msg/Observation" in line for line in refused)
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "{}}", "1", '{"exclude_pushes": [1e999]}', '{"window": ' + "9" * 5000 + "}"])
-def test_settings_that_are_none_are_refused(text):
-    with pytest.raises(ValueError, match=""):
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[" * 100_000, "must be a JSON object, got lists within lists"),
+        ("{}}", "Extra data"),
+        ("1", "must be a JSON object, got '1'"),
+        ('{"exclude_pushes": [1e999]}', "exclude_pushes must be a list of whole numbers"),
+        ('{"window": ' + "9" * 5000 + "}", "5000 digits"),
+    ],
+)
+def test_recorded_settings_that_make_no_sense_are_refused(text, expected):
+    with pytest.raises(ValueError, match=expected):
         EstimatorSettings.from_text(text)
 
 

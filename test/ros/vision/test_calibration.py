@@ -317,9 +317,9 @@ def test_a_mirrored_table_is_refused(tmp_path):
     ("content", "text"),
     [
         ("u,v,x\n1,2,3\n", "missing column y; expected u, v, x, y"),
-        ("u,v,x,y\n1,2,3,4\n1,2,a,4\n", "line 3: u, v, x and y must be numbers"),
-        ("u,v,x,y\n1,2,3\n", "line 2: u, v, x and y must be numbers"),
-        ("u,v,x,y\n1,2,inf,4\n", "line 2: u, v, x and y must be finite"),
+        ("u,v,x,y\n1,2,3,4\n1,2,a,4\n", "line 3: x must be a number, got 'a'"),
+        ("u,v,x,y\n1,2,3\n", "line 2: y must be a number, got None"),
+        ("u,v,x,y\n1,2,inf,4\n", "line 2: x must be finite, got inf"),
     ],
 )
 def test_a_bad_file_of_points_is_refused(tmp_path, content, text):

@@ -7,7 +7,7 @@ from scipy import sparse
 from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
 from pushfric_core.solvers.active_set import hard_rows, minimise
-from pushfric_core.solvers.program import Optimum, certify, check_rows, check_size, finite, fit_error
+from pushfric_core.solvers.program import Groups, Optimum, certify, check_rows, check_size, finite, fit_error
 from pushfric_core.solvers.quadratic import distinct, least_violation
 from pushfric_core.solvers.row_table import SPARE, RowTable
 
@@ -29,8 +29,7 @@ class OsqpLinearProgram:
     def __init__(self, n: int) -> None:
         self._n = check_size(n)
         self._table = RowTable(n + 2)  # a, above, below
-        self._groups = 0
-        self._present: set[int] = set()
+        self._groups = Groups()
         self._dual: _Dual | None = None
         self._conflicts: list[int] = []
 
@@ -41,9 +40,8 @@ class OsqpLinearProgram:
             ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
         """
         check_rows(rows, self._n)
-        self._table.append(np.column_stack(rows), self._groups)
-        self._present.add(self._groups)
-        self._groups += 1
+        self._table.append(np.column_stack(rows), self._groups.next)
+        self._groups.add()
 
     def remove(self, group: int) -> None:
         """Take the rows of one data point out again; OSQP starts again.
@@ -51,9 +49,7 @@ class OsqpLinearProgram:
         Raises:
             ValueError: there is no such group, or it was removed before.
         """
-        if group not in self._present:
-            raise ValueError(f"there is no group {group} to remove")
-        self._present.remove(group)
+        self._groups.remove(group)
         self._table.remove(group)
         self._dual = None
 

@@ -62,6 +62,29 @@ class Optimum(NamedTuple):
     status: Status
 
 
+class Groups:
+    """The groups of rows in a program, one for each data point, numbered in order of arrival."""
+
+    def __init__(self) -> None:
+        self.next = 0
+        self._present: set[int] = set()
+
+    def add(self) -> None:
+        """Take in the next group."""
+        self._present.add(self.next)
+        self.next += 1
+
+    def remove(self, group: int) -> None:
+        """Take a group out again.
+
+        Raises:
+            ValueError: there is no such group, or it was removed before.
+        """
+        if group not in self._present:
+            raise ValueError(f"there is no group {group} to remove")
+        self._present.remove(group)
+
+
 class Program(Protocol):
     """A program for w whose rows are added and removed, data point by data point; the protocol of every solver."""
 

@@ -10,6 +10,7 @@ from pushfric_core.solvers.program import (
     HARD_VIOLATION,
     NOISELESS,
     RELATIVE_GAP,
+    Groups,
     Optimum,
     Status,
     check_rows,
@@ -50,8 +51,7 @@ class LeastSquares:
         self._even = RowTable(n + 1)  # a, cost: the same on both sides
         self._uneven = RowTable(n + 2)  # a, above, below
         self._equal, self._low = RowTable(n), RowTable(n)
-        self._groups = 0
-        self._present: set[int] = set()
+        self._groups = Groups()
         self._even_hessian = np.zeros((n, n))
         self._uneven_hessian = np.zeros((n, n))
         self._counted = np.zeros(0)  # cost with which each uneven row is in it
@@ -68,14 +68,13 @@ class LeastSquares:
         check_rows(rows, self._n)
         above, below = finite(rows.above), finite(rows.below)
         even = above == below
-        self._even.append(np.column_stack((rows.a, above))[even], self._groups)
+        self._even.append(np.column_stack((rows.a, above))[even], self._groups.next)
         self._even_hessian += _gram(rows.a[even], above[even])
-        self._uneven.append(np.column_stack((rows.a, above, below))[~even], self._groups)
+        self._uneven.append(np.column_stack((rows.a, above, below))[~even], self._groups.next)
         hard, _ = hard_rows(rows)
-        self._equal.append(hard.equal, self._groups)
-        self._low.append(hard.low, self._groups)
-        self._present.add(self._groups)
-        self._groups += 1
+        self._equal.append(hard.equal, self._groups.next)
+        self._low.append(hard.low, self._groups.next)
+        self._groups.add()
 
     def remove(self, group: int) -> None:
         """Take the rows of one data point out. O(M n^2): H is summed up again, as subtraction would leave rounding errors.
@@ -83,9 +82,7 @@ class LeastSquares:
         Raises:
             ValueError: there is no such group, or it was removed before.
         """
-        if group not in self._present:
-            raise ValueError(f"there is no group {group} to remove")
-        self._present.remove(group)
+        self._groups.remove(group)
         for table in (self._even, self._uneven, self._equal, self._low):
             table.remove(group)
         self._even_hessian = _gram(self._even.rows[:, :-1], self._even.rows[:, -1])

@@ -21,6 +21,7 @@ from pushfric_core.solvers.program import (
     HARD_VIOLATION,
     NOISELESS,
     RELATIVE_GAP,
+    Groups,
     Optimum,
     Solution,
     Status,
@@ -92,8 +93,8 @@ class Simplex:
         self._close_size = CLOSE + CLOSE_PER_COLUMN * self._columns
         self._far_size = FAR * self._close_size
         self._rows = pivoting.empty_rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
-        self._count = self._removed = self._groups = 0
-        self._present: set[int] = set()  # groups
+        self._count = self._removed = 0
+        self._groups = Groups()
         self._scaled = 0  # number of rows that contain the scale
         self._worst = 0.0  # the largest cost of any w without a scale
         self._basis = Basis(n, self._columns)
@@ -124,13 +125,12 @@ class Simplex:
         if last > len(self._rows.a):
             self._rows = self._rows.with_room(2 * last)
         unsettled = self._basis.has_room(m) and not self._strained
-        worst = pivoting.receive(self._basis.state, self._rows, first, self._groups, a, above, below, self._n, unsettled)
+        worst = pivoting.receive(self._basis.state, self._rows, first, self._groups.next, a, above, below, self._n, unsettled)
         if worst == COEFFICIENT:
             raise ValueError(f"the coefficients of the rows must be finite, and at most {LARGEST:g}")
         if worst == COST:
             raise ValueError(f"the costs of the rows must not be negative or NaN, and at most {LARGEST:g} or infinite")
-        self._present.add(self._groups)
-        self._groups += 1
+        self._groups.add()
         self._count = last
         self._optimum = None
         self._worst += worst
@@ -145,9 +145,7 @@ class Simplex:
         Raises:
             ValueError: there is no such group, or it was removed before.
         """
-        if group not in self._present:
-            raise ValueError(f"there is no group {group} to remove")
-        self._present.remove(group)
+        self._groups.remove(group)
         first, last = np.searchsorted(self._rows.group[: self._count], (group, group + 1))
         if first == last:
             return

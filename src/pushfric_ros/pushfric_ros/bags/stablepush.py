@@ -13,7 +13,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, Twist
 from pushfric_ros.bags.zhou2015 import MILLIMETRE, SECOND, Imported, write_bag
-from pushfric_ros.files.file_errors import reading
+from pushfric_ros.files.csv_table import read_table
 from pushfric_ros.files.pushes_file import TURNED, EdgePushes
 
 NAME = "stablepush"
@@ -41,20 +41,8 @@ def read_stable_pushes(path: pathlib.Path) -> dict[str, TwoFingerPushes]:
         InvalidInput: a column or a number is missing, or there is no push.
     """
     objects: dict[str, list[list[float]]] = {}
-    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.DictReader(stream)
-        if missing := [name for name in COLUMNS if name not in (reader.fieldnames or [])]:
-            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected stable_pushes.csv of {NAME}")
-        for row in reader:
-            try:
-                numbers = [float(row[name]) for name in COLUMNS[1:]]
-            except (TypeError, ValueError) as error:
-                raise InvalidInput(f"{path}, line {reader.line_num}: {error}") from error
-            if not np.isfinite(numbers).all():
-                raise InvalidInput(f"{path}, line {reader.line_num}: expected finite numbers, got {numbers}")
-            objects.setdefault(row["object"], []).append(numbers)
-    if not objects:
-        raise InvalidInput(f"{path}: no pushes; expected a row for each")
+    for row in read_table(path, COLUMNS, "pushes", f"stable_pushes.csv of {NAME}").rows:
+        objects.setdefault(row.texts["object"] or "", []).append(row.numbers(COLUMNS[1:]))
     return {name: _pushes(np.array(rows)) for name, rows in objects.items()}
 
 
@@ -68,8 +56,8 @@ def _pushes(rows: Array) -> TwoFingerPushes:
 def import_stable_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     """Write, for each object, a bag of the pushes that were stable, with its object's YAML file and PUSHES next to it.
 
-    A stable push is a data point whose contact is an interval: between the two fingers. An unstable one is none: the contact
-    was lost, or moved along the edge by more than its width.
+    A stable push is a data point whose contact is an interval: between the two fingers. An unstable one is not a data point:
+    the contact was lost, or moved along the edge by more than its width.
 
     Args:
         source: stable_pushes.csv.

@@ -5,7 +5,6 @@ application", ICRA 2016. A log holds, for each push, the object's pose before an
 poses of the tool; so each push gives one data point: its finite motion, with the contact in the middle of it.
 """
 
-import csv
 import gzip
 import math
 import pathlib
@@ -24,7 +23,7 @@ from pushfric_core.planar import Array, Pose, Twist, compose, exp, inverse, rota
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.cdr import encoder
 from pushfric_ros.bags.offered_qos import OfferedQos
-from pushfric_ros.files.file_errors import reading
+from pushfric_ros.files.csv_table import Row, read_table
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
 from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.messages.qos import RELIABLE
@@ -98,28 +97,23 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         InvalidInput: a column or a number is missing.
     """
     logs: dict[str, list[Observation]] = {}
-    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.DictReader(stream)
-        if missing := [name for name in COLUMNS if name not in (reader.fieldnames or [])]:
-            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected push_points.csv of {NAME}")
-        for row in reader:
-            try:
-                cx, cy, nx, ny, dx, dy, turn, fx, fy = (float(row[name]) for name in COLUMNS[3:])
-                motion = Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
-                observation = Observation(
-                    contact_point=(cx * MILLIMETRE, cy * MILLIMETRE),
-                    contact_normal=(nx, ny),
-                    twist=motion,
-                    push_id=int(row["push"]),
-                    stamp=(int(row["push"]) + 1) * SECOND,
-                    force=(fx, fy),
-                    tip_velocity=_tip_velocity(row, motion, (cx * MILLIMETRE, cy * MILLIMETRE)),
-                )
-            except (TypeError, ValueError, PushfricError) as error:
-                raise InvalidInput(f"{path}, line {reader.line_num}: {error}") from error
-            logs.setdefault(row["log"], []).append(observation)
-    if not logs:
-        raise InvalidInput(f"{path}: no data points; expected a row for each push")
+    for row in read_table(path, COLUMNS, "data points", f"push_points.csv of {NAME}").rows:
+        cx, cy, nx, ny, dx, dy, turn, fx, fy = row.numbers(COLUMNS[3:])
+        try:
+            push = int(row.texts["push"] or "")
+            motion = Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
+            observation = Observation(
+                contact_point=(cx * MILLIMETRE, cy * MILLIMETRE),
+                contact_normal=(nx, ny),
+                twist=motion,
+                push_id=push,
+                stamp=(push + 1) * SECOND,
+                force=(fx, fy),
+                tip_velocity=_tip_velocity(row, motion, (cx * MILLIMETRE, cy * MILLIMETRE)),
+            )
+        except (TypeError, ValueError, PushfricError) as error:
+            raise InvalidInput(f"{row.where}: {error}") from error
+        logs.setdefault(row.texts["log"] or "", []).append(observation)
     return logs
 
 
@@ -224,11 +218,11 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     )
 
 
-def _tip_velocity(row: dict[str, str], motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
+def _tip_velocity(row: Row, motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
     """The contact's motion, and what the tip moved in the object's frame; None of a file without the tips."""
-    if any(not row.get(name) for name in TIPS):
+    if any(not row.texts.get(name) for name in TIPS):
         return None
-    x0, y0, x1, y1 = (float(row[name]) * MILLIMETRE for name in TIPS)
+    x0, y0, x1, y1 = (number * MILLIMETRE for number in row.numbers(TIPS))
     vx, vy = velocity_at(motion, np.asarray(contact))
     return float(vx) + x1 - x0, float(vy) + y1 - y0
 

@@ -32,7 +32,7 @@ def known(source: pathlib.Path, object_name: str, warn: Callable[[str], None]) -
 
     Args:
         source: the file or the bag.
-        object_name: name or file of the object; of a model there is none to be given.
+        object_name: name or file of the object; a model has its own.
         warn: gets a line for each message or data point that is refused.
     Raises:
         InvalidInput: it cannot be read, or does not say of what object it is.

@@ -1,6 +1,5 @@
 """What is known about an object before it is pushed: outline and hypothesised supports, from a YAML file or Table 1."""
 
-import csv
 import math
 import os
 import pathlib
@@ -17,6 +16,7 @@ from pushfric_core.planar import FARTHEST, Array
 from pushfric_core.recognition import Hypothesis
 from pushfric_core.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1
 from pushfric_ros.files.bounded_yaml import TEXT_LIMIT, load_yaml
+from pushfric_ros.files.csv_table import read_table
 from pushfric_ros.files.file_errors import reading, shortened, text_of
 
 Length = Annotated[float, pydantic.Field(ge=-FARTHEST, le=FARTHEST)]
@@ -270,23 +270,10 @@ def read_points(path: pathlib.Path) -> Array:
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
-    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.DictReader(stream, skipinitialspace=True)
-        if missing := [name for name in ("x", "y") if name not in (reader.fieldnames or [])]:
-            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected x, y")
-        points = [_point(row, f"{path}, line {reader.line_num}") for row in reader]
-    if not points:
-        raise InvalidInput(f"{path}: no support points; expected a row for each")
+    points = []
+    for row in read_table(path, ("x", "y"), "support points").rows:
+        x, y = row.numbers(("x", "y"))
+        if max(abs(x), abs(y)) > FARTHEST:
+            raise InvalidInput(f"{row.where}: x and y must lie within {FARTHEST:g} m, got {x}, {y}")
+        points.append((x, y))
     return np.array(points)
-
-
-def _point(row: dict[str, str], where: str) -> Point:
-    try:
-        x, y = float(row["x"]), float(row["y"])
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{where}: x and y must be numbers, got {row['x']!r}, {row['y']!r}") from None
-    if not np.isfinite((x, y)).all():
-        raise InvalidInput(f"{where}: x and y must be finite, got {x}, {y}")
-    if max(abs(x), abs(y)) > FARTHEST:
-        raise InvalidInput(f"{where}: x and y must lie within {FARTHEST:g} m, got {x}, {y}")
-    return x, y

@@ -1,14 +1,12 @@
 """Observations as a CSV file: SI units, object frame, one data point in each row."""
 
-import csv
-import math
 import pathlib
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Twist
-from pushfric_ros.files.file_errors import reading
+from pushfric_ros.files.csv_table import Row, read_table
 
 REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
 PAIRS = (("force_x", "force_y"), ("tip_vx", "tip_vy"))
@@ -24,33 +22,18 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
-    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.DictReader(stream)
-        columns = [name.strip() for name in reader.fieldnames or []]
-        reader.fieldnames = columns
-        if missing := [name for name in REQUIRED if name not in columns]:
-            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {', '.join(REQUIRED)}")
-        for x, y in PAIRS:
-            if (x in columns) != (y in columns):
-                raise InvalidInput(f"{path}: expected both of {x} and {y}, or neither")
-        observations = [_observation(row, f"{path}, line {reader.line_num}", outline) for row in reader]
-    if not observations:
-        raise InvalidInput(f"{path}: no data points; expected a row for each")
-    return observations
+    columns, rows = read_table(path, REQUIRED, "data points")
+    for x, y in PAIRS:
+        if (x in columns) != (y in columns):
+            raise InvalidInput(f"{path}: expected both of {x} and {y}, or neither")
+    return [_observation(row, outline) for row in rows]
 
 
-def _observation(row: dict[str, str], where: str, outline: Outline) -> Observation:
-    def number(name: str) -> float:
-        try:
-            value = float(row[name])
-        except (TypeError, ValueError):
-            raise InvalidInput(f"{where}: {name} must be a number, got {row[name]!r}") from None
-        if not math.isfinite(value):
-            raise InvalidInput(f"{where}: {name} must be finite, got {value}")
-        return value
+def _observation(row: Row, outline: Outline) -> Observation:
+    number, where = row.number, row.where
 
     def pair(x: str, y: str) -> tuple[float, float] | None:
-        return (number(x), number(y)) if row.get(x) or row.get(y) else None
+        return (number(x), number(y)) if row.texts.get(x) or row.texts.get(y) else None
 
     push_id = number("push_id")
     if push_id != int(push_id) or not 0 <= push_id < 2**31:
@@ -61,7 +44,7 @@ def _observation(row: dict[str, str], where: str, outline: Outline) -> Observati
             contact_normal=(number("normal_x"), number("normal_y")),
             twist=Twist(number("vx"), number("vy"), number("omega")),
             push_id=int(push_id),
-            half_width=number("half_width") if row.get("half_width") else 0.0,
+            half_width=number("half_width") if row.texts.get("half_width") else 0.0,
             force=pair("force_x", "force_y"),
             tip_velocity=pair("tip_vx", "tip_vy"),
         )

@@ -66,7 +66,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
             out.publish(Empty())
 
     def call(self, service: str) -> str:
-        """What a Trigger service answers. Raises NoAnswer where there is none, or it refuses."""
+        """What a Trigger service answers. Raises NoAnswer if nobody answers, or the answer is a refusal."""
         client = self._node.create_client(Trigger, service)
         self._wait(client.service_is_ready, f"no service {self._node.resolve_service_name(service)}: does the cell run?")
         answer = self._future(client.call_async(Trigger.Request()), f"{client.srv_name} does not answer")

@@ -38,7 +38,7 @@ SHARP = math.radians(55)
 """Pushes at this angle to the normal slide."""
 
 SUBSETS = 30
-"""Random choices of so many real pushes from each log."""
+"""Numbers of real pushes that are chosen at random from each log."""
 
 SIZES = (10, 20, 40)
 """Numbers of real pushes."""

@@ -116,7 +116,7 @@ class Grbl:
             real_time_factor: seconds of the controller in one of real time; 1 for any but a simulated one.
             only_look: never move, hold or reset the controller, nor send it a line while it moves.
         Raises:
-            ValueError: axis is none of these.
+            ValueError: axis is not one of them.
         """
         check_axis(axis)
         self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
@@ -321,7 +321,7 @@ class Grbl:
             self._take(line.decode("ascii", errors="replace").strip())
 
     def _take(self, line: str) -> None:
-        """What is not understood (startup lines, echoes, feedback, noise) is none of a pusher's business."""
+        """Lines that mean nothing to a pusher (startup lines, echoes, feedback, noise) are ignored."""
         line = line.lstrip("?!~")  # echoed by a terminal in between
         if (status := parse_status(line)) is not None:
             self._take_status(status)
@@ -382,7 +382,7 @@ class Grbl:
             self._believed += 1
 
     def _can_be_true(self, position: float, feed: float | None, asked: float, now: float) -> bool:
-        if self._homing or self._resetting:  # positions begin anew
+        if self._homing or self._resetting:  # positions start again
             self._plausibility.forget()
         greatest = self.limits.max_speed
         limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
@@ -651,7 +651,7 @@ class Grbl:
             if not moving and place == before:
                 return
             if status.state in ("Run", "Jog"):
-                self.send(RealTime.HOLD)  # a line that was on its way begins anew; to a hold under way it makes no difference
+                self.send(RealTime.HOLD)  # a line that was on its way starts again; to a hold under way it makes no difference
             before = None if moving else place
 
     def _send_line(self, line: str) -> None:

@@ -81,7 +81,7 @@ class RealTime(Enum):
 
 
 def parse_status(line: str) -> Status | None:
-    """The status report in a line; None where there is none, or only a damaged one."""
+    """The status report in a line; None if the line holds no report, or a damaged one."""
     match = STATUS.search(line)
     if match is None:
         return None

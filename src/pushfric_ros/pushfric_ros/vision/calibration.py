@@ -1,6 +1,5 @@
 """Calibrates a camera: its lens from views of a printed board, its table from the board lying on it or from measured points."""
 
-import csv
 import pathlib
 import threading
 import time
@@ -12,7 +11,7 @@ import numpy as np
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Array
-from pushfric_ros.files.file_errors import reading
+from pushfric_ros.files.csv_table import read_table
 from pushfric_ros.vision.board import Board, BoardFinder, View, moved
 from pushfric_ros.vision.camera import Camera, Image, Lens
 from pushfric_ros.vision.frame_source import Device
@@ -225,19 +224,7 @@ def read_table_points(path: pathlib.Path) -> tuple[Array, Array]:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     names = ("u", "v", "x", "y")
-    values: list[list[float]] = []
-    with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.DictReader(stream, skipinitialspace=True)
-        if missing := [name for name in names if name not in (reader.fieldnames or [])]:
-            raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected u, v, x, y")
-        for row in reader:
-            try:
-                values.append([float(row[name]) for name in names])
-            except (TypeError, ValueError):
-                raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be numbers") from None
-            if not np.isfinite(values[-1]).all():
-                raise InvalidInput(f"{path}, line {reader.line_num}: u, v, x and y must be finite")
-    table = np.array(values).reshape(-1, 4)
+    table = np.array([row.numbers(names) for row in read_table(path, names, "points").rows])
     return table[:, :2], table[:, 2:]
 
 
