@@ -110,7 +110,7 @@ def call(monkeypatch, capsys):
         (["demo", "--json", "."], ".: is a folder; expected the name of a file to write"),
         (
             ["estimate", "data.csv", "--object", "rubber_rect4", "--grid", "2000", "2000"],
-            "--grid: a grid may have at most 10000",
+            "--grid: grid.0: expected at most 300, got 2000",
         ),
         (["bag", "recover", "none.mcap", "--out", "saved"], "none.mcap"),
         (["push"], "No such command 'push'; see pushfric --help"),

@@ -2,10 +2,12 @@
 
 import pathlib
 
+import pydantic
+
 from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.bags import data_points
-from pushfric_ros.files.object_file import ObjectModel, SupportFile, load_object, make_object, read_points
+from pushfric_ros.files.object_file import ObjectModel, SupportFile, complaint, load_object, make_object, read_points
 
 
 def object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
@@ -36,7 +38,10 @@ def with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib
     if file is not None:
         support, where = SupportFile(points=[(x, y) for x, y in read_points(file).tolist()]), str(file)
     elif grid is not None:
-        support, where = SupportFile(grid=grid, inset=model.file.support.inset), "--grid"
+        try:
+            support, where = SupportFile(grid=grid, inset=model.file.support.inset), "--grid"
+        except pydantic.ValidationError as error:
+            raise InvalidInput(f"--grid: {complaint(error)}") from error
     else:
         return model
     return make_object(model.file.model_copy(update={"support": support}), where)
