@@ -19,12 +19,11 @@ def footprint(monkeypatch):
 
 
 def test_the_memory_of_a_family_is_that_of_each_member(footprint):
-    child = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'input()', '__node:=inner'])"
-    with subprocess.Popen([sys.executable, "-c", child], stdin=subprocess.PIPE) as process:
-        memory = {}
-        while len(memory) < 2:
-            memory = footprint._memory_of_family(process.pid)
-            assert process.poll() is None
+    program = "print(flush=True); input()"
+    child = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {program!r}, '__node:=inner'])"
+    with subprocess.Popen([sys.executable, "-c", child], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        process.stdout.readline()  # both have loaded all that they need
+        memory = footprint._memory_of_family(process.pid)
         process.communicate(b"\n")
     assert memory.keys() == {"command line", "inner"}
     assert all(1 < mebibytes < 100 for mebibytes in memory.values())

@@ -23,7 +23,7 @@ def make():
 
 BEFORE_ROS_IS_THERE = """
 init = rclpy.init
-rclpy.init = lambda: (ask_to_stop(), init())
+rclpy.init = lambda **options: (ask_to_stop(), init(**options))
 process.run_node(make)
 """
 

@@ -20,7 +20,7 @@ from scipy.optimize import linprog
 from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.paper import experiments as paper_experiments
-from pushfric_ros.paper import reproduce
+from pushfric_ros.paper import reproduce, workers
 from pushfric_ros.paper.experiments import CODE, SLIPPING, motions, observation_row, plan, rods, watch
 from pushfric_ros.paper.html_report import agrees, leaves, measured, number
 from pushfric_ros.paper.reproduce import WorkerDiffers
@@ -368,7 +368,7 @@ def test_unusable_input_is_named(tmp_path):
 
 
 def test_a_cluster_that_does_not_answer_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(reproduce, "DASK_TIMEOUT", "200ms")
+    monkeypatch.setattr(workers, "DASK_TIMEOUT", "200ms")
     with pytest.raises(InvalidInput, match="--dask: no scheduler answers at tcp://127"):
         reproduce.reproduce(tmp_path, 1, 1, "tcp://127.0.0.1:9", QUIET)
 
