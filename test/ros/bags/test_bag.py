@@ -26,8 +26,9 @@ from std_msgs.msg import String
 
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, Hypothesis, Observation, Recognition
-from pushfric_ros.bags.bag import Bag, BagMessage, DamagedBag, recorded_class
+from pushfric_ros.bags.bag import Bag, DamagedBag, recorded_class
 from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.bags.contents import BagMessage
 from pushfric_ros.bags.offered_qos import INFINITE_NS
 from pushfric_ros.bags.recovery import recover
 from pushfric_ros.messages import types as message_types

@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.bags import mcap_file
-from pushfric_ros.bags.bag import Bag, BagMessage, DamagedBag
+from pushfric_ros.bags.bag import Bag, DamagedBag
 from pushfric_ros.bags.cdr import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder, Definition
+from pushfric_ros.bags.contents import BagMessage
 from pushfric_ros.bags.mcap_file import CHUNK_LIMIT, MAGIC, McapFile
 from pushfric_ros.bags.offered_qos import INFINITE_NS
 from pushfric_ros.bags.recovery import recover

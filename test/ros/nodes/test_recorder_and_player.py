@@ -29,8 +29,9 @@ from std_srvs.srv import SetBool
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import Observation
-from pushfric_ros.bags.bag import Bag, BagMessage
+from pushfric_ros.bags.bag import Bag
 from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.bags.contents import BagMessage
 from pushfric_ros.bags.recovery import recover
 from pushfric_ros.messages import types as message_types
 from pushfric_ros.messages.types import message_class

@@ -13,8 +13,9 @@ import zstandard
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.bags.cdr import Decoder, Definition
+from pushfric_ros.bags.contents import BagMessage, Summary, Topic
 from pushfric_ros.bags.mcap_file import Channel, Gap, McapFile, Schema
-from pushfric_ros.bags.offered_qos import OfferedQos, profiles_from
+from pushfric_ros.bags.offered_qos import profiles_from
 from pushfric_ros.bags.rosbag2_metadata import METADATA, BagMetadata, read_metadata
 from pushfric_ros.files.bounded_yaml import load_yaml
 from pushfric_ros.messages.types import message_class, type_hash
@@ -30,40 +31,6 @@ MESSAGE_LIMIT = 256 * 2**20
 
 class DamagedBag(PushfricError):
     """Messages are missing from a bag."""
-
-
-class BagMessage(NamedTuple):
-    """A message as it was recorded."""
-
-    topic: str
-    type_name: str  # package/msg/Type
-    log_time_ns: int
-    raw: bytes  # CDR
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic of a bag and what its publishers offered."""
-
-    name: str
-    type_name: str
-    qos_profiles: tuple[OfferedQos, ...]
-    type_hash: str  # RIHS01_...; empty in bags older than ROS 2 Jazzy
-    message_count: int  # of those that can be read
-    definition: Definition
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What can be read of a bag. Both times [ns] are 0 if it has no message."""
-
-    topics: tuple[Topic, ...]
-    start_ns: int
-    end_ns: int
-
-    @property
-    def message_count(self) -> int:
-        return sum(topic.message_count for topic in self.topics)
 
 
 class FileGap(NamedTuple):

@@ -13,7 +13,8 @@ from pushfric_core.observation import Observation
 from pushfric_core.recognition import Ranking, Recognizer
 from pushfric_core.sensed_force import SensedForce
 from pushfric_core.trajectory import Trajectory, TrajectoryConfig
-from pushfric_ros.bags.bag import Bag, BagMessage
+from pushfric_ros.bags.bag import Bag
+from pushfric_ros.bags.contents import BagMessage
 from pushfric_ros.bags.rosbag2_metadata import METADATA
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.files.estimator_settings import EstimatorSettings

@@ -11,8 +11,8 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.bags.bag import BagMessage, Topic
 from pushfric_ros.bags.cdr import Definition
+from pushfric_ros.bags.contents import BagMessage, Topic
 from pushfric_ros.bags.mcap_file import Gap
 from pushfric_ros.bags.offered_qos import SECOND_NS, OfferedQos
 

@@ -17,7 +17,8 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.bags.bag import Bag, BagMessage, Topic, recorded_class
+from pushfric_ros.bags.bag import Bag, recorded_class
+from pushfric_ros.bags.contents import BagMessage, Topic
 from pushfric_ros.files.node_settings import PlayerConfig
 from pushfric_ros.messages.qos import Durability, Reliability
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level

@@ -28,7 +28,6 @@ from collections.abc import Generator
 
 import serial
 
-from pushfric_ros.pushers.grbl_config import GrblConfig, check_axis
 from pushfric_ros.pushers.grbl_protocol import (
     ALARM,
     BUILD,
@@ -42,6 +41,7 @@ from pushfric_ros.pushers.grbl_protocol import (
     Status,
     parse_status,
 )
+from pushfric_ros.pushers.grbl_settings import GrblSettings, check_axis
 from pushfric_ros.pushers.pusher import (
     Jumped,
     LeftTheWay,
@@ -94,13 +94,13 @@ class Grbl:
     def __init__(
         self,
         port: str,
-        baud: int = GrblConfig.baud,
-        axis: str = GrblConfig.axis,
+        baud: int = GrblSettings.baud,
+        axis: str = GrblSettings.axis,
         home: bool = PusherConfig.home,
-        greeting_timeout: float = GrblConfig.connect_timeout,
-        ahead: float = GrblConfig.ahead,
-        silence: float = GrblConfig.silence,
-        real_time_factor: float = GrblConfig.real_time_factor,
+        greeting_timeout: float = GrblSettings.connect_timeout,
+        ahead: float = GrblSettings.ahead,
+        silence: float = GrblSettings.silence,
+        real_time_factor: float = GrblSettings.real_time_factor,
         only_look: bool = False,
     ) -> None:
         """Nothing is opened yet.

@@ -11,7 +11,7 @@ from serial.tools.list_ports import comports
 
 from pushfric_ros.pushers.check import Check, Level
 from pushfric_ros.pushers.grbl import Grbl
-from pushfric_ros.pushers.grbl_config import GrblConfig
+from pushfric_ros.pushers.grbl_settings import GrblSettings
 from pushfric_ros.pushers.pusher import Limits, Mode, PusherConfig, PusherError, PusherReport
 
 RAMP_SHARE = 0.1
@@ -20,7 +20,7 @@ ROUNDING = 1e-4
 """Of the pusher's positions [m]."""
 
 
-def examine(grbl: GrblConfig, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
+def examine(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
     """The checks, one after the other; those that rest on one that failed are left out.
 
     Args:
@@ -53,7 +53,7 @@ def check_port(path: str) -> Check:
     return Check("port", Level.OK, path)
 
 
-def check_controller(grbl: GrblConfig, config: PusherConfig) -> tuple[Check, Limits | None]:
+def check_controller(grbl: GrblSettings, config: PusherConfig) -> tuple[Check, Limits | None]:
     """What answers at the port; nothing is done to it. Its limits where it is a GRBL controller at rest."""
     pusher = Grbl(grbl.port, grbl.baud, grbl.axis, greeting_timeout=grbl.connect_timeout, only_look=True)
     last: PusherReport | None = None
@@ -90,7 +90,7 @@ def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Ch
     return Check("controller", Level.OK, finding)
 
 
-def check_limits(grbl: GrblConfig, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
+def check_limits(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
     """What the controller is set to, against what the cell's file asks of it."""
     axis = "XYZABC".index(grbl.axis[-1])
     travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
