@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
 
 Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
@@ -28,3 +29,16 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on
 PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag, from which messages are missing.")]
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="Of the cell.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
+
+
+def _processes(jobs: int) -> int:
+    if jobs == 0:
+        raise InvalidInput("--jobs must be -1, or 1 or more, got 0")
+    return jobs
+
+
+JobsOption = Annotated[int, typer.Option(help="Number of processes; -1: one for each core.", min=-1, callback=_processes)]
+DaskOption = Annotated[
+    str | None,
+    typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
+]

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console
+from pushfric_ros.commands.options import DaskOption, JobsOption
 from pushfric_ros.commands.recorded_run import RUNS
 from pushfric_ros.paper import study as paper
 
@@ -20,13 +20,8 @@ def study(
     pushes: Annotated[
         pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015: real pushes, too.", show_default=False)
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; -1: one for each core.", min=-1)] = -1,
-    dask: Annotated[
-        str | None,
-        typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
-    ] = None,
+    jobs: JobsOption = -1,
+    dask: DaskOption = None,
 ) -> None:
-    if jobs == 0:
-        raise InvalidInput("--jobs must be -1, or 1 or more, got 0")
     paper.study(out, seeds, pushes, jobs, dask, console)
     console.print(f"report: {out / 'study.md'}", markup=False)
