@@ -4,22 +4,12 @@ import time
 
 import pytest
 from rclpy.parameter import Parameter
+from stage import STAGE
 
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import NoAnswer, Person, line
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
-
-STAGE = {
-    "line_origin": [0.0, 0.0],
-    "line_direction": [0.0, 1.0],
-    "tip_radius": 0.003,
-    "stroke": 0.06,
-    "max_speed": 0.1,
-    "silence": 5.0,  # for a busy machine
-    "owner_timeout": 5.0,
-    "memory": "",
-}
 
 
 def test_a_person_jogs_stops_and_resets(ros):

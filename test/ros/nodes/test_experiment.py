@@ -9,6 +9,7 @@ from rclpy.action import ActionServer, GoalResponse
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
+from stage import STAGE
 from std_srvs.srv import Trigger
 
 from pushfric_core.contact import PushingLine
@@ -64,18 +65,8 @@ class Table:
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
                  "awaits": ["estimator"]}  # fmt: skip
         if actuator is None:
-            line = {
-                "line_origin": [0.0, 0.0],
-                "line_direction": [0.0, 1.0],
-                "tip_radius": 0.003,
-                "stroke": 0.06,
-                "max_speed": 0.1,
-                "silence": 5.0,  # for a busy machine
-                "owner_timeout": 5.0,
-                "memory": "",
-            }
             self.actuator = ros.compose(
-                ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **line}))
+                ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **STAGE}))
             )
         self.node = ExperimentNode(namespace="/cell", parameter_overrides=overrides(given | parameters))
         ros.compose(self.node)
