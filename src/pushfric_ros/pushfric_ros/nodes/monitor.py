@@ -9,7 +9,7 @@ from std_srvs.srv import SetBool
 
 from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
 from pushfric_ros.messages.conversions import stamp_from_msg
-from pushfric_ros.node_kit.qos import LATCHED
+from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE
 
 LOOK_PERIOD = 0.05
 """Time between two looks for the player, in wall time [s]."""
@@ -34,8 +34,8 @@ class MonitorNode(Node):
     ) -> None:
         super().__init__("monitor", **kwargs)
         self.settled = self.newest = -1  # what the estimator has processed, and its newest data point [ns]
-        self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED)
-        self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED)
+        self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED_QUEUE)
+        self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED_QUEUE)
         self.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
         if starts_player:
             self._pause = self.create_client(SetBool, "player/pause")
