@@ -82,7 +82,7 @@ class Ros:
         self._executor.remove_node(node)
         self._nodes.remove(node)
 
-    def wait_for(self, predicate: Callable[[], object], timeout: float = 10.0, what: str = "the awaited event") -> None:
+    def wait_for(self, predicate: Callable[[], object], timeout: float = 60.0, what: str = "the awaited event") -> None:
         """Wait until `predicate` holds. Fail, naming `what`, after `timeout` [s], or at once if a callback raised."""
         deadline = time.monotonic() + timeout
         while not predicate():

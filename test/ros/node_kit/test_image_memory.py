@@ -71,12 +71,12 @@ def test_ten_colour_images_in_a_burst_arrive(ros, unset):
     images = viewer.create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
     camera = subprocess.Popen([sys.executable, "-c", CAMERA], stdin=subprocess.PIPE)
     try:
-        ros.wait_for(images.get_publisher_count, timeout=30, what="the camera")
+        ros.wait_for(images.get_publisher_count, timeout=120, what="the camera")
         camera.stdin.write(b"\n")
         camera.stdin.flush()
-        ros.wait_for(lambda: len(heard) == 10, timeout=30, what="ten images")
+        ros.wait_for(lambda: len(heard) == 10, timeout=120, what="ten images")
     finally:
-        camera.communicate(timeout=20)
+        camera.communicate(timeout=120)
     assert heard == list(range(10))
 
 

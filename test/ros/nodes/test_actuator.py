@@ -818,7 +818,7 @@ def test_a_signal_stops_the_pusher_and_its_client_is_told(controller, tmp_path):
         rest = controller.position()
         assert rest < 0.07
         assert controller.position() == rest
-        said, _ = client.communicate(timeout=20)
+        said, _ = client.communicate(timeout=120)
         assert said.split() == ["2", "the", "actuator", "was", "told", "to", "end", str(PusherState.MODE_HOLD), "0.0"]
     finally:
         for started in (process, client):

@@ -296,7 +296,7 @@ def test_a_signal_ends_the_recorder_with_a_complete_bag(ros, outputs, tmp_path):
         ros.wait_for(lambda: b"zstd" in (tmp_path / "bag/bag_0.mcap").read_bytes(), what="the flushed chunk")
     finally:
         process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=120)
     assert (process.returncode, errors) == (0, b"")
     (message,) = Bag(tmp_path / "bag").messages()
     assert content(message).push_id == 3
@@ -325,7 +325,7 @@ def test_a_recorder_that_was_stopped_says_what_it_lost(ros, outputs, tmp_path):
     finally:
         process.send_signal(signal.SIGCONT)
         process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=120)
     bag = Bag(tmp_path / "bag")
     assert bag.damage is None
     lost = published - bag.summary.message_count
@@ -346,7 +346,7 @@ def test_a_bag_that_was_removed_while_recording_ends_the_recorder(ros, outputs, 
     try:
         wait_until_matched(ros, outputs)
         shutil.rmtree(tmp_path / "bag")
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=120)
     finally:
         process.kill()
     expected = f"error: {tmp_path}/bag/bag_0.mcap: was removed or moved while it was recorded; the recording ends here\n"
@@ -377,7 +377,7 @@ def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_continues
     first = subprocess.Popen([*RECORDER, *arguments])
     try:
         wait_until_matched(ros, outputs)
-        second = subprocess.run([*RECORDER, *arguments], capture_output=True, timeout=30, check=False)
+        second = subprocess.run([*RECORDER, *arguments], capture_output=True, timeout=120, check=False)
         outputs[0].publish(Observation(push_id=3))
         ros.wait_for(lambda: b"zstd" in (tmp_path / "bag/bag_0.mcap").read_bytes(), what="the flushed chunk")
     finally:
@@ -420,7 +420,7 @@ def test_a_full_disk_ends_the_recorder_with_one_line(ros, outputs, tmp_path):
     try:
         wait_until_matched(ros, outputs)
         outputs[0].publish(Observation(push_id=3))
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=120)
     finally:
         process.kill()
     assert (process.returncode, errors.decode()) == (2, f"error: {tmp_path}/bag: cannot write the bag: File too large\n")
@@ -647,7 +647,7 @@ def test_the_player_ends_its_process_when_all_is_acknowledged(ros, tmp_path):
     make_bag(tmp_path / "bag", 30)
     listener = Listener(ros)
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"wait_for:={NAMES}"]
-    ended = subprocess.run([*PLAYER, *arguments], capture_output=True, timeout=30, check=False)
+    ended = subprocess.run([*PLAYER, *arguments], capture_output=True, timeout=120, check=False)
     assert ended.returncode == 0, ended.stderr
     assert b"30 messages played" in ended.stderr
     last = {"o27", "p28"}
@@ -656,7 +656,7 @@ def test_the_player_ends_its_process_when_all_is_acknowledged(ros, tmp_path):
 
 def test_the_player_says_in_one_line_what_is_wrong(tmp_path):
     arguments = ["--ros-args", "-p", f"bag:={tmp_path / 'missing'}"]
-    ended = subprocess.run([*PLAYER, *arguments], capture_output=True, timeout=30, check=False)
+    ended = subprocess.run([*PLAYER, *arguments], capture_output=True, timeout=120, check=False)
     assert ended.returncode == 2
     assert ended.stderr.decode() == f"error: {tmp_path}/missing: cannot be read: No such file or directory, expected a bag\n"
 

@@ -51,7 +51,7 @@ def folder(tmp_path_factory):
         cluster.communicate(timeout=60)
     assert cluster.returncode == 0
     assert len(workers) >= 2
-    assert not psutil.wait_procs(workers, timeout=10)[1]
+    assert not psutil.wait_procs(workers, timeout=120)[1]
     # the client's thread pool for large messages stays in the process, idle
     assert {thread.name for thread in set(threading.enumerate()) - threads} <= {"Dask-Offload_0"}
     return out
@@ -339,7 +339,7 @@ def test_workers_end_with_a_killed_call(tmp_path):
     with subprocess.Popen([sys.executable, "-c", ENDLESS, str(tmp_path)], stdout=subprocess.PIPE, text=True) as call:
         workers = [psutil.Process(int(call.stdout.readline())) for _ in range(2)]
         call.kill()
-    assert not psutil.wait_procs(workers, timeout=20)[1]
+    assert not psutil.wait_procs(workers, timeout=120)[1]
 
 
 @pytest.mark.parametrize(("seeds", "said"), [(1, "1 seed of camera noise"), (2, "2 seeds of camera noise")])

@@ -800,7 +800,7 @@ class Terminal:
 
     def wait_for(self, text: str, meanwhile: Callable[[], None] = lambda: None) -> str:
         """Everything printed up to the end of the line with this text."""
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 60
         while (found := self._heard.find(text)) < 0 or (end := self._heard.find("\n", found)) < 0:
             assert time.monotonic() < deadline, f"{text!r} not heard, but {self._heard!r}"
             meanwhile()

@@ -62,7 +62,7 @@ class Stage:
 
     def rest(self) -> float:
         """Where the carriage comes to rest [m]."""
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + 60
         before, here = math.nan, self.controller.position()
         while before != here:
             assert time.monotonic() < deadline, "it does not come to rest"
