@@ -75,7 +75,7 @@ def peer() -> Iterator[Peer]:
 
 
 def drive(
-    pusher: Grbl, until: Callable[[], object], peer: Peer | None = None, seconds: float = 10.0, ask: bool = True
+    pusher: Grbl, until: Callable[[], object], peer: Peer | None = None, seconds: float = 60.0, ask: bool = True
 ) -> list[PusherReport]:
     """Poll, with a status query now and then, until a condition holds; return the reports received."""
     reports = []
@@ -95,7 +95,7 @@ def drive(
     return reports
 
 
-def fail(pusher: Grbl, error: type[Exception], text: str, peer: Peer | None = None, seconds: float = 10.0) -> None:
+def fail(pusher: Grbl, error: type[Exception], text: str, peer: Peer | None = None, seconds: float = 60.0) -> None:
     """Poll until an error is raised, and expect it to be this one."""
     with pytest.raises(error, match=text):
         drive(pusher, lambda: False, peer, seconds)

@@ -39,7 +39,7 @@ class Stage:
         self.drive(pusher, lambda: not pusher.busy)
         return pusher
 
-    def drive(self, pusher: Grbl, until: Callable[[], object], seconds: float = 20.0) -> list:
+    def drive(self, pusher: Grbl, until: Callable[[], object], seconds: float = 60.0) -> list:
         reports = []
         deadline = time.monotonic() + seconds
         while not until():
