@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pushfric_core.contact import PushingLine, friction_cone, interval, pushing_line, tangent
+from pushfric_core.contact import PushingLine, contact_interval, friction_cone, pushing_line, tangent
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, transform
 
@@ -11,7 +11,7 @@ def test_the_tangent_is_the_normal_turned_left():
 
 
 def test_the_interval_runs_from_minus_t_to_plus_t():
-    low, high = interval((0.05, 0), (1, 0), 0.01)
+    low, high = contact_interval((0.05, 0), (1, 0), 0.01)
     assert np.allclose(low, (0.05, -0.01))
     assert np.allclose(high, (0.05, 0.01))
 

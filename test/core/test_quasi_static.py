@@ -120,7 +120,7 @@ def test_wrong_arguments_are_named(rng):
         motions(ROD, HALVES, (-0.1,), ((0, 0),), ((0, -1),), ((0, 1),))
     with pytest.raises(ValueError, match="must be finite"):
         motions(ROD, HALVES, (0.1,), ((0, np.nan),), ((0, -1),), ((0, 1),))
-    with pytest.raises(ValueError, match="must be as many"):
+    with pytest.raises(ValueError, match="must have the same length"):
         motions(ROD, HALVES, (0.1,), ((0, 0), (0, 0)), ((0, -1),), ((0, 1),))
     with pytest.raises(ValueError, match=r"must have shape \(k, 2\)"):
         motions(ROD, HALVES, (0.1,), (0, 0), ((0, -1),), ((0, 1),))

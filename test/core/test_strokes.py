@@ -39,7 +39,7 @@ def test_each_sample_goes_its_own_way(rng):
 def test_wrong_arguments_are_named():
     known = TABLE_1["wood_rect3"]
     model = FrictionModel.of(known.support, 0.3)
-    with pytest.raises(ValueError, match="must be as many, got 4, 4 and 1"):
+    with pytest.raises(ValueError, match="must have the same length, got 4, 4 and 1"):
         predict_strokes(model, known.outline, POSES, LINES, (0.05,))
     with pytest.raises(ValueError, match="step must be positive"):
         predict_strokes(model, known.outline, POSES, LINES, np.full(4, 0.05), step=0.0)

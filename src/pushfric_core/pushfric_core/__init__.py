@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         predict as predict,
         stability as stability,
     )
+    from pushfric_core.push_choice import next_pushes as next_pushes
     from pushfric_core.recognition import Hypothesis as Hypothesis, Ranking as Ranking, Recognizer as Recognizer
     from pushfric_core.region import HalfPlanes as HalfPlanes, Region as Region
     from pushfric_core.simulation import PushedObject as PushedObject, pushed_motion as pushed_motion
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
         named_ellipsoid as named_ellipsoid,
     )
     from pushfric_core.table_1 import TABLE_1 as TABLE_1
-    from pushfric_core.test_pushes import next_pushes as next_pushes
     from pushfric_core.trajectory import Trajectory as Trajectory, TrajectoryConfig as TrajectoryConfig
 
 # isort: on
@@ -64,6 +64,7 @@ _MODULES = {  # the same as above: a test compares them
     "outline": ["Outline", "Touch"],
     "planar": ["Pose", "Twist", "Wrench"],
     "prediction": ["FrictionModel", "Predictions", "Stability", "motion_cone", "predict", "stability"],
+    "push_choice": ["next_pushes"],
     "recognition": ["Hypothesis", "Ranking", "Recognizer"],
     "region": ["HalfPlanes", "Region"],
     "simulation": ["PushedObject", "pushed_motion"],
@@ -72,7 +73,6 @@ _MODULES = {  # the same as above: a test compares them
     "support": ["Support", "SupportForces"],
     "surface_models": ["NamedEllipsoid", "Quartic", "convex_quartic", "named_ellipsoid"],
     "table_1": ["TABLE_1"],
-    "test_pushes": ["next_pushes"],
     "trajectory": ["Trajectory", "TrajectoryConfig"],
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.constraint_rows import ConstraintRows, stack
-from pushfric_core.contact import interval, tangent
+from pushfric_core.contact import contact_interval, tangent
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, left_of
 from pushfric_core.support import SupportForces
@@ -62,7 +62,7 @@ class Moment(Constraint):
         half_width = observation.half_width or self.half_width
         if half_width == 0:
             return functional_rows(left_of(forces.points - observation.contact_point), forces, 1.0, 1.0)
-        low, high = interval(observation.contact_point, observation.contact_normal, half_width)
+        low, high = contact_interval(observation.contact_point, observation.contact_normal, half_width)
         # -m(c-) >= 0 and m(c+) >= 0
         sides = [
             functional_rows(left_of(forces.points - low), forces, 1.0, 0.0),

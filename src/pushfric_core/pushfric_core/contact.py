@@ -48,7 +48,7 @@ def tangent(normal: npt.ArrayLike) -> Array:
     return left_of(normal)
 
 
-def interval(point: npt.ArrayLike, normal: npt.ArrayLike, half_width: float) -> tuple[Array, Array]:
+def contact_interval(point: npt.ArrayLike, normal: npt.ArrayLike, half_width: float) -> tuple[Array, Array]:
     """The ends c-, c+ of the interval of possible contact points, along -t and +t; not clipped to the edge (section 3.1)."""
     reach = half_width * tangent(normal)
     return np.asarray(point) - reach, np.asarray(point) + reach

@@ -1,4 +1,4 @@
-"""What an estimate predicts: where a push takes the object, and which pushes hold it, each with how far it can be trusted."""
+"""What an estimate predicts: where a push takes the object, which pushes hold it, and how far each answer can be trusted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,9 +20,8 @@ from pushfric_core.support import Support, center_of_friction, check_points
 SHARE = 0.9
 """The truth lies within a spread this often."""
 
-
 LATEST = 500
-"""Data points that tell the misfit, so that its cost does not grow with their number."""
+"""The misfit is computed from this many of the latest data points, so that its cost does not grow with their number."""
 
 STICKING = 1e6
 """A contact friction coefficient with which no tip slides."""
@@ -31,14 +30,14 @@ STICKING = 1e6
 @comparable
 @dataclass(frozen=True)
 class FrictionModel:
-    """How an object slides: samples of what w and mu_c may be. A single sample is an estimate taken for the truth.
+    """How an object slides: samples of what w and mu_c may be. A single sample is an estimate taken as exact.
 
     Args:
         support_points: (n, 2) object frame [m].
         w: (s, n) support friction distributions, >= 0, each with sum 1.
         mu_c: (s,) contact friction coefficients, >= 0 and finite.
         share: (s,) weights of the samples, sum 1.
-        misfit: angle between a measured motion and the one that w predicts, which 90 % of the data points stay below [rad]:
+        misfit: 90 % of the data points have a smaller angle between their measured motion and the one that w predicts [rad]:
             what the model itself cannot explain, see `misfit`.
     Raises:
         ValueError: shapes that do not fit, or values that make no sense.
@@ -93,13 +92,13 @@ class FrictionModel:
     def length(self) -> float:
         """Arm at which a rotation counts as much as a translation, and a moment as much as a force [m].
 
-        The rms distance of the support points from their middle; 1 where there is but one.
+        The rms distance of the support points from their middle; 1 if there is only one point.
         """
         spread = self.support_points - self.support_points.mean(axis=0)
         return float(np.sqrt(np.mean(np.sum(spread**2, axis=1)))) or 1.0
 
     def angles(self, twists: npt.ArrayLike, others: npt.ArrayLike) -> Array:
-        """Angles (...) between twists (..., 3) as (v at p_CF, length * omega) [rad]; pi/2 where one of the two is zero."""
+        """Angles (...) between twists (..., 3) as (v at p_CF, length * omega) [rad]; pi/2 if one of the two is zero."""
         a, b = self._centered(twists), self._centered(others)
         sizes = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
         cosines = np.sum(a * b, axis=-1) / np.where(sizes > 0, sizes, 1.0)
@@ -116,11 +115,11 @@ class Predictions(NamedTuple):
     """What k pushes do."""
 
     twists: Array  # (k, 3) mean over the samples, of the object-frame origin, object frame, per the unit of time of the tip's
-    modes: tuple[ContactMode, ...]  # of each push, that of most of the samples
+    modes: tuple[ContactMode, ...]  # of each push: the mode of most of the samples
     forces: (
         Array  # (k, 2) mean, of the pusher ON the object, object frame; unit: the support friction of the translating object
     )
-    spread: Array  # (k,) the measured twist is within this angle of the predicted one with 90 % [rad], see FrictionModel.angles
+    spread: Array  # (k,) 90 % of measured twists lie within this angle of the predicted one [rad], see FrictionModel.angles
     samples: Motions  # of each push and sample
 
 
@@ -129,7 +128,7 @@ def predict(
 ) -> Predictions:
     """How the object moves under each of k pushes, at that instant.
 
-    A tip that moves away from the object, or along it, leaves it at rest: the mode is FREE, and the twist zero.
+    If the tip moves away from the object, or along it, the object stays at rest: the mode is FREE, and the twist zero.
 
     Args:
         model: of the object.
@@ -194,7 +193,7 @@ def stability(
         centers: (k, 2) of rotation, object frame [m].
         turns: (k,) +1 counter-clockwise, -1 clockwise.
     Raises:
-        ValueError: shapes that do not fit, values that are not finite, or a turn that is neither.
+        ValueError: shapes that do not fit, values that are not finite, or a turn other than +1 and -1.
     """
     centers, turns = np.asarray(centers, dtype=float), np.asarray(turns, dtype=float)
     if centers.ndim != 2 or centers.shape[1] != 2 or turns.shape != centers.shape[:1]:
@@ -212,10 +211,11 @@ def stability(
 def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
     """What a model cannot explain of the data points it was made from, for `FrictionModel.misfit` [rad].
 
-    Each data point's motion is compared with the one that the mean w predicts where the contact moves as it was seen to move:
-    so neither mu_c nor the tip matters. Where it was seen to move away from the pusher, nothing is predicted: pi/2. Of these
-    angles it is the one that 90 % of new ones stay below (the order statistic of rank ceil(0.9 (m + 1))), made larger by what
-    the fit of w to the same data points took away. No data points: 0; more than LATEST: only these.
+    Each data point's motion is compared with the one that the mean w predicts for the measured velocity of the contact, so
+    neither mu_c nor the tip matters. If the contact was seen to move away from the pusher, nothing can be predicted and the
+    angle counts as pi/2. The misfit is the angle that 90 % of new data points stay below (the order statistic of rank
+    ceil(0.9 (m + 1))), enlarged because w was fitted to the same data points. It is 0 without data points, and uses only the
+    LATEST of more.
 
     Args:
         model: of the object.
@@ -238,13 +238,13 @@ def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: in
 
 
 def model_of(estimate: Estimate, observations: Sequence[Observation]) -> FrictionModel:
-    """The model of an estimate: the samples of its spread where it has one, each with its own mu_c.
+    """The model of an estimate: the samples of its spread if it has one, each with its own mu_c.
 
-    Where mu_c is only bounded, it is what 90 % of the finite lower bounds stay below.
+    If mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
 
     Args:
         estimate: from at least one data point.
-        observations: the data points it rests on.
+        observations: the data points it was made from.
     """
     bounds = estimate.contact_friction[np.isfinite(estimate.contact_friction)]
     bound = contact_friction.percentile(bounds, SHARE) if len(bounds) else STICKING

@@ -1,8 +1,9 @@
 """The exact quasi-static model (section 2) of many pushes and many friction distributions at once.
 
-The mechanics are those of `simulation.pushed_motion`, one row for each pair of a push and a sample of (w, mu_c): where the tip
-sticks, the rotation that leaves no moment about the contact dissipates least; where that needs a force outside the friction
-cone, the force lies on the cone's edge, and the motion dissipates least among those in which it does the same work.
+The mechanics are those of `simulation.pushed_motion`, one row for each pair of a push and a sample of (w, mu_c). If the tip
+sticks, the object turns about the contact at the rate that dissipates least, which leaves no moment about the contact. If that
+needs a force outside the friction cone, the tip slides: the force lies on the cone's edge, and of all motions in which it does
+the same work, the object takes the one that dissipates least.
 """
 
 from typing import NamedTuple
@@ -23,19 +24,19 @@ MODES = (ContactMode.FREE, ContactMode.STICKING, ContactMode.SLIDING)
 FREE, STICKING, SLIDING = range(len(MODES))
 
 BLOCK = 32_768
-"""Numbers in an array of the innermost loops: so few that they stay in the cache."""
+"""Numbers in an array of the innermost loops: few enough to stay in the cache."""
 
 BISECTIONS = 100
-"""Bound on the steps of a search on a line; some ten are usual."""
+"""Bound on the steps of a search on a line; about ten are usual."""
 
 NARROW = 1e-12
-"""The search on a line ends where its bracket is this fraction of the first."""
+"""The search on a line ends when its bracket has shrunk to this fraction of the first one."""
 
 SUM = 1e-6
 """The sum of weights may differ from 1 by this much."""
 
 TINY = 1e-300
-"""Keeps a division by zero defined whose quotient is not used."""
+"""Keeps a division defined where the divisor may be zero and the quotient is not used."""
 
 Indices = npt.NDArray[np.int64]
 
@@ -59,7 +60,7 @@ def motions(
 ) -> Motions:
     """The motions under k pushes of an object with each of s friction distributions.
 
-    A tip that does not move into the object leaves it at rest: FREE.
+    If the tip does not move into the object, the object stays at rest: FREE.
 
     Args:
         support_points: (n, 2) object frame [m].
@@ -82,7 +83,7 @@ def motions(
 
 
 def motions_of_rows(points: Array, weights: Array, mu_c: Array, contacts: Array, normals: Array, velocities: Array) -> Motions:
-    """As `motions`, of r pushes that each have a friction distribution of their own; what is handed in is not checked.
+    """As `motions`, for r pushes with a friction distribution each; the arguments are not checked.
 
     Args:
         points: (n, 2).
@@ -117,8 +118,8 @@ def motion_cones(
 ) -> Array:
     """The two motions (k, s, 2, 3) at the edges of the friction cone of each contact: towards -t first, then towards +t.
 
-    The contact moves at unit speed. A tip sticks where its velocity lies between the velocities of the contact at the two, and
-    slides to the side where it does not (Mason 1986).
+    The contact moves at unit speed. A tip whose velocity lies between the contact's velocities at the two edges sticks; any
+    other slides towards the side on which it lies outside (Mason 1986).
 
     Args and raises: as `motions`.
     """
@@ -151,10 +152,10 @@ def holding_margins(
     twists: npt.ArrayLike,
     length: float,
 ) -> Array:
-    """How safely an edge or two fingers carry the object along a motion without any slip: stable pushes, (k, s).
+    """How far each of k stable pushes, with an edge or two fingers, is from slipping in each of s samples.
 
     The pusher touches the object at both ends of an interval of half-width h along an edge, and moves like a rigid body. The
-    object moves with it where the forces of the contacts can balance the support friction of that motion: |f . t| <= mu_c
+    object moves with it if the forces of the contacts can balance the support friction of that motion: |f . t| <= mu_c
     (-f . n), and |m| <= h (-f . n) for the moment m of the pusher about the middle of the interval. The margin is the distance
     from that wrench to the nearest of these four faces, negative outside: the least wrench that would make the object slip.
 
@@ -164,8 +165,8 @@ def holding_margins(
         mu_c: (s,) contact friction coefficients, >= 0.
         contact_points: (k, 2) middles of the intervals, object frame [m].
         contact_normals: (k, 2) unit, outward.
-        half_widths: (k,) [m]; 0 is a point, which carries only what needs no moment about it.
-        twists: (k, 3) of the object-frame origin, object frame; of any size, not zero.
+        half_widths: (k,) [m]; 0: a single point, which cannot exert a moment about itself.
+        twists: (k, 3) of the object-frame origin, object frame; any size but zero.
         length: a moment counts as its force at this arm [m].
     Returns:
         Margins (k, s); unit: the support friction of the translating object.
@@ -226,7 +227,8 @@ def _rows(samples: int, *arrays: npt.ArrayLike) -> list[Array]:
         if not np.isfinite(array).all():
             raise ValueError("contacts and velocities must be finite")
     if len({len(array) for array in given}) > 1:
-        raise ValueError(f"contacts, normals and velocities must be as many, got {', '.join(str(len(a)) for a in given)}")
+        lengths = ", ".join(str(len(array)) for array in given)
+        raise ValueError(f"contacts, normals and velocities must have the same length, got {lengths}")
     wide = [array if array.ndim == 3 else np.repeat(array[:, None], samples, axis=1) for array in given]
     return [array.reshape(-1, 2) for array in wide]
 
@@ -246,7 +248,7 @@ def _pushed(
     shear, pressure = np.sum(forces * along, axis=1), -np.sum(forces * normals, axis=1)
     slips = np.flatnonzero(np.abs(shear) > mu_c * pressure)
     if len(slips):
-        # the edge of the friction cone towards which the force that sticking needs leans out of it
+        # sticking would need a force outside the friction cone: this is the cone's edge on that side
         edges = -normals[slips] + (np.sign(shear[slips]) * mu_c[slips])[:, None] * along[slips]
         edges /= np.linalg.norm(edges, axis=1)[:, None]
         slip, omega, forces[slips] = _sliding(weights[slips], arms[slips], edges)
@@ -274,7 +276,7 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
     """
     squares = np.sum(arms**2, axis=2)
     works = np.asarray(cross(arms, velocities[:, None]))  # v . (-y, x) of each arm
-    # the speed of each support alone is least there
+    # at these rotations, each support by itself moves slowest
     own = np.where((squares > 0) & (weights > 0), -works / np.maximum(squares, TINY), np.nan)
     with np.errstate(all="ignore"):
         low = np.fmin.reduce(own, axis=1, initial=np.nan)
@@ -299,7 +301,7 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
         low[going] = np.where(above, low[going], omegas[going])
         newton = omegas[going] - moment / np.maximum(stiffness, TINY)
         usable = (newton > low[going]) & (newton < high[going])
-        # where a support all but stands still, Newton's steps are short and hardly get shorter
+        # near a support that almost stands still, Newton's steps are short and hardly shrink
         usable &= np.abs(newton - omegas[going]) <= last[going] / 2
         following = np.where(usable, newton, (low[going] + high[going]) / 2)
         last[going] = moved = np.abs(following - omegas[going])
@@ -313,9 +315,9 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
 
 
 def _sliding(weights: Array, arms: Array, edges: Array) -> tuple[Array, Array, Array]:
-    """Of contacts pushed along unit forces: velocity across the force per velocity along it, rotation, both (r,), force (r, 2).
+    """For contacts pushed along unit forces: velocity across the force per velocity along it (r,), rotation (r,), force (r, 2).
 
-    A damped Newton method on the dissipation, a convex function of the two.
+    A damped Newton method on the dissipation, a convex function of the first two.
 
     Args:
         weights: (r, n).

@@ -1,13 +1,14 @@
 """How far the estimate can be trusted: what the data leave open, as a set of w, and how p_CF scatters in it.
 
 The set {w: F(w) <= F* + k b} holds what fits the data about as well as the optimum. b = F* / (M - d) is the scale of the
-errors, M the number of data points and d that of the weights above zero, less one: for errors of a Laplace distribution, F / b
-is half a likelihood ratio. Its extreme points along eight directions of p_CF are an ensemble, and their mean is its middle.
+errors; M is the number of data points, and d the number of weights above zero, less one. For errors of a Laplace
+distribution, F / b is half a likelihood ratio. The set's extreme points along eight directions of p_CF are an ensemble, and
+their mean is its middle.
 
-Real errors are no independent Laplace errors. So the extent along a direction is turned into a standard deviation by the
+Real errors are not independent Laplace errors. So the extent along a direction is turned into a standard deviation by the
 sandwich rule: with s_i the slope of data point i's cost along it, and Delta the rise of F to the boundary,
-sigma^2 = extent^2 * sum_i s_i^2 / (2 Delta)^2. Errors that data points of one push share, or undo, enter as the design effect
-rho = sum_pushes (sum_i r_i)^2 / sum_i r_i^2 (Kish, "Survey Sampling", 1965) of the errors r_i.
+sigma^2 = extent^2 * sum_i s_i^2 / (2 Delta)^2. Errors that the data points of one push share, or that cancel within a push,
+enter as the design effect rho = sum_pushes (sum_i r_i)^2 / sum_i r_i^2 (Kish, "Survey Sampling", 1965) of the errors r_i.
 docs/estimation.md has the evidence.
 """
 
@@ -38,31 +39,31 @@ DIRECTIONS = np.column_stack([trig(np.arange(8) * math.pi / 4) for trig in (np.c
 """(8, 2) along which the set is measured; each of the last four is opposite to one of the first."""
 
 CALIBRATION = 1.2
-"""Factor on the standard deviation, chosen on simulated and real pushes together: the shares in docs/estimation.md."""
+"""Factor on the standard deviation, chosen on simulated and real pushes together; docs/estimation.md has the shares."""
 
 LEAST_EFFECT = 0.15
-"""The design effect of few data points may come out at nothing by chance."""
+"""Least design effect: that of few data points may come out near zero by chance."""
 
 COMMON = 1e-3
 """Standard deviation of what all pushes have in common, as a share of the support's size: outline, camera, support points."""
 
 FEWEST_PUSHES = 4
-"""Of fewer pushes, nothing is said."""
+"""For fewer pushes there is no spread."""
 
 SEPARATE = 0.12
-"""Contacts are at different places where they are this share of the support's size apart."""
+"""Contacts at least this far apart are at different places, as a share of the support's size."""
 
 FEWEST_PLACES = 3
-"""Pushes at fewer places all say the same."""
+"""Pushes at fewer places all carry the same information."""
 
 ONE_SIDE = math.cos(math.radians(30))
 """Contacts whose normals lie within this angle of one another are on the same side."""
 
 SELDOM = 50
-"""The set is measured again when one data point for each this many has come: always up to 50, then every second one, ..."""
+"""The set is measured again after one more data point for each this many: up to 50 after each, then after every second, ..."""
 
 REFRESHED = 200
-"""The effects are computed again when one data point for each this many has come, so that their cost does not grow."""
+"""The effects are computed again after one more data point for each this many, so that their cost does not grow."""
 
 
 @comparable
@@ -72,8 +73,8 @@ class Spread:
 
     Attributes:
         middle: (n,) the mean of the extreme w: the middle of the set.
-        samples: (8, n) equally probable w, of about the covariance of p_CF: the extreme ones, drawn towards the middle.
-        covariance: (2, 2) of p_CF about the truth [m^2]; the ellipse x' C^-1 x <= 4.605 holds the truth with 90 %.
+        samples: (8, n) equally probable w; their p_CF scatter by about the covariance: the extreme w, drawn towards the middle.
+        covariance: (2, 2) of p_CF about the truth [m^2]; the ellipse x' C^-1 x <= 4.605 contains the truth in 90 % of cases.
     """
 
     middle: Array
@@ -82,7 +83,7 @@ class Spread:
 
     @property
     def radius(self) -> float:
-        """Of the circle about the 90 % ellipse [m]."""
+        """Radius of the smallest circle about p_CF that contains the 90 % ellipse [m]."""
         return math.sqrt(ELLIPSE * float(np.linalg.eigvalsh(self.covariance)[-1]))
 
 
@@ -90,7 +91,7 @@ class Effects(NamedTuple):
     """What turns half extents (4,) into variances."""
 
     factors: Array  # (4,) variance along a direction over the half extent squared
-    data_points: int  # how many there were
+    data_points: int  # how many they were computed from
 
 
 def rise(objective: float, data_points: int, w: Array) -> float:
@@ -144,7 +145,7 @@ def spread(points: Array, center: Array, extremes: Array, effect: Effects, freed
     """
     reach = np.einsum("ij,ij->i", extremes @ points, DIRECTIONS)
     half = (reach[:4] + reach[4:]) / 2
-    # the quantile of F(2, freedom) over that of the normal distribution: few data tell less than they seem to
+    # the quantile of F(2, freedom) over that of the normal distribution: a spread from few data is itself uncertain
     few = freedom / 2 * ((1 - SHARE) ** (-2 / freedom) - 1) / -math.log(1 - SHARE)
     variances = half**2 * effect.factors * few * CALIBRATION**2
     size = float(np.ptp(points, axis=0).max())
@@ -192,7 +193,7 @@ class Variety:
 
     @property
     def lack(self) -> str | None:
-        """What the pushes lack, in words; None where they vary enough."""
+        """What the pushes lack, in words; None if they vary enough."""
         if len(self._places) < FEWEST_PLACES:
             where = "one place" if len(self._places) == 1 else f"{len(self._places)} places"
             return f"all pushes are at {where} and say the same: push at least {FEWEST_PLACES} places, on more than one side"

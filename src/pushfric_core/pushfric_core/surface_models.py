@@ -16,10 +16,10 @@ DIRECTIONS = 100
 """Fourth powers along this many directions make up the quartic; a quartic form of three variables needs at most 15 of them."""
 
 SAMPLES = 200
-"""Motions whose wrenches the quartic is fitted to, and errors are taken over."""
+"""Motions whose wrenches the quartic is fitted to and the errors are computed from."""
 
 EXPONENTS = tuple(powers for powers in itertools.product(range(4, -1, -1), repeat=3) if sum(powers) == 4)
-"""Of (fx, fy, m) in the 15 coefficients of a quartic: (4, 0, 0), (3, 1, 0), (3, 0, 1), (2, 2, 0), ... (0, 0, 4)."""
+"""Exponents of (fx, fy, m) in the 15 monomials of a quartic: (4, 0, 0), (3, 1, 0), (3, 0, 1), (2, 2, 0), ... (0, 0, 4)."""
 
 
 @comparable
@@ -33,7 +33,7 @@ class SurfaceError(NamedTuple):
 @comparable
 @dataclass(frozen=True)
 class NamedEllipsoid:
-    """(f / f_max)^2 + (m / m_max)^2 = 1, for a force f and its moment m about `center`: what most planners assume.
+    """What most planners assume: (f / f_max)^2 + (m / m_max)^2 = 1, for a force f and its moment m about `center`.
 
     Attributes:
         f_max: force that translates the object; 1, the unit of force, or [N].
@@ -46,7 +46,7 @@ class NamedEllipsoid:
     center: Array
 
     def form(self) -> Ellipsoid:
-        """The same as W' A W = 1, with moments about the object-frame origin."""
+        """The same surface as W' A W = 1, with moments about the object-frame origin."""
         x, y = self.center
         scaling = np.array(
             (
@@ -59,7 +59,7 @@ class NamedEllipsoid:
 
 
 def named_ellipsoid(support: Support) -> NamedEllipsoid:
-    """Through the force of a translation and the moment of a turn about p_CF, in units of the support friction."""
+    """The ellipsoid through the force of a translation and the moment of a turn about p_CF; unit: the support friction."""
     center = support.center_of_friction
     return NamedEllipsoid(1.0, float(support.weights @ np.linalg.norm(support.points - center, axis=1)), center)
 
@@ -69,7 +69,7 @@ def named_ellipsoid(support: Support) -> NamedEllipsoid:
 class Quartic:
     """A convex form H(W) = 1 of degree 4: the motion under a wrench W on it is along the gradient (Zhou et al. 2016).
 
-    H is a sum of fourth powers of linear forms with weights >= 0, so it is convex whatever it was fitted to.
+    H is a sum of fourth powers of linear forms with weights >= 0, so it is always convex.
 
     Attributes:
         coefficients: (15,) of the monomials EXPONENTS of (fx, fy, m about the object-frame origin); [m^-k] with m^k.
@@ -82,7 +82,7 @@ class Quartic:
         return float(np.maximum(_monomials(np.asarray(wrench)[None]) @ self.coefficients, 0.0)[0] ** 0.25)
 
     def twist(self, wrench: Wrench) -> Twist:
-        """The motion under a wrench, brought to the surface, of unit dissipation there: grad H / 4.
+        """The motion, of unit dissipation, under the wrench scaled onto the surface: grad H / 4.
 
         Raises:
             ValueError: the wrench is zero.
@@ -94,12 +94,12 @@ class Quartic:
 
 
 def convex_quartic(support: Support) -> Quartic:
-    """The convex quartic nearest to the limit surface: its values and its gradients, over motions of all directions.
+    """The convex quartic whose values and gradients come nearest to those of the limit surface, over motions of all directions.
 
     Raises:
         ValueError: a single point bears all the weight.
     """
-    from scipy.optimize import nnls  # takes longer to load than all else of this package
+    from scipy.optimize import nnls  # takes longer to load than the rest of this package
 
     wrenches, twists, scaling = _samples(support)
     # about p_CF and in round units, S W and S^-T V
@@ -115,14 +115,14 @@ def convex_quartic(support: Support) -> Quartic:
 
 
 def ellipsoid_error(ellipsoid: Ellipsoid, support: Support) -> SurfaceError:
-    """Of an ellipsoid against the exact surface."""
+    """Error of an ellipsoid compared with the exact surface."""
     wrenches, twists, scaling = _samples(support)
     loads = np.sqrt(np.einsum("si,ij,sj->s", wrenches, ellipsoid.form, wrenches))
     return _error(loads, wrenches @ ellipsoid.form, twists, scaling)
 
 
 def quartic_error(quartic: Quartic, support: Support) -> SurfaceError:
-    """Of a quartic against the exact surface."""
+    """Error of a quartic compared with the exact surface."""
     wrenches, twists, scaling = _samples(support)
     loads = np.maximum(_monomials(wrenches) @ quartic.coefficients, 0.0) ** 0.25
     return _error(loads, _gradients(wrenches) @ quartic.coefficients, twists, scaling)
@@ -170,12 +170,12 @@ def _sphere(count: int) -> Array:
 
 
 def _monomials(wrenches: Array) -> Array:
-    """(s, 15)"""
+    """Values (s, 15) of the monomials."""
     return np.stack([np.prod(wrenches**powers, axis=1) for powers in np.array(EXPONENTS)], axis=1)
 
 
 def _gradients(wrenches: Array) -> Array:
-    """(s, 3, 15)"""
+    """Gradients (s, 3, 15) of the monomials."""
     columns = []
     for powers in np.array(EXPONENTS):
         lowered = np.maximum(powers - np.eye(3, dtype=int), 0)

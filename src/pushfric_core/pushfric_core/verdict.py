@@ -16,25 +16,25 @@ from pushfric_core.solvers.program import Status
 from pushfric_core.spread import FEWEST_PUSHES
 
 MOST = 0.5
-"""What holds for more than this share of the data points is no outlier but a mistake in the input."""
+"""What holds for more than this share of the data points is not an outlier but a mistake in the input."""
 
 RECEDING = 0.1
-"""A contact recedes where it moves outward by more than this share of its speed: less is noise."""
+"""A contact recedes if it moves outward with more than this share of its speed; less is noise."""
 
 MANY_RECEDE = 0.2
-"""More receding contacts than this share are a mistake in the input."""
+"""If more than this share of the contacts recede, the input is wrong."""
 
 ABOUT_ORIGIN = 0.15
-"""A push hardly ever turns an object about a point this near to its frame's origin, as a share of the support's rms radius."""
+"""Pushes hardly ever turn an object about a point this near its frame's origin, as a share of the support's rms radius."""
 
 TURNED = math.radians(50)
-"""Friction keeps a force within the friction cone: the mean force is turned no further than this from the motion."""
+"""Friction keeps each force within the friction cone, so the mean force is turned by no more than this from the motion."""
 
 SCATTERED = 0.5
-"""The mean unit vector of the forces, relative to the motion, is longer than this where their frame is right."""
+"""The mean unit vector of the forces, relative to the motion, is longer than this if their frame is right."""
 
 POOR_FIT = 0.2
-"""An error per data point of this share of the support's rms radius is worse than any real push has shown."""
+"""No real push has shown an error per data point above this share of the support's rms radius."""
 
 AT_THE_EDGE = 0.01
 """p_CF lies at the edge of the hull of the support points within this share of their extent."""
@@ -48,8 +48,8 @@ class Verdict:
     """Whether an estimate may be used.
 
     Attributes:
-        use: it may.
-        reasons: why not, a sentence each with the likely cause and what to do; none if it may.
+        use: whether it may be used.
+        reasons: why it may not, a sentence each with the likely cause and what to do; empty if it may.
     """
 
     reasons: tuple[str, ...] = ()

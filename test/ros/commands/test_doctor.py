@@ -402,7 +402,7 @@ def test_a_port_without_permission_names_its_group(monkeypatch, tmp_path):
     group = (tmp_path / "port").group()
     monkeypatch.setattr(os, "access", lambda *_: False)
     check = grbl_checks.check_port(str(tmp_path / "port"))
-    assert check.finding == f"you may not use {tmp_path}/port"
+    assert check.finding == f"no permission to use {tmp_path}/port"
     assert check.advice == f"sudo usermod -aG {group} $USER, then log in again"
 
 

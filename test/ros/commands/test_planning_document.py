@@ -75,7 +75,7 @@ def test_the_python_runs(capsys):
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model knows its object"),
+        ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model brings its object"),
         ("predict none.yaml --pushes pushes.csv", "none.yaml: cannot be read"),
         ("predict none --pushes pushes.csv", "no such file"),
         ("predict pushes.csv --pushes pushes.csv", "does not say of what object it is"),

@@ -12,9 +12,9 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
+from pushfric_core.push_choice import next_pushes, planned_pushes
 from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
 from pushfric_core.table_1 import TABLE_1
-from pushfric_core.test_pushes import next_pushes, planned_pushes
 from pushfric_ros.commands.cli import app
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.observation_file import REQUIRED

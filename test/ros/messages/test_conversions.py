@@ -11,8 +11,8 @@ from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Pose, Twist
+from pushfric_core.push_choice import next_pushes
 from pushfric_core.region import HalfPlane, HalfPlanes
-from pushfric_core.test_pushes import next_pushes
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, PusherState
 from pushfric_ros.messages import conversions
 

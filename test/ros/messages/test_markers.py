@@ -13,9 +13,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.estimator import Estimator
 from pushfric_core.planar import Pose
+from pushfric_core.push_choice import next_pushes
 from pushfric_core.region import HalfPlane, HalfPlanes
 from pushfric_core.table_1 import TABLE_1
-from pushfric_core.test_pushes import next_pushes
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import OBJECT, TABLE, estimate_to_msg, pose_to_msg, region_to_msg, stamp_from_msg
 from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers

@@ -78,7 +78,7 @@ class HeldClock:
         return time.monotonic() - self._behind if self._held is None else self._held
 
     def release(self) -> None:
-        """From where it stood: a carriage cannot be elsewhere in no time."""
+        """From where it stood: a carriage cannot jump."""
         self._behind, self._held = time.monotonic() - (self._held or 0.0), None
 
 

@@ -143,7 +143,7 @@ def test_the_message_lists_the_coefficients_in_order():
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"contact_points": []}, "must be as many, at least one, got 0, 2, 2"),
+        ({"contact_points": []}, "must have the same length, at least 1, got 0, 2, 2"),
         ({"contact_normals": [Vector3(x=2.0), Vector3(x=1.0)]}, "contact_normals must have length 1, got 2"),
         ({"tip_velocities": [Vector3(x=float("nan")), Vector3()]}, "must be finite"),
     ],

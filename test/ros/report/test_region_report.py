@@ -8,9 +8,9 @@ from problems import observations_of
 
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
+from pushfric_core.push_choice import next_pushes
 from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.table_1 import TABLE_1
-from pushfric_core.test_pushes import next_pushes
 from pushfric_ros.report.region import narrowed, region_report
 
 NAME = "wood_rect3"

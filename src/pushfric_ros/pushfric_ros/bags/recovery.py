@@ -1,4 +1,4 @@
-"""Saves what can be read of a damaged bag as a new bag."""
+"""Saves all that can be read of a damaged bag as a new bag."""
 
 import os
 import pathlib
@@ -13,17 +13,17 @@ PathLike = str | os.PathLike[str]
 
 
 def recover(path: PathLike, out: PathLike) -> Bag:
-    """Write all messages of a bag that can be read to a new bag; return the damaged one, which knows what is missing.
+    """Write all readable messages of a bag to a new one; return the damaged bag, which says what is missing.
 
     Args:
         path: folder of a bag, or one of its files.
-        out: folder of the new bag; object.yaml is copied, too.
+        out: folder of the new bag; object.yaml is copied into it.
     Raises:
         InvalidInput: it is not a bag, or the new bag cannot be written.
     """
     try:
         damaged = Bag(path)
-    except InvalidInput:  # its metadata may be what is damaged
+    except InvalidInput:  # perhaps only its metadata is damaged
         damaged = Bag(path, ignore_metadata=True)
     with BagWriter(out) as writer:
         object_file = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / OBJECT_FILE

@@ -1,6 +1,6 @@
 """Import of real pushes with two fingers: the aluminium triangle of `zhou2015`, folder PushExp/sensor_log/stablepush.
 
-Two fingers in contact with one edge were turned about a commanded centre. Where the object followed them, the push was stable.
+Two fingers in contact with one edge were turned about a commanded centre. If the object followed them, the push was stable.
 """
 
 import csv
@@ -18,7 +18,7 @@ from pushfric_ros.files.pushes_file import TURNED, EdgePushes
 
 NAME = "stablepush"
 PUSHES = "pushes.csv"
-"""Beside each bag: all pushes of the object as the command `stable` reads them, with the column `stable` as it was measured."""
+"""A file next to each bag: all pushes of the object in the form that the command `stable` reads, plus the measured `stable`."""
 
 COLUMNS = (
     *("object", "cx_mm", "cy_mm", "nx", "ny", "half_width_mm", "cor_x_mm", "cor_y_mm", "commanded_rad"),

@@ -1,4 +1,4 @@
-"""What the commands predict and stable share: a model from a file, or from the data points of a bag or a CSV."""
+"""Shared by the commands `predict` and `stable`: a model from a file, or from the data points of a bag or a CSV."""
 
 import pathlib
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from pushfric_ros.files.model_file import SUFFIXES, load_model
 
 ModelArgument = Annotated[
     pathlib.Path,
-    typer.Argument(metavar="MODEL", help="Model YAML of estimate --save, bag, or CSV of observations.", show_default=False),
+    typer.Argument(metavar="MODEL", help="Model YAML (from estimate --save), bag, or CSV of observations.", show_default=False),
 ]
 
 
@@ -28,18 +28,18 @@ class Known(NamedTuple):
 
 
 def known(source: pathlib.Path, object_name: str, warn: Callable[[str], None]) -> Known:
-    """What a model file says, or what the data points of a bag or a CSV give, estimated as recorded.
+    """The model in a file, or estimated from the data points of a bag or a CSV with the recorded settings.
 
     Args:
         source: the file or the bag.
-        object_name: name or file of the object; a model has its own.
+        object_name: name or file of the object; empty for a model, which has its own.
         warn: gets a line for each message or data point that is refused.
     Raises:
-        InvalidInput: it cannot be read, or does not say of what object it is.
+        InvalidInput: the source cannot be read, or it does not say which object was pushed.
     """
     if source.suffix in SUFFIXES:
         if object_name:
-            raise InvalidInput(f"{source}: a model knows its object; --object is for a bag or a CSV")
+            raise InvalidInput(f"{source}: a model brings its object; give --object with a bag or a CSV only")
         file, model = load_model(source)
         return Known(model.outline, file.friction())
     (model, _), settings = object_of(source, object_name), data_points.recorded_settings(source)

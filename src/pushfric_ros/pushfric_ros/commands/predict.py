@@ -24,7 +24,7 @@ def predict(
     object_name: ObjectOption = "",
     json: JsonFlag = False,
 ) -> None:
-    """The spread is an angle: the measured twist is within it of the predicted one with 90 %."""
+    """The spread is an angle: 90 % of measured twists lie within it of the predicted one."""
     outline, friction = known(model, object_name, warn)
     found = predicted(friction, *read_point_pushes(pushes, outline))
     rows = [

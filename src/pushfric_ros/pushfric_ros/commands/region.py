@@ -7,9 +7,9 @@ import typer
 from rich.console import Console
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.push_choice import next_pushes, planned_pushes
 from pushfric_core.region import RegionConfig
 from pushfric_core.table_1 import TABLE_1
-from pushfric_core.test_pushes import next_pushes, planned_pushes
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, warn
 from pushfric_ros.commands.inputs import object_of

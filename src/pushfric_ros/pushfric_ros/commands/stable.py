@@ -23,7 +23,7 @@ def stable(
     object_name: ObjectOption = "",
     json: JsonFlag = False,
 ) -> None:
-    """The margin is the wrench, as a share of the support friction, that it would take to make the object slip."""
+    """The margin is the least wrench that would make the object slip, as a share of the support friction."""
     outline, friction = known(model, object_name, warn)
     found = stability(friction, *read_edge_pushes(pushes, outline))
     rows = [

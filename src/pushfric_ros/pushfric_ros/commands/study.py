@@ -15,10 +15,10 @@ app = typer.Typer(add_completion=False)
 
 @app.command()
 def study(
-    out: Annotated[pathlib.Path, typer.Option(help="Folder of study.json and study.md.")] = RUNS / "study",
-    seeds: Annotated[int, typer.Option(help="Simulated runs of each cell.", min=1, max=10_000)] = 200,
+    out: Annotated[pathlib.Path, typer.Option(help="Folder for study.json and study.md.")] = RUNS / "study",
+    seeds: Annotated[int, typer.Option(help="Simulated runs for each case.", min=1, max=10_000)] = 200,
     pushes: Annotated[
-        pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015: real pushes, too.", show_default=False)
+        pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015, to study real pushes too.", show_default=False)
     ] = None,
     jobs: JobsOption = -1,
     dask: DaskOption = None,

@@ -1,7 +1,7 @@
 """A cell's YAML file: every setting of every node, in sections.
 
-A section holds the fields of one node's settings classes. The values go through the same reading as the node's parameters, so
-that the file is refused where the node would be, in the same words.
+A section holds the fields of one node's settings classes. Its values are read as the node's parameters are, so the file is
+refused for the same reasons as the node, in the same words.
 """
 
 import os
@@ -22,9 +22,9 @@ from pushfric_ros.pushers.pusher import PusherConfig, PusherDriver
 
 @dataclass(frozen=True)
 class NamespaceConfig:
-    """What the cell is called."""
+    """The cell's name."""
 
-    namespace: str = setting("/cell", "of all nodes and topics; two cells differ in it")
+    namespace: str = setting("/cell", "namespace of all nodes and topics; each cell needs its own")
 
     def __post_init__(self) -> None:
         if re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace) is None:
@@ -41,7 +41,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "recorder": (RecorderConfig,),
     "simulation": (SimulationConfig,),
 }
-"""The settings of each section; those of the camera's tracker and the pusher's driver come on top."""
+"""The settings of each section, without those of the camera's tracker and the pusher's driver."""
 
 
 def driver_kinds(section: str, values: Mapping[str, Any]) -> list[Any]:
@@ -61,9 +61,9 @@ class CellFile:
 
     object: str  # name of an object of Table 1, or path of an object YAML
     camera: CameraConfig
-    tracker: Any  # settings of what finds the object: a pushfric_ros.vision.sighting.TrackerDriver
+    tracker: Any  # settings of the tracker: a pushfric_ros.vision.sighting.TrackerDriver
     pusher: PusherConfig
-    driver: PusherDriver  # settings of what drives the pusher
+    driver: PusherDriver  # settings of the pusher's driver
     plan: PlanConfig = field(default_factory=PlanConfig)
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     recorder: RecorderConfig = field(default_factory=RecorderConfig)
@@ -72,7 +72,7 @@ class CellFile:
 
 
 def load_cell(path: pathlib.Path) -> CellFile:
-    """A cell file; relative paths in it are meant from its own folder.
+    """Read a cell's file (cell.yaml); relative paths in it count from its own folder.
 
     Raises:
         InvalidInput: it cannot be read or does not describe a cell; one line that names file and key.

@@ -15,13 +15,13 @@ from pushfric_core.estimate import Estimate
 from pushfric_core.observation import STRONGEST, UNIT, Observation
 from pushfric_core.planar import FARTHEST, Pose, Twist
 from pushfric_core.prediction import FrictionModel, Predictions, Stability
+from pushfric_core.push_choice import RankedPush
 from pushfric_core.recognition import Ranking
 from pushfric_core.region import Region
 from pushfric_core.sensed_force import ForceSample
 from pushfric_core.simulation import ContactMode
 from pushfric_core.solvers.program import Status
 from pushfric_core.surface_models import convex_quartic, ellipsoid_error, named_ellipsoid, quartic_error, surface_samples
-from pushfric_core.test_pushes import RankedPush
 from pushfric_core.trajectory import PoseSample, PusherSample
 from pushfric_core.verdict import Verdict
 from pushfric_msgs.msg import (
@@ -365,7 +365,7 @@ def _normals(vectors: Sequence[Vector3]) -> np.ndarray:
 def _as_many(names: str, *arrays: np.ndarray) -> None:
     counts = [len(array) for array in arrays]
     if len(set(counts)) > 1 or not counts[0]:
-        raise ValueError(f"{names} must be as many, at least one, got {', '.join(map(str, counts))}")
+        raise ValueError(f"{names} must have the same length, at least 1, got {', '.join(map(str, counts))}")
 
 
 def _twist(row: np.ndarray) -> TwistMsg:

@@ -1,9 +1,9 @@
-"""The actuator node: the push action, and where the pusher is; a managed node.
+"""The actuator node: the push action, and the state of the pusher; a managed node.
 
     unconfigured --configure--> inactive --activate--> active --deactivate--> inactive --cleanup--> unconfigured
 
-Unconfigured, the port is left alone. Inactive, the controller is connected, and connected again whenever it is lost, but
-nothing moves. Active, goals are taken. It does the first two steps by itself unless `autostart` is false.
+Unconfigured, the node does not touch the port. Inactive, it connects to the controller, and again whenever the connection is
+lost, but moves nothing. Active, it accepts goals. It takes the first two steps by itself unless `autostart` is false.
 """
 
 import math
@@ -38,9 +38,9 @@ from pushfric_ros.pushers.pusher import Fault, Mode, NotConnected, Pusher, Pushe
 READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.5, 5.0
 FORCE_SILENCE = 0.5
-OWNER_GRACE = 1.0  # for the first sign of life of a goal's owner
-GRACE = 3.0  # a port may appear this late before anybody is told
-ROUNDING = 1e-5  # of positions [m]
+OWNER_GRACE = 1.0  # until the first sign of life of a goal's owner
+GRACE = 3.0  # a port may appear this late without an error message
+ROUNDING = 1e-5  # tolerance of positions [m]
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
 NOT_ENABLED = "the topic enable does not say true, or said so too long ago"
 UNKNOWN = "where the pusher stands is not known: "
@@ -48,18 +48,18 @@ REMEDIES = {
     False: UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset",
     True: UNKNOWN + "see that it is free to move, then call actuator/reset, which homes",
 }
-"""What a person does about it, without and with homing."""
+"""What a person does about it; the key says whether the cell homes."""
 
 
 class ActuatorNode(LifecycleNode):
-    """Serves `push`, one goal at a time: a goal that arrives while another runs is rejected, neither queued nor preferred.
+    """Serves `push`, one goal at a time: a goal that arrives while another runs is rejected.
 
-    A lost connection is made again by itself, without a motion. After an alarm, `~/reset` unlocks or homes, as configured.
+    A lost connection is restored automatically, without a motion. After an alarm, `~/reset` unlocks or homes, as configured.
 
-    It takes goals only while it knows where the pusher stands. It does not before homing, where that is configured, nor after
-    an alarm, nor once a connection was lost in mid-motion or comes back at another position: a controller that restarts counts
-    from wherever the pusher happens to stand. Such a pusher is published as in alarm. `~/reset` ends that, too: it homes; or
-    else the person who calls it vouches for the position that is reported.
+    The node accepts goals only while it knows where the pusher stands. The position is unknown before homing, if homing is
+    configured; after an alarm; and after a connection was lost during a motion or came back at another position, because a
+    controller that restarts counts from wherever the pusher happens to stand. The node then reports an alarm. `~/reset` ends
+    it: the pusher homes, or the person who calls it confirms the reported position.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -76,13 +76,13 @@ class ActuatorNode(LifecycleNode):
         self._start_due = config.autostart
         self._report = PusherReport(0.0, 0.0, Mode.DISCONNECTED, None)  # the last one
         self._problem: PusherError | None = None
-        self._lost_at: float | None = None  # where it rested when the connection was lost; nan: it did not rest
+        self._lost_at: float | None = None  # where it rested when the connection was lost; NaN: it did not rest
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
         self._quiet_until = time.monotonic() + GRACE
-        self._told: str | None = None  # the last problem that was logged
-        self._unsure = False  # what an earlier process, or this connection, leaves unknown waits for a person
+        self._told: str | None = None  # the last problem logged
+        self._unsure = False  # the position is unknown, and only a person can say so
         self._fault = Fault.NONE
-        self._stopped: str | None = None  # why nothing moves before a person says so, though the position is known
+        self._stopped: str | None = None  # why nothing moves until a reset, although the position is known
         self._ending = False
         self._enabled = self._forced = -math.inf  # when enable was last true, and a force measured; in wall time [s]
         self._memory = PositionMemory(config.memory, self._pusher.place)
@@ -109,14 +109,14 @@ class ActuatorNode(LifecycleNode):
         if config.max_force:
             self._diagnostics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_DATA)
         self.create_timer(1 / config.poll_rate, self._ask)
-        # bytes come in real time, whatever clock the cell runs on
+        # bytes come in real time, whatever the cell's clock
         self.create_timer(READ_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._service_change_state.callback = self._refuse_unknown(self._service_change_state.callback)
         if self._start_due:
             self.trigger_configure()
 
     def wind_up(self) -> bool:
-        """Stop the pusher, tell the client and publish the state at rest; True when all that is done."""
+        """Stop the pusher, tell the client and publish the state at rest; True once all of this is done."""
         if not self._ending:
             self._ending, self._active = True, False
             self._revoke(Fault.STOPPED, "the actuator was told to end")
@@ -126,7 +126,7 @@ class ActuatorNode(LifecycleNode):
         return True
 
     def destroy_node(self) -> None:
-        """Stop the pusher, whatever it does, before anything else ends."""
+        """Stop the pusher before anything else ends."""
         self._pusher.close()
         self._server.destroy()
         super().destroy_node()
@@ -134,10 +134,10 @@ class ActuatorNode(LifecycleNode):
     # Transitions
 
     def _refuse_unknown(self, change_state: Callable) -> Callable:
-        """rclpy lets a transition that the state does not know end the node."""
+        """Refuse transitions that the present state does not have; in rclpy they would end the node."""
 
         def changed(request: Any, response: Any) -> Any:
-            self._start_due = False  # somebody else decides now
+            self._start_due = False  # somebody else decides from now on
             try:
                 return change_state(request, response)
             except rclpy_implementation.RCLError:
@@ -153,13 +153,13 @@ class ActuatorNode(LifecycleNode):
         return str(self._state_machine.current_state[1])
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """From now on the controller is connected, as soon as its port is there."""
+        """Connect to the controller from now on, as soon as its port exists."""
         self._configured, self._located = True, self._located and not self._config.home
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take goals; where so configured, home before that unless it has been. Refused until the controller has answered."""
+        """Accept goals, after homing if it is configured and still due. Refused until the controller has answered."""
         if self._pusher.mode is Mode.DISCONNECTED or self._pusher.busy:
             self.get_logger().error(f"cannot be activated yet: {self._problem or 'the controller is being connected'}")
             return TransitionCallbackReturn.FAILURE
@@ -173,7 +173,7 @@ class ActuatorNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop a motion, and take no more goals."""
+        """Stop a motion, and accept no more goals."""
         self._active = False
         self._revoke(Fault.STOPPED, "the actuator was deactivated")
         return TransitionCallbackReturn.SUCCESS
@@ -189,7 +189,7 @@ class ActuatorNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """A transition raised something: the safe state is to have left the port."""
+        """A transition raised an exception: leave the port, which is the safe state."""
         self.get_logger().error("a transition failed; the pusher is left")
         self._leave("a transition failed")
         return TransitionCallbackReturn.SUCCESS
@@ -199,7 +199,7 @@ class ActuatorNode(LifecycleNode):
         return f"the actuator is {self._lifecycle_state}, expected active"
 
     def _revoke(self, fault: Fault, why: str) -> None:
-        """Stop whatever moves; a goal under way is aborted with this reason once the pusher rests."""
+        """Stop any motion; a goal under way is aborted with this reason once the pusher rests."""
         if self._goal is not None and self._revoked is None:
             self._revoked, self._fault = why, fault
         if self._may_go is not None and not self._may_go.done():
@@ -208,7 +208,7 @@ class ActuatorNode(LifecycleNode):
             self._stop()
 
     def _halt(self, fault: Fault = Fault.STOPPED, why: str = "somebody asked for a stop") -> None:
-        """Stop whatever moves, and move nothing more until a person says so."""
+        """Stop any motion, and move nothing until somebody calls reset."""
         self._stopped, self._fault = why, fault
         self.get_logger().warning(f"{why}: nothing moves until actuator/reset is called")
         self._revoke(fault, why)
@@ -223,7 +223,7 @@ class ActuatorNode(LifecycleNode):
     # The pusher
 
     def _ask(self) -> None:
-        """At each tick of the cell's clock; what cannot answer now is published as it is known to be."""
+        """Request a report at each tick of the cell's clock; if none can come, publish the known state."""
         mode = self._pusher.mode
         if mode in (Mode.DISCONNECTED, Mode.HOMING):
             self._publish(self._report._replace(speed=0.0, mode=mode, stamp=None))
@@ -234,7 +234,7 @@ class ActuatorNode(LifecycleNode):
             self._fail(error)
 
     def _guard(self) -> None:
-        """What a push needs besides the pusher itself; the first that is missing stops it."""
+        """Stop a push if any of its conditions fails: enable, owner, required nodes, force."""
         config, goal = self._config, self._goal
         moves = goal is not None or (self._pusher.busy and self._pusher.mode is Mode.HOMING)
         if moves and config.enable_timeout and time.monotonic() - self._enabled > config.enable_timeout:
@@ -266,7 +266,7 @@ class ActuatorNode(LifecycleNode):
             self._halt(Fault.FORCE, f"the force was {force:.1f} N, more than max_force {self._config.max_force:g} N")
 
     def _remember(self, moves: bool = False) -> None:
-        """Keep for the next process what is known of the position."""
+        """Keep what is known of the position for the next process."""
         report = self._report
         if report.mode is Mode.DISCONNECTED and not moves:
             return
@@ -331,7 +331,7 @@ class ActuatorNode(LifecycleNode):
         self._quiet_until = 0.0
 
     def _fail(self, error: PusherError) -> None:
-        """End the stroke under way, say once what happened, and connect again later where the connection is gone."""
+        """End the stroke under way, log the error once, and connect again later if the connection is lost."""
         self._recovering = False
         if self._arrival is not None:
             self._arrival.set_exception(error)
@@ -350,7 +350,7 @@ class ActuatorNode(LifecycleNode):
             self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
 
     def _lose(self) -> None:
-        """The connection is gone; remember where the pusher rested."""
+        """The connection is lost; remember where the pusher rested."""
         self._recovering = False
         if self._report.mode is not Mode.DISCONNECTED:
             rests = self._report.mode is Mode.IDLE and self._goal is None
@@ -359,7 +359,7 @@ class ActuatorNode(LifecycleNode):
 
     def _recover(self) -> None:
         self._pusher.recover()
-        # a homing that is not completed leaves the pusher anywhere
+        # if homing is not completed, the pusher can be anywhere
         self._recovering, self._located = True, self._located and not self._config.home
 
     def _stop(self) -> None:
@@ -370,13 +370,13 @@ class ActuatorNode(LifecycleNode):
             self._fail(error)
 
     def _shown(self, mode: Mode) -> Mode:
-        """To others, idle means ready to move."""
+        """The mode as others see it: idle means ready to move."""
         if mode is not Mode.IDLE or (self._active and self._located and self._stopped is None):
             return mode
         return Mode.ALARM if self._active and not self._located else Mode.HOLD
 
     def _explained(self, mode: Mode) -> str:
-        """A mode with what went wrong, and what to do where the position is not known; for people."""
+        """A mode, what went wrong, and what to do about it; for people."""
         remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and self._active and not self._located else None
         if mode is Mode.HOLD and self._stopped is not None:
             remedy = f"{self._stopped}: call actuator/reset"
@@ -447,7 +447,7 @@ class ActuatorNode(LifecycleNode):
     def _refusal(self, push: Push.Goal) -> str | None:
         """Why a goal is rejected; None for a good one."""
         config = self._config
-        # the first report after a connection says where the pusher is
+        # only the first report after connecting says where the pusher is
         mode = Mode.DISCONNECTED if self._report.mode is Mode.DISCONNECTED else self._shown(self._pusher.mode)
         if self._goal is not None:
             return f"push {self._goal.request.push_id} is under way"
@@ -490,7 +490,7 @@ class ActuatorNode(LifecycleNode):
             self.get_logger().warning(f"push {push.push_id} is slower than asked: the controller allows {fastest:.4f} m/s")
         try:
             assert self._may_go is not None
-            await self._may_go  # nothing moves for a client of which nobody would know that it is gone
+            await self._may_go  # nothing moves for a client that shows no sign of life
             self._start = start
             problem = await self._stroke(goal, start + push.distance, push.speed)
             self._start = None
@@ -510,7 +510,7 @@ class ActuatorNode(LifecycleNode):
         return Push.Result(outcome=Push.Result.OUTCOME_REACHED, travelled=travelled, message="reached")
 
     async def _stroke(self, goal: ServerGoalHandle, position: float, speed: float) -> str | None:
-        """Move there unless canceled or revoked; what went wrong, if anything."""
+        """Move there unless canceled or revoked; return what went wrong, if anything."""
         if goal.is_cancel_requested or self._revoked is not None:
             return self._revoked
         forward = position > self._report.position

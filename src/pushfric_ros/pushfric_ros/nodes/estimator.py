@@ -15,10 +15,10 @@ from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.prediction import FrictionModel, model_of, predict, stability
+from pushfric_core.push_choice import next_pushes
 from pushfric_core.recognition import Recognizer
 from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.sensed_force import SensedForce
-from pushfric_core.test_pushes import next_pushes
 from pushfric_core.trajectory import Trajectory
 from pushfric_core.verdict import Verdict
 from pushfric_msgs.msg import (

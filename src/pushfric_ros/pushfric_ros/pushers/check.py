@@ -1,4 +1,4 @@
-"""One thing that the doctor, or a driver on its behalf, has looked at."""
+"""One thing that the doctor, or a driver on its behalf, has checked."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -13,9 +13,9 @@ class Level(Enum):
 
 
 class Check(NamedTuple):
-    """One thing that was looked at."""
+    """One thing that was checked."""
 
     name: str
     level: Level
     finding: str
-    advice: str = ""  # what to do; empty where all is well
+    advice: str = ""  # what to do; empty if nothing is wrong

@@ -1,22 +1,22 @@
 """Driver of a pusher behind a GRBL 1.1 controller (Arduino GRBL, grblHAL, FluidNC) on a serial port.
 
-Nothing here blocks and there is no thread: the owner calls `poll()` a hundred times a second or more, which reads what has
-arrived and takes the next step of what is under way; `ask()` requests a report. Waits are measured in real time.
+Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
+arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
 
-A stroke is a stream of short jogs (`$J=`). The controller never has more of them than it moves through in `ahead`, counted by
-the positions that it reports: if this process dies, hangs or loses the line, the pusher rests after that. Each jog says all of
-its modes itself (G21 G90), so no modal state is trusted; no feed override changes a jog; a feed hold cancels it. Flow control
-is send-and-wait: a line is sent only after the controller answered the last one.
+A stroke is a stream of short jogs (`$J=`). The controller never has more of them than it moves through in the time `ahead`,
+judged by the positions that it reports. If this process dies, hangs or loses the line, the pusher therefore stops after that
+time. Each jog states all of its modes (G21 G90), so no modal state is relied on. No feed override changes a jog, and a feed
+hold cancels it. Flow control is send-and-wait: a line is sent only after the controller has answered the last one.
 
-    DISCONNECTED --connect(), ?, $I, $$--> IDLE, or ALARM; what moves when it is found is held
+    DISCONNECTED --connect(), ?, $I, $$--> IDLE, or ALARM; a moving pusher is held
     IDLE, HOLD, ALARM --recover(): soft reset, $H where homing is configured, else $X--> HOMING --> IDLE
     IDLE --move_to()--> RUNNING --target reached--> IDLE
-    RUNNING, HOMING --stop(): feed hold, rest, soft reset--> HOLD --> IDLE; ALARM if the controller lost its position by it
+    RUNNING, HOMING --stop(): feed hold, rest, soft reset--> HOLD --> IDLE; ALARM if this cost the controller its position
     any --ALARM:n--> ALARM --recover()--> as above
     any --port gone, silence, restart of the controller--> DISCONNECTED
 
-Whatever goes wrong is raised by `poll()`, after the pusher has been told to stop. A connection never moves the pusher, first or
-made again, and never ends an alarm: both wait for `recover()`.
+If anything goes wrong, `poll()` first tells the pusher to stop and then raises the error. Connecting, for the first time or
+again, never moves the pusher and never ends an alarm: both wait for `recover()`.
 """
 
 import contextlib
@@ -71,14 +71,14 @@ ASK_AGAIN = 0.25  # a question that was not answered
 ASK_AGAIN_MOVING = 0.06
 SILENCE = 2.0  # at rest
 RESET_AGAIN = 1.0
-RESET_PATIENCE = 6.0  # a greeting after a reset may take so long
+RESET_PATIENCE = 6.0  # a greeting after a reset may take this long
 CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
 REPORTS_UNTIL_WCO = 31  # the offset comes with every 30th report at the latest
-IDLE_REPORTS = 10  # as many away from the target mean that the motion ended early
+IDLE_REPORTS = 10  # this many in a row away from the target mean that the motion ended early
 NOT_IDLE = 8  # error
-NOT_IDLE_OFTEN = 5  # so often is it waited for in one stroke
-IMPOSSIBLE_FEED = 1.5  # of the greatest speed that the controller is set to
+NOT_IDLE_OFTEN = 5  # this many of these errors may be waited out in one stroke
+IMPOSSIBLE_FEED = 1.5  # times the controller's greatest speed
 UNKNOWN_SPEED = 1.0  # greatest speed of a controller that does not say [m/s]
 INCH = 25.4  # [mm]
 MM = 1e-3  # [m]
@@ -88,7 +88,7 @@ MM_PER_MINUTE = MM / 60  # [m/s]
 class Grbl:
     """A Pusher: one linear axis of a GRBL 1.1 controller.
 
-    Stroke position 0 is where the axis rests after homing; without homing, zero of the controller's work coordinates.
+    Stroke position 0 is where the axis rests after homing; without homing, the zero of the controller's work coordinates.
     """
 
     def __init__(
@@ -108,15 +108,15 @@ class Grbl:
         Args:
             port: of the controller, such as /dev/ttyUSB0.
             baud: [bit/s]
-            axis: X, Y, Z, A, B or C, with a minus sign where the stroke runs towards negative coordinates.
+            axis: X, Y, Z, A, B or C, with a minus sign if the stroke runs towards negative coordinates.
             home: `recover` seeks the home switch; otherwise it unlocks an alarm.
             greeting_timeout: how long a controller may take to boot [s].
-            ahead: how long the pusher goes on, before it brakes, when nothing more is sent [s of real time].
-            silence: a controller that says nothing for so long while it moves is stopped [s].
+            ahead: if nothing more is sent, the pusher goes on for this long and then brakes [s of real time].
+            silence: a controller that says nothing for this long while it moves is stopped [s].
             real_time_factor: seconds of the controller in one of real time; 1 for any but a simulated one.
-            only_look: never move, hold or reset the controller, nor send it a line while it moves.
+            only_look: never move, hold or reset the controller, and send it no line while it moves.
         Raises:
-            ValueError: axis is not one of them.
+            ValueError: axis is not one of these.
         """
         check_axis(axis)
         self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
@@ -130,7 +130,7 @@ class Grbl:
         self._forget()
 
     def _forget(self) -> None:
-        """Nothing is known of a controller until it has answered."""
+        """Forget all about the controller: nothing is known of it until it has answered."""
         self._buffer = b""
         self._script: Script | None = None
         self._connected = self._homing = self._moving = self._halting = self._resetting = self._greeted = False
@@ -140,7 +140,7 @@ class Grbl:
         self._doubt: str | None = None
         self._polled: float | None = None  # when poll() was last called
         self._now_stamp: int | None = None
-        self._asked_last = 0.0  # when the question was sent that the newest report answers
+        self._asked_last = 0.0  # when the question behind the newest report was sent
         self._believed = 0  # reports
         self._claimed_offset: tuple[float, ...] | None = None
         self._plausibility.forget()
@@ -202,7 +202,7 @@ class Grbl:
         return Limits(travel, self._axis_setting(110) * MM_PER_MINUTE, self._axis_setting(120) * MM)
 
     def _axis_setting(self, first: int) -> float:
-        """Infinite where firmware keeps it elsewhere."""
+        """Infinite if the firmware keeps it elsewhere."""
         return self._setting(first + self._index, math.inf)
 
     def _setting(self, number: int, otherwise: float) -> float:
@@ -226,7 +226,7 @@ class Grbl:
 
     def close(self) -> None:
         deadline = time.monotonic() + CLOSE_TIMEOUT
-        # whatever comes up, the port is being left, and _drop() sends the stop once more where it is still due
+        # the port is being left whatever goes wrong, and _drop() sends the stop once more if it is still due
         with contextlib.suppress(PusherError):
             if self._in_motion:
                 self.stop()
@@ -243,7 +243,7 @@ class Grbl:
         self._recovery_due = True
 
     def move_to(self, position: float, speed: float) -> None:
-        """Raises ValueError where the speed is not positive; see Pusher."""
+        """See Pusher. Raises ValueError if the speed is not positive."""
         if not speed > 0:
             raise ValueError(f"speed must be positive, got {speed}")
         if self.mode is not Mode.IDLE:
@@ -256,12 +256,12 @@ class Grbl:
         if not self._connected or self._halting or self._only_look:
             return
         self.send(RealTime.HOLD)
-        # the controller is deaf to a feed hold then; after some alarms to all but the reset
+        # while it homes, the controller ignores a feed hold; after some alarms it ignores all but the reset
         at_once = self._homing or self.mode is Mode.ALARM
         if self._script is not None:
             self._script.close()
         self._moving = False
-        # from now on, and for good if this fails: then there is nothing left but to leave the port
+        # if this fails, it stays set: all that is left then is to leave the port
         self._halting = True
         self._script = self._stopping(at_once)
 
@@ -321,8 +321,8 @@ class Grbl:
             self._take(line.decode("ascii", errors="replace").strip())
 
     def _take(self, line: str) -> None:
-        """Lines that mean nothing to a pusher (startup lines, echoes, feedback, noise) are ignored."""
-        line = line.lstrip("?!~")  # echoed by a terminal in between
+        """Take one line; startup lines, echoes, feedback and noise are ignored."""
+        line = line.lstrip("?!~")  # a terminal in between may echo these
         if (status := parse_status(line)) is not None:
             self._take_status(status)
         elif line.startswith("<"):
@@ -330,12 +330,12 @@ class Grbl:
         elif (error := ERROR.fullmatch(line)) is not None or line == "ok":
             if self._pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
                 self._answer = line if error is None else CommandRefused(self._pending, int(error[1]))
-                self._pending, self._owed = None, 0  # whatever was to come before it has come
+                self._pending, self._owed = None, 0  # so every greeting that was due before it has come
         elif (alarm := ALARM.fullmatch(line)) is not None:
             self._status = Status("Alarm")
             self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
         elif (greeting := GREETING.search(line)) is not None:
-            self._greeted, self._version = True, self._version or f"Grbl {greeting[1]}"  # $I told more
+            self._greeted, self._version = True, self._version or f"Grbl {greeting[1]}"  # $I says more than the greeting
             self._pending, self._answer = None, WIPED if self._pending is not None else self._answer
             if self._owed:
                 self._owed -= 1
@@ -347,13 +347,13 @@ class Grbl:
             self._settings[int(setting[1])] = setting[2]
 
     def _take_status(self, status: Status) -> None:
-        """A report that cannot be true changes nothing."""
+        """Take a status report; one that cannot be true changes nothing."""
         now = time.monotonic()
-        # the first question that is not answered, or an earlier one: the pusher was there then, or later
+        # the report answers the first open question or an earlier one, so the pusher was there at that time or later
         asked = self._silent_since if self._silent_since is not None else self._asked_last
         offset = self._offset
         if status.work_offset is not None and status.work_offset != offset:
-            # a damaged one would displace all that follows; at the second time it is taken to be so
+            # a damaged offset would displace all later positions, so a new one counts only once it has come twice
             if offset is None or status.work_offset == self._claimed_offset:
                 offset = status.work_offset
             self._claimed_offset = status.work_offset
@@ -363,12 +363,12 @@ class Grbl:
             position = tuple(m - o for m, o in zip(status.machine_position, zero, strict=False))
         stamp = self._now_stamp if self._stamp is None else self._stamp
         if position is not None and len(position) > self._index:
-            # to the nanometre, far below a report's last digit: nothing that would be shown as -0.000
+            # rounded to the nanometre, far below a report's last digit, so that nothing is shown as -0.000
             here = round(self._sign * (position[self._index] * self._unit - self._zero) * MM, 9) + 0.0
             if not self._can_be_true(here, status.feed, asked, now):
                 self._stamp = self._asked = None
                 return
-            # in these, grblHAL reports no feed while it brakes, and the programmed one at rest
+            # in these states grblHAL reports no feed while it brakes, and the programmed feed at rest
             feed = None if status.state in ("Hold", "Door") else status.feed
             report = PusherReport(here, self._speed(here, feed, stamp), self.mode, stamp)
         else:
@@ -392,17 +392,17 @@ class Grbl:
         fastest = min(limit, self._stroke.speed) if self._stroke is not None else limit
         believed, before = self._plausibility.judge(position, asked, now, fastest * self._factor, limit * self._factor)
         if before is not None and self._connected:
-            jump = f"it was at {before:.4f} m and then, in no time, at {position:.4f} m"
+            jump = f"it was at {before:.4f} m and then, at once, at {position:.4f} m"
             self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")
         return believed
 
     def _speed(self, position: float, feed: float | None, stamp: int | None) -> float:
-        """The controller says how fast, the positions say which way; both, where the controller says nothing."""
+        """The controller's feed with the sign of the motion; without a feed, the difference of the positions."""
         if self._last is None:
             return 0.0
         moved = position - self._last.position
         if feed is not None:
-            way = moved or self._last.speed  # two reports of the same moment
+            way = moved or self._last.speed  # without a difference, both reports are of the same moment
             return math.copysign(feed * self._unit * MM_PER_MINUTE, way) + 0.0 if way else 0.0
         if stamp is None or self._last.stamp is None or stamp <= self._last.stamp:
             return 0.0
@@ -410,11 +410,11 @@ class Grbl:
 
     @property
     def _unit(self) -> float:
-        """Of reports [mm]; settings and commands are always in mm."""
+        """The unit of positions in reports [mm]; settings and commands are always in mm."""
         return INCH if self._settings.get(13) == "1" else 1.0
 
     def _judge(self) -> None:
-        """Raise what the lines just read mean for a connection; a reset brings alarms and greetings of its own."""
+        """Raise what the lines just read mean for the connection; during a reset, alarms and greetings are expected."""
         trouble, self._trouble = self._trouble, None
         if not self._connected or self._resetting:
             return
@@ -440,14 +440,14 @@ class Grbl:
         return not self._only_look and self._connected and (self.busy or self.mode not in (Mode.IDLE, Mode.ALARM))
 
     def _drop(self) -> None:
-        """Leave the port; a pusher that may be moving is told to stop, though nobody can wait for it any more."""
+        """Leave the port; tell a pusher that may be moving to stop, although nobody can wait for it any more."""
         port, in_motion, homing = self._port, self._in_motion, self._homing
         self._forget()
         self._port = None
         if port is None:
             return
-        with contextlib.suppress(OSError):  # it may be the loss of the port that led here
-            if in_motion:  # a hold cancels a jog; of a homing cycle, only a reset does
+        with contextlib.suppress(OSError):  # the port may be gone already
+            if in_motion:  # a hold cancels a jog; only a reset ends a homing cycle
                 port.write(RealTime.HOLD.value + (RealTime.RESET.value if homing else b""))
         port.close()
 
@@ -468,7 +468,7 @@ class Grbl:
             if self._only_look:
                 self._connected = True
                 return
-            yield from self._reset()  # lines are read only then; nothing moves any more
+            yield from self._reset()  # nothing moves any more, and only now are lines read
         yield from self._command("$I")
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
@@ -482,7 +482,7 @@ class Grbl:
         self._connected = True
 
     def _hear(self) -> Script:
-        """A board that boots when its port is opened greets; one that runs already answers a question, and is not reset."""
+        """Wait for the greeting of a board that boots when its port is opened, or the answer of one that runs already."""
         deadline = time.monotonic() + self._greeting_timeout
         while not self._greeted and not self._statuses:
             if time.monotonic() > deadline:
@@ -494,7 +494,7 @@ class Grbl:
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
         if not self._greeted and not self._statuses:
-            # after a limit, and while it homes, GRBL is deaf to all but a reset
+            # after a limit, and while it homes, GRBL ignores everything but a reset
             self._doubt = "it answered only after a reset"
             self.send(RealTime.HOLD)
             try:
@@ -503,7 +503,7 @@ class Grbl:
                 raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
 
     def _come_to_rest(self) -> Generator[None, None, Status]:
-        """Hold what moves, and wait; who only looks waits for nothing."""
+        """Hold a moving pusher and wait until it rests; with only_look, do neither."""
         while True:
             status = yield from self._report()
             before = self._last
@@ -517,21 +517,21 @@ class Grbl:
             self.send(RealTime.HOLD)
 
     def _check_settings(self) -> None:
-        """Raises NotConnected where a setting that counts is no number that it can be."""
+        """Raises NotConnected if a setting that matters has an impossible value."""
         must_be_positive = {100 + self._index, 110 + self._index, 120 + self._index}
         for number in sorted(must_be_positive | {20, 22, 27, 130 + self._index}):
             text = self._settings.get(number)
             try:
                 value = float(text or "nan")
             except ValueError:
-                continue  # such as n/a: it is kept elsewhere
+                continue  # such as n/a: the firmware keeps it elsewhere
             if text and not (0 <= value < math.inf and (value > 0 or number not in must_be_positive)):
                 shown = text if len(text) <= 20 else f"{text[:20]}..."
                 expected = "a positive number" if number in must_be_positive else "0 or more"
                 raise NotConnected(f"{self.name} is set to ${number}={shown}, expected {expected}")
 
     def _recovering(self) -> Script:
-        yield from self._reset()  # some alarms ask for it
+        yield from self._reset()  # some alarms need it
         yield from self._seek_home() if self._home else self._unlock()
         self._doubt = None
 
@@ -567,7 +567,7 @@ class Grbl:
             if isinstance(self._answer, CommandRefused):
                 if self._answer.code != NOT_IDLE or not patience:
                     raise self._answer
-                # a piece that came at the very end of the one before is run as a line, and no jog is taken until it is done
+                # a piece that arrives at the very end of the one before runs as an ordinary line, and blocks jogs until its end
                 self._answer, patience, waits = None, patience - 1, True
                 stroke.take_back()
             if self._believed > believed:
@@ -581,9 +581,9 @@ class Grbl:
             elif self._pending is None and self._statuses > seen:
                 seen = self._statuses
                 assert self._status is not None
-                if self.mode is Mode.ALARM:  # the line that said so was lost
+                if self.mode is Mode.ALARM:  # the line with its number was lost
                     raise Alarm(self._status.substate)
-                # right after its `ok` a controller may still report to be idle where it was
+                # right after its `ok` a controller may still report that it idles where it was
                 idle = idle + 1 if self._status.state == "Idle" else 0
                 if idle and stroke.all_sent and abs(self._last.position - position) <= self._resolution:
                     return
@@ -601,7 +601,7 @@ class Grbl:
 
     @property
     def _resolution(self) -> float:
-        """How near the controller gets to a target [m]: a motor step, and the last digit of a report in inches."""
+        """How near the controller gets to a target [m]: a motor step, or the last digit of a report in inches."""
         return max(0.02, 1 / self._axis_setting(100)) * MM
 
     def _stopping(self, at_once: bool) -> Script:
@@ -611,10 +611,10 @@ class Grbl:
         self._halting = False
 
     def _reset(self) -> Script:
-        """Raises Timeout where the controller answers nothing afterwards."""
+        """Raises Timeout if the controller does not answer afterwards."""
         self._resetting = True
         try:
-            # GRBL drops a reset that comes while it still reports its alarm, for half a second
+            # for half a second, while it reports its alarm, GRBL drops a reset
             dropped = self._status is not None and self._status.state == "Alarm"
             self._greeted = False
             self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
@@ -626,7 +626,7 @@ class Grbl:
                     dropped = False
                 yield
             settled = time.monotonic() + RESET_AGAIN
-            while self._owed and time.monotonic() < settled:  # the other one would wipe out what is sent now
+            while self._owed and time.monotonic() < settled:  # a second reset would wipe out what is sent now
                 yield
             yield from self._report()
         finally:
@@ -637,7 +637,7 @@ class Grbl:
         self._owed += 1
 
     def _resting(self) -> Script:
-        """Wait for the end of a feed hold: reset earlier, a controller loses its position. A stuck one is reset anyway."""
+        """Wait for the end of a feed hold: a reset before it costs the position. A stuck controller is reset anyway."""
         braking = self.limits.max_speed / self.limits.acceleration
         deadline = time.monotonic() + 1 + (braking if math.isfinite(braking) else 0)
         before = None
@@ -651,7 +651,7 @@ class Grbl:
             if not moving and place == before:
                 return
             if status.state in ("Run", "Jog"):
-                self.send(RealTime.HOLD)  # a line that was on its way starts again; to a hold under way it makes no difference
+                self.send(RealTime.HOLD)  # a line that was on its way starts a motion again; a second hold does no harm
             before = None if moving else place
 
     def _send_line(self, line: str) -> None:
@@ -668,7 +668,7 @@ class Grbl:
             if self._answer == WIPED:
                 self._send_line(line)
             if time.monotonic() - self._last_ask >= ASK_AGAIN:
-                self._ask(None)  # some firmware reads its input only while more is coming
+                self._ask(None)  # some firmware reads its input only while more arrives
             yield
         if isinstance(self._answer, CommandRefused):
             raise self._answer
@@ -690,7 +690,7 @@ def _moves(status: Status) -> bool:
 
 
 def _keep_running(port: int) -> None:
-    """Leave the line DTR as it is when the port is closed: many boards restart by it, and lose their position."""
+    """Leave the DTR line as it is when the port is closed: a change restarts many boards, which then lose their position."""
     attributes = termios.tcgetattr(port)
     attributes[2] &= ~termios.HUPCL
     termios.tcsetattr(port, termios.TCSANOW, attributes)

@@ -1,4 +1,4 @@
-"""What the doctor looks at in a GRBL controller; nothing is moved, held, reset or unlocked."""
+"""The doctor's checks of a GRBL controller; they move, hold, reset and unlock nothing."""
 
 import contextlib
 import grp
@@ -15,19 +15,19 @@ from pushfric_ros.pushers.grbl_settings import GrblSettings
 from pushfric_ros.pushers.pusher import Limits, Mode, PusherConfig, PusherError, PusherReport
 
 RAMP_SHARE = 0.1
-"""Of a push, the ramps to its speed and from it may take this much."""
+"""The ramps to the speed of a push and from it may take this share of the push."""
 ROUNDING = 1e-4
-"""Of the pusher's positions [m]."""
+"""Tolerance of the pusher's positions [m]."""
 
 
 def examine(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
-    """The checks, one after the other; those that rest on one that failed are left out.
+    """The checks, one after the other; a check whose premise failed is left out.
 
     Args:
-        grbl: where the controller is.
+        grbl: the controller's port and axis.
         config: the stage.
-        distance: of the pushes that are planned [m].
-        speed: of these [m/s].
+        distance: of the planned pushes [m].
+        speed: of the planned pushes [m/s].
     """
     port = check_port(grbl.port)
     yield port
@@ -42,19 +42,19 @@ def check_port(path: str) -> Check:
     """The serial port, untouched."""
     if not os.path.exists(path):
         there = ", ".join(port.device for port in comports()) or "none"
-        advice = f"plug it in; ports there are: {there}; names that stay are under /dev/serial/by-id/"
+        advice = f"plug it in; existing ports: {there}; names that stay the same are under /dev/serial/by-id/"
         return Check("port", Level.FAILED, f"no serial port at {path}", advice)
     if not os.access(path, os.R_OK | os.W_OK):
         try:
             group = grp.getgrgid(os.stat(path).st_gid).gr_name
         except KeyError:
             group = "dialout"
-        return Check("port", Level.FAILED, f"you may not use {path}", f"sudo usermod -aG {group} $USER, then log in again")
+        return Check("port", Level.FAILED, f"no permission to use {path}", f"sudo usermod -aG {group} $USER, then log in again")
     return Check("port", Level.OK, path)
 
 
 def check_controller(grbl: GrblSettings, config: PusherConfig) -> tuple[Check, Limits | None]:
-    """What answers at the port; nothing is done to it. Its limits where it is a GRBL controller at rest."""
+    """Who answers at the port, without doing anything to it; and its limits, if it is a GRBL controller at rest."""
     pusher = Grbl(grbl.port, grbl.baud, grbl.axis, greeting_timeout=grbl.connect_timeout, only_look=True)
     last: PusherReport | None = None
     with contextlib.closing(pusher):
@@ -73,14 +73,14 @@ def check_controller(grbl: GrblSettings, config: PusherConfig) -> tuple[Check, L
 
 
 def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Check:
-    """A controller that answers: its mode, and its stroke position [m]."""
+    """Judge a controller that answers by its mode and its stroke position [m]."""
     if mode is Mode.ALARM and not config.home:
         advice = (
             "bring the pusher to its home end by hand, switch the controller off and on, and call ./pushfric reset in the run"
         )
         return Check("controller", Level.WARNING, finding, advice)
     if mode in (Mode.RUNNING, Mode.HOMING):
-        advice = "something else moves it; nothing was done about it: wait, or stop it at the controller"
+        advice = "something else moves it, and the doctor did not interfere: wait, or stop it at the controller"
         return Check("controller", Level.FAILED, f"{finding}: it moves now", advice)
     if mode not in (Mode.IDLE, Mode.ALARM):
         return Check("controller", Level.WARNING, finding, "it accepts no motion: release its hold or door, or reset it")
@@ -91,7 +91,7 @@ def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Ch
 
 
 def check_limits(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
-    """What the controller is set to, against what the cell's file asks of it."""
+    """Compare the controller's settings with what the cell's file asks of it."""
     axis = "XYZABC".index(grbl.axis[-1])
     travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
     finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"

@@ -11,7 +11,7 @@ from pushfric_ros.pushers.pusher import Pusher, PusherConfig
 
 @dataclass(frozen=True)
 class GrblConfig(GrblSettings):
-    """Where the controller is, and which of its axes the stage is."""
+    """The port of the controller and the axis of the stage, as a driver."""
 
     def open_pusher(self, config: PusherConfig) -> Pusher:
         """The driver; nothing is opened yet."""
@@ -29,8 +29,8 @@ class GrblConfig(GrblSettings):
         )
 
     def absence(self) -> str | None:
-        """Why there can be no controller; None where there may be one."""
-        return None if os.path.exists(self.port) else f"no serial port at {self.port}; expected a GRBL controller's"
+        """Why there can be no controller; None if there may be one."""
+        return None if os.path.exists(self.port) else f"no serial port at {self.port}; expected that of a GRBL controller"
 
     def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
         """Port, controller and its limits, for the doctor; see PusherDriver."""

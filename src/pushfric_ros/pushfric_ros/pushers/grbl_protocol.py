@@ -1,4 +1,4 @@
-"""What GRBL 1.1 says on its serial line: status reports, errors, alarms, real-time commands."""
+"""The GRBL 1.1 parser: status reports, errors, alarms and real-time commands on the serial line."""
 
 import re
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ class CommandRefused(PusherError):
 
 
 class Alarm(PusherError):
-    """The controller stopped with ALARM:n and refuses to move; the code is None where it is not known."""
+    """The controller stopped with ALARM:n and refuses to move; the code is None if it is not known."""
 
     def __init__(self, code: int | None) -> None:
         super().__init__("ALARM" if code is None else f"ALARM:{code} {ALARMS.get(code, '(not of GRBL 1.1)')}")
@@ -61,7 +61,7 @@ BUILD = re.compile(r"\[VER:([^:\]]{1,40})")
 SETTING = re.compile(r"\$(\d{1,4})=([^ (]*)")
 ERROR = re.compile(r"error:\s*(\d{1,4})")
 ALARM = re.compile(r"ALARM:\s*(\d{1,4})")
-NUMBER = re.compile(r"-?\d{1,7}(?:\.\d{1,6})?", re.ASCII)  # of a report; a controller has no others
+NUMBER = re.compile(r"-?\d{1,7}(?:\.\d{1,6})?", re.ASCII)  # as in a report; controllers send no others
 
 STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
 # in any other state (Hold, Door, Check ...) the pusher rests and accepts no motion: HOLD
@@ -71,7 +71,7 @@ STATE_MODES = {
 
 
 class RealTime(Enum):
-    """Single bytes obeyed at once, outside the flow of lines."""
+    """Single bytes that the controller obeys at once, outside the flow of lines."""
 
     ASK = b"?"
     HOLD = b"!"
@@ -121,5 +121,5 @@ def parse_status(line: str) -> Status | None:
 
 def _number(text: str) -> float:
     if NUMBER.fullmatch(text) is None:
-        raise ValueError(f"no number of a report: {text[:20]}")
+        raise ValueError(f"not a number in a report: {text[:20]}")
     return float(text)

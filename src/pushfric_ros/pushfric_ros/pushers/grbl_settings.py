@@ -1,4 +1,4 @@
-"""What the GRBL driver can be set to."""
+"""The settings of the GRBL driver."""
 
 import re
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ from pushfric_core.settings import REQUIRED, check_ranges, setting
 
 @dataclass(frozen=True)
 class GrblSettings:
-    """Where the controller is, and which of its axes the stage is."""
+    """The port of the controller, the axis of the stage, and how long to wait for what."""
 
     port: str = setting(REQUIRED, "serial port of the GRBL controller")
     baud: int = setting(115200, "baud rate of the serial port [bit/s]", 300, 4_000_000)
-    axis: str = setting("X", "axis of the controller, with a minus sign where the stroke runs to negative coordinates")
+    axis: str = setting("X", "axis of the controller, with a minus sign if the stroke runs towards negative coordinates")
     connect_timeout: float = setting(2.0, "how long the controller may take to boot [s]", 0.1, 60.0)
     ahead: float = setting(
-        0.25, "motion sent ahead: the pusher goes on for so long, and then brakes, when nothing more is sent [s]", 0.1, 1.0
+        0.25, "motion sent ahead: if nothing more is sent, the pusher goes on for this long and then brakes [s]", 0.1, 1.0
     )
-    silence: float = setting(0.2, "a controller that says nothing for so long while it moves is stopped [s]", 0.05, 60.0)
+    silence: float = setting(0.2, "a controller that says nothing for this long while it moves is stopped [s]", 0.05, 60.0)
     real_time_factor: float = setting(1.0, "seconds of a simulated controller in one of real time; 1: a real one", 0.01, 100.0)
 
     def __post_init__(self) -> None:
@@ -28,6 +28,6 @@ class GrblSettings:
 
 
 def check_axis(axis: str) -> None:
-    """Raises ValueError where a controller has no such axis."""
+    """Raises ValueError if no controller has such an axis."""
     if re.fullmatch("-?[XYZABC]", axis) is None:
         raise ValueError(f"axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got {axis!r}")

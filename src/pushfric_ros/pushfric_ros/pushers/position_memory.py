@@ -1,4 +1,4 @@
-"""What a process knew of a pusher's position, kept for the next one: per port, in a file of the user's."""
+"""Where a pusher rested, kept for the next process: one file of the user's for each port."""
 
 import json
 import math
@@ -10,14 +10,14 @@ from pushfric_core.settings import AUTO
 
 
 class PositionMemory:
-    """Where a pusher rested; or that it was not known, because it moved, or had lost its position."""
+    """Where a pusher rested, or that its position is unknown because it was moving or had lost it."""
 
     def __init__(self, folder: str, place: str) -> None:
         """Nothing is read yet.
 
         Args:
-            folder: `auto` for the user's state folder; empty: nothing is kept.
-            place: of the pusher, such as its port.
+            folder: `auto`: the user's state folder; empty: nothing is kept.
+            place: what identifies the pusher, such as its port.
         """
         if folder == AUTO:
             state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local/state"
@@ -27,18 +27,18 @@ class PositionMemory:
         self._kept: float | None = None
 
     def recall(self) -> float | None:
-        """Where it rested [m]; nan: that is not known; None: nothing was ever kept."""
+        """Where it rested [m]; NaN if that is not known; None if nothing was ever kept."""
         if self._file is None or not self._file.exists():
             return None
         try:
             position = json.loads(self._file.read_text())["position"]
             self._kept = math.nan if position is None else float(position)
         except (OSError, ValueError, KeyError, TypeError):
-            self._kept = math.nan  # it was damaged: so nothing is known
+            self._kept = math.nan  # a damaged file says nothing
         return self._kept
 
     def keep(self, position: float) -> None:
-        """Where it rests [m]; nan: it begins to move, or its position is lost. Raises OSError."""
+        """Keep where it rests [m]; NaN if it begins to move or its position is lost. Raises OSError."""
         same = self._kept is not None and (self._kept == position or (math.isnan(self._kept) and math.isnan(position)))
         if self._file is None or same:
             return

@@ -1,8 +1,8 @@
-"""A stroke as the short pieces it is sent in, and the envelope that reports must stay within while it runs.
+"""A stroke as the short pieces it is sent in, and the limits that reports must keep while it runs.
 
-Whoever dies, the controller moves on for no longer than what it was sent. So it is given a few pieces only, and the next one
-when a report says that it has come nearer to the end of the last. Nothing here knows a protocol: positions and speeds are
-along the stroke, in m and m/s; times are those of the controller, in s.
+If the computer dies, the controller goes on only through what it was sent. So it gets a few pieces at a time, and the next one
+when a report shows that it has come nearer to the end of the last. Nothing here depends on a protocol: positions and speeds
+are along the stroke, in m and m/s; times are those of the controller, in s.
 """
 
 import math
@@ -10,7 +10,7 @@ import math
 from pushfric_ros.pushers.pusher import LeftTheWay, Timeout, TooFast
 
 PIECES = 3  # queued ahead
-MOST_PIECES = 12  # a planner holds 15 lines or more
+MOST_PIECES = 12  # a controller's planner holds 15 lines or more
 OFF_WAY = 2e-3  # a report this far off the commanded way ends the stroke [m]
 FASTER, FASTER_BY = 1.2, 1e-3  # than asked: factor, and [m/s]
 REPORTS_TOO_FAST = 2  # in a row
@@ -25,9 +25,9 @@ class Stroke:
 
         Args:
             start: where the pusher rests [m].
-            target: where it is wanted [m].
+            target: where it should go [m].
             speed: > 0 [m/s]
-            acceleration: of the controller, infinite where it is not known [m/s^2].
+            acceleration: of the controller; infinite if not known [m/s^2].
             ahead: how long it may go on without a new piece, before it brakes [s].
         """
         way = target - start
@@ -55,7 +55,7 @@ class Stroke:
         return self._sent == self._count
 
     def next_piece(self, position: float) -> float | None:
-        """Where the next piece ends, if there is one and room for it; it then counts as sent.
+        """Where the next piece ends, if there is one and room for it; that piece then counts as sent.
 
         Args:
             position: as last reported [m].
@@ -69,7 +69,7 @@ class Stroke:
         return end
 
     def take_back(self) -> None:
-        """The last piece was not accepted."""
+        """The last piece was not accepted: it counts as not sent."""
         self._sent -= 1
 
     def check(self, position: float, speed: float) -> None:
@@ -79,8 +79,8 @@ class Stroke:
             position: [m]
             speed: [m/s]
         Raises:
-            LeftTheWay: it is beyond the last piece that was sent, behind the start, or went back.
-            TooFast: not for the first time in a row.
+            LeftTheWay: the pusher is beyond the last piece that was sent or behind the start, or it went back.
+            TooFast: it is too fast, for the second time in a row.
         """
         along = self._forward * (position - self.start)
         self._furthest = max(self._furthest, along)
@@ -93,33 +93,33 @@ class Stroke:
             raise TooFast(f"the pusher moves at {abs(speed):.4f} m/s, was sent at {self.speed:.4f} m/s")
 
     def check_time(self, elapsed: float) -> None:
-        """Raises Timeout where the stroke takes much longer than it should, `elapsed` [s] after its beginning."""
+        """Raises Timeout if the stroke takes much longer than it should; `elapsed` [s] counts from its beginning."""
         if elapsed > self.longest:
             raise Timeout(f"the stroke to {self.target:.4f} m is not done after {self.longest:.1f} s")
 
     def _end_of(self, piece: int) -> float:
-        # from the whole, never from the piece before: nothing adds up
+        # from the start, never from the piece before, so that no errors add up
         return self.target if piece == self._count else self.start + self._way * piece / self._count
 
 
 class Plausibility:
     """Tells reports that can be true from damaged ones.
 
-    A pusher cannot be elsewhere from one report to the next than its speed allows. One that says so is not believed, until the
-    next one agrees with it: then the pusher is there, however it came there.
+    From one report to the next, a pusher cannot go further than its speed allows. A report that says so is not believed until
+    the next one agrees with it; then the pusher is there, however it got there.
     """
 
     SLACK = 0.5e-3  # [m]
-    JITTER = 5e-3  # of the moment that a report speaks of [s]
+    JITTER = 5e-3  # of the moment that a report describes [s]
     MARGIN = 1.2
 
     def __init__(self) -> None:
         self.dropped = 0
-        """How many reports were not believed."""
+        """Number of reports that were not believed."""
         self.forget()
 
     def forget(self) -> None:
-        """The next report is believed, wherever it is: as after homing."""
+        """Believe the next report wherever it is, as after homing."""
         self._believed: float | None = None
         self._since = 0.0
         self._doubted: float | None = None
@@ -130,10 +130,10 @@ class Plausibility:
 
         Args:
             position: as reported [m].
-            asked: when it was asked for, at the latest [s].
+            asked: the latest time at which it can have been requested [s].
             now: when it was read [s].
-            fastest: the pusher is known to go at most this fast now [m/s]; what it was sent at.
-            limit: the pusher can go at most this fast [m/s].
+            fastest: greatest speed at present, the one it was sent at [m/s].
+            limit: greatest speed that the pusher is capable of [m/s].
         """
         if self._believed is None:
             self._believed, self._since = position, asked
@@ -142,7 +142,7 @@ class Plausibility:
             self._believed, self._since, self._doubted = position, asked, None
             return True, None
         if self._doubted is not None and self._near(self._doubted, position, now - self._doubted_since, limit):
-            # it moved faster than it was sent: a motion where it could have, a jump where it could not
+            # it moved faster than it was sent: this is a motion if the pusher is capable of it, and a jump if not
             jumped = None if self._near(self._believed, position, now - self._since, limit) else self._believed
             self._believed, self._since, self._doubted = position, asked, None
             return True, jumped

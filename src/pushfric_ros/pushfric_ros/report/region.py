@@ -5,8 +5,8 @@ from typing import Any
 
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
+from pushfric_core.push_choice import RankedPush
 from pushfric_core.region import HalfPlanes, Region, line_of_motion
-from pushfric_core.test_pushes import RankedPush
 from pushfric_ros.bags.data_points import Warn, taken
 
 

@@ -70,7 +70,7 @@ class Block(NamedTuple):
 
 
 def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> Motion:
-    """From rest to rest [mm, mm/s, mm/s^2]: a trapezoid of speed, a triangle where the way is short."""
+    """From rest to rest [mm, mm/s, mm/s^2]: the speed is a trapezoid, or a triangle if the way is short."""
     return blended(begin, start, 0.0, [(target, speed)], acceleration)[0]
 
 
@@ -79,7 +79,8 @@ def blended(
 ) -> tuple[Motion, list[float]]:
     """The motion through several lines, to rest: GRBL's planner in one dimension.
 
-    Where a line goes on in the direction of the one before, the speed of the slower is kept; where it turns round, it rests.
+    Where a line goes on in the direction of the one before, the carriage keeps the slower speed of the two; where the direction
+    turns round, it stops.
 
     Args:
         begin: now [s].
@@ -350,7 +351,7 @@ class SimulatedGrbl:
                 self._state = "Idle"
 
     def _set_out(self) -> None:
-        """Plan the way through all blocks, from where the carriage is and as fast as it is now."""
+        """Plan the way through all blocks, from the carriage's present position and speed."""
         if not self._plan:
             self._state = "Idle"
             return

@@ -29,9 +29,10 @@ class RankedPush(NamedTuple):
 
 
 def next_pushes(half_planes: HalfPlanes) -> list[RankedPush]:
-    """For each edge, the perpendicular push that shrinks the region most, best first; no push once the region has collapsed.
+    """For each edge, the perpendicular push that shrinks the region most, best first.
 
-    At best, a push halves the region. An edge that no straight push reaches is left out.
+    At best, a push halves the region. An edge that no straight push reaches is left out. The list is empty once the region has
+    collapsed.
     """
     return _ranked(half_planes.outline, half_planes.margin, _whole(half_planes))
 
@@ -135,6 +136,6 @@ def _halving(polygon: shapely.Polygon, along: Array) -> float:
         beyond = shapely.area(cut(polygon, HalfPlane((float(along[0]), float(along[1])), place)))
         return float(beyond / polygon.area) - 0.5
 
-    from scipy import optimize  # here: most processes that know test pushes never choose one, and would hold 27 MB for it
+    from scipy import optimize  # here: most processes that import this module never choose a push, and would hold 27 MB for it
 
     return float(optimize.brentq(excess, low - SLACK, high + 2 * SLACK, xtol=1e-7))

@@ -6,10 +6,10 @@ from problems import flat_bar, four_feet
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Twist, rotation
+from pushfric_core.push_choice import next_pushes, planned_pushes
 from pushfric_core.push_plan import even_pushes
 from pushfric_core.region import HalfPlane, HalfPlanes, line_of_motion, line_of_pushing
 from pushfric_core.simulation import pushed_motion
-from pushfric_core.test_pushes import next_pushes, planned_pushes
 
 PLATE = Outline.rectangle(0.12, 0.06)
 ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
