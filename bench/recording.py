@@ -24,7 +24,7 @@ from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import command
-from pushfric_ros.node_kit.image_memory import make_room_for_images
+from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import SENSOR_DATA
 
 RATE, SECONDS = 60.0, 10.0
@@ -90,9 +90,9 @@ def _process(arguments: list[str]) -> Iterator["subprocess.Popen[bytes]"]:
 
 def _publish_images(seconds: float) -> Figures:
     """A camera driver: once there is a subscriber, publish images of noise at RATE for this long [s]."""
-    make_room_for_images()
-    rclpy.init()
-    node = Node("camera")
+    with configured(images=True):
+        rclpy.init()
+        node = Node("camera")
     output = node.create_publisher(Image, TOPIC, SENSOR_DATA)
     rng = np.random.default_rng(0)
     # more than fit into one chunk of the bag; otherwise its compression would find each of them twice

@@ -12,7 +12,7 @@ setup(
     maintainer_email="pushfric@users.noreply.github.com",
     license="Apache-2.0",
     packages=find_packages(),
-    package_data={"pushfric_ros.node_kit": ["fastdds.xml"], "pushfric_ros.paper": ["report.html.j2"]},
+    package_data={"pushfric_ros.node_kit": ["fastdds_*.xml"], "pushfric_ros.paper": ["report.html.j2"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_ros"]),
         ("share/pushfric_ros", ["package.xml"]),

@@ -128,3 +128,10 @@ def test_a_node_that_cannot_be_started_leaves_nothing(temporary):
     assert nodes._processes["other"].poll() is not None
     assert handlers() == before
     assert list(temporary.iterdir()) == []
+
+
+def test_a_node_gets_its_own_variables_besides_those_of_the_supervisor(run, monkeypatch):
+    monkeypatch.setenv("OF_ALL", "1")
+    program = "import os; print(os.environ['OF_ALL'], os.environ['OF_ONE'])"
+    _, said = run(one=node("one", program, ends_run=True, environment={"OF_ONE": "2"}))
+    assert said == ["one: 1 2"]

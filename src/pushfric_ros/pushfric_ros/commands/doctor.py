@@ -27,13 +27,14 @@ from pushfric_ros.commands import dependencies, discovery
 from pushfric_ros.commands.console import console
 from pushfric_ros.commands.options import JsonFlag
 from pushfric_ros.commands.recorded_run import RUNS
-from pushfric_ros.files.cell_file import CellFile, load_cell
+from pushfric_ros.files.cell_file import CellConfig, CellFile, load_cell
 from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.visit import middleware, visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
 from pushfric_ros.pushers.check import Check, Level
@@ -86,6 +87,8 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
         InvalidInput: the cell's file cannot be read, or describes no cell; before any check.
     """
     cell = load_cell(path) if path is not None else None
+    # as the nodes will, this process and its children look for others where the cell's file says
+    os.environ.update(network.asked_for(CellConfig.discovery if cell is None else cell.discovery))
     progress("environment")
     yield check_ros()
     yield check_packages()
@@ -267,7 +270,7 @@ def check_multicast() -> Check:
         return Check("multicast", Level.OK, "not needed: only this machine is looked for")
     fault = discovery.multicast(1.0)
     if fault is not None:
-        advice = "other machines will not be found; for this one alone set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+        advice = "other machines will not be found; for this one alone set discovery: localhost in the cell's file"
         return Check("multicast", Level.WARNING, f"does not work: {fault}", advice)
     return Check("multicast", Level.OK, "works")
 

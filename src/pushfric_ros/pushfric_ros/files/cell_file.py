@@ -14,24 +14,28 @@ from typing import Any
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import fields_of, key_of, read, setting
 from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.node_settings import CameraConfig, ObjectConfig, PlanConfig, RecorderConfig, SimulationConfig
+from pushfric_ros.files.node_settings import CameraConfig, Discovery, ObjectConfig, PlanConfig, RecorderConfig, SimulationConfig
 from pushfric_ros.files.object_file import yaml_content
 from pushfric_ros.files.plugins import PUSHERS, chosen_tracker, plugin, tracker_kinds
 from pushfric_ros.pushers.pusher import PusherConfig, PusherDriver
 
 
 @dataclass(frozen=True)
-class NamespaceConfig:
-    """The cell's name."""
+class CellConfig:
+    """The cell's name, and who can reach it."""
 
     namespace: str = setting("/cell", "namespace of all nodes and topics; each cell needs its own")
+    discovery: Discovery = setting(
+        Discovery.LOCALHOST,
+        "who can reach the nodes, and so move the pusher: localhost: programs on this machine; subnet: on its network too",
+    )
 
     def __post_init__(self) -> None:
         if re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace) is None:
             raise ValueError(f"namespace must be like /cell or /hall/cell_2, got {self.namespace!r}")
 
 
-ROOT = (NamespaceConfig, ObjectConfig)
+ROOT = (CellConfig, ObjectConfig)
 ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in fields_of(config))
 SECTIONS: dict[str, tuple[type, ...]] = {
     "camera": (CameraConfig,),
@@ -68,7 +72,8 @@ class CellFile:
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     recorder: RecorderConfig = field(default_factory=RecorderConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
-    namespace: str = NamespaceConfig.namespace
+    namespace: str = CellConfig.namespace
+    discovery: Discovery = CellConfig.discovery
 
 
 def load_cell(path: pathlib.Path) -> CellFile:
@@ -114,6 +119,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         recorder,
         simulation,
         named.namespace,
+        named.discovery,
     )
 
 

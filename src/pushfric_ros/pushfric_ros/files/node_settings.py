@@ -13,6 +13,13 @@ from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
 from pushfric_ros.messages.qos import QUALITIES
 
 
+class Discovery(enum.Enum):
+    """Who can reach the nodes of a cell; the names are those of ROS_AUTOMATIC_DISCOVERY_RANGE."""
+
+    LOCALHOST = "localhost"
+    SUBNET = "subnet"
+
+
 @dataclass(frozen=True)
 class ObjectConfig:
     """What is pushed."""

@@ -10,6 +10,7 @@ from pushfric_core.settings import plain
 from pushfric_ros.files import estimator_settings
 from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.node_kit import network
 from pushfric_ros.pushers.grbl_config import GrblConfig
 
 if TYPE_CHECKING:  # only a replay reads bags
@@ -36,6 +37,7 @@ class NodeSpec:
     remappings: Mapping[str, str] = field(default_factory=dict)  # full names of topics -> their names instead
     respawn: bool = False  # start it again when it dies; only for nodes that lose nothing by it
     ends_run: bool = False  # the run ends when this node has done its work
+    environment: Mapping[str, str] = field(default_factory=dict)  # variables besides those of whoever starts it
 
     @property
     def executable(self) -> str:
@@ -95,7 +97,7 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
     except ValueError as error:
         raise InvalidInput(f"recorder: {error}") from error
     pusher = replace(file.pusher, requires=file.pusher.requires or WATCHED)
-    return [
+    specs = [
         NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(recorder)}),
         NodeSpec("estimator", {"object": file.object, **file.estimator.parameters()}),
         NodeSpec("tracker", {"object": file.object, **plain(file.camera), **plain(file.tracker)}, respawn=True),
@@ -103,6 +105,8 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         NodeSpec("actuator", {**plain(pusher), **plain(file.driver)}, respawn=file.pusher.home),
         NodeSpec("experiment", {"object": file.object, "start": start, **plain(file.plan)}, ends_run=True),
     ]
+    reached = network.asked_for(file.discovery)
+    return [replace(spec, environment=reached) for spec in specs]
 
 
 def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[NodeSpec]:
@@ -131,7 +135,9 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
     slow = {name: max(getattr(file.pusher, name), PATIENCE) for name in ("owner_timeout", "requires_timeout")}
     pusher = replace(file.pusher, memory="", **slow)  # a simulated pusher does not outlive its run
     patient = replace(file, plan=plan, pusher=pusher, driver=driver)
-    specs = [NodeSpec("simulated_cell", simulation), *map(with_simulated_time, cell(patient, bag))]
+    reached = network.asked_for(file.discovery)
+    simulated = NodeSpec("simulated_cell", simulation, environment=reached)
+    specs = [simulated, *map(with_simulated_time, cell(patient, bag))]
     return with_own_clock(specs, file.namespace)
 
 

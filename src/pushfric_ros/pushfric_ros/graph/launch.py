@@ -42,6 +42,7 @@ def _node(spec: NodeSpec, namespace: str) -> Node:
         namespace=namespace,
         parameters=[dict(spec.parameters)],
         remappings=list(spec.remappings.items()),
+        additional_env=dict(spec.environment),
         respawn=spec.respawn,
         respawn_delay=RESPAWN_DELAY,
         # the end of a node that is not started again ends the others, as under the supervisor

@@ -134,6 +134,7 @@ class Supervisor:
     def _start(self, spec: NodeSpec) -> None:
         process = subprocess.Popen(
             command(spec, self._namespace, self._folder),
+            env=os.environ | spec.environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

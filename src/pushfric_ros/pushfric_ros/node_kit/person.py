@@ -21,6 +21,7 @@ from pushfric_core.errors import PushfricError
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
 
 PATIENCE = 5.0
@@ -43,8 +44,9 @@ class Person(contextlib.AbstractContextManager["Person"]):
 
     def __init__(self, namespace: str) -> None:
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, args=[])
-        self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context)
+        with configured():
+            rclpy.init(context=self._context, args=[])
+            self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._states: list[PusherState] = []

@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_ros.node_kit.network import configured
 
 EXIT_INVALID_INPUT = 2
 
@@ -32,14 +33,14 @@ keeps Python from running meanwhile.
 """
 
 
-def run_node(make: Callable[[], Node], winds_up: bool = False) -> NoReturn:
+def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = False) -> NoReturn:
     """Make a node, spin it until SIGINT, SIGTERM or its own end, destroy it and leave.
 
     Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2; any other PushfricError
     that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its process by raising
     SystemExit in a callback. A node that `winds_up` has a method `wind_up`; after a signal it is called, while the node is
     still spun, until it returns True, so that the node can tell others how it ended. If the process hangs at its end, SIGALRM
-    ends it after `LAST_RESORT`.
+    ends it after `LAST_RESORT`. A node that publishes `images` gets memory for them (`network.configured`).
     """
     # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -55,10 +56,12 @@ def run_node(make: Callable[[], Node], winds_up: bool = False) -> NoReturn:
     node = executor = None
     code = 0
     try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO if winds_up else None)
-        if not asked_to_stop:  # otherwise the signal came before rclpy's handlers were installed
-            executor = SingleThreadedExecutor()  # made first, because after a signal it could not be made without an error
-            node = make()
+        with configured(images):
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO if winds_up else None)
+            if not asked_to_stop:  # otherwise the signal came before rclpy's handlers were installed
+                executor = SingleThreadedExecutor()  # made first, because after a signal it could not be made without an error
+                node = make()
+        if executor is not None and node is not None:
             executor.add_node(node)
             if winds_up:
                 _spin_until(executor, lambda: bool(asked_to_stop))

@@ -10,6 +10,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from pushfric_ros.node_kit.network import configured
+
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 
@@ -22,9 +24,10 @@ class Visit(Generic[AnyNode]):
 
     def __init__(self, make: Callable[..., AnyNode]) -> None:
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, args=[])
         try:
-            self.node = make(context=self._context)
+            with configured():
+                rclpy.init(context=self._context, args=[])
+                self.node = make(context=self._context)
             self._executor = SingleThreadedExecutor(context=self._context)
             self._executor.add_node(self.node)
         except BaseException:

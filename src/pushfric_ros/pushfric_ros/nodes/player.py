@@ -22,7 +22,6 @@ from pushfric_ros.bags.contents import BagMessage, Topic
 from pushfric_ros.files.node_settings import PlayerConfig
 from pushfric_ros.messages.qos import Durability, Reliability
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
-from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
@@ -231,5 +230,4 @@ def _offered(topic: Topic) -> QoSProfile:
 
 
 def main() -> None:
-    make_room_for_images()
-    run_node(PlayerNode)
+    run_node(PlayerNode, images=True)

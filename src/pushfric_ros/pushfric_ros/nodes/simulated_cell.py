@@ -24,7 +24,6 @@ from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.node_settings import ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_ros.messages.conversions import pose_from_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
-from pushfric_ros.node_kit.image_memory import make_room_for_images
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -154,5 +153,4 @@ class SimulatedCellNode(Node):
 
 
 def main() -> None:
-    make_room_for_images()
-    run_node(SimulatedCellNode)
+    run_node(SimulatedCellNode, images=True)

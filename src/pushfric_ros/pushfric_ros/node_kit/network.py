@@ -1,0 +1,98 @@
+"""How the middleware of a process is set up: who can reach it, and how much memory its images have.
+
+Nodes can be reached from this machine alone unless the cell's file says otherwise. ROS 2's own LOCALHOST only stops a process
+from *looking for* others: with Fast DDS its sockets stay open to every network, and whoever sends to them is let in. So the
+files of profiles next to this module bind the sockets to the loopback interface.
+
+Fast DDS passes messages between processes of one machine through a segment of the sender's shared memory. Its half MiB is too
+small for one 640 x 480 colour image, so at camera rate most of such images are lost without an error. Processes that publish
+images have more. A camera driver can use `fastdds_images.xml`, too.
+"""
+
+import contextlib
+import os
+import pathlib
+import shutil
+from collections.abc import Iterator, Mapping
+
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from pushfric_ros.files.node_settings import Discovery
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
+"""Environment variables of ROS 2 by which users say whom their nodes may reach; they count for more than a cell's file."""
+
+FILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Environment variables that name the file of profiles, before and since Fast DDS 3, which complains about the former."""
+
+FILES = ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml")
+"""Files of profiles that Fast DDS takes from the working folder."""
+
+HERE = pathlib.Path(__file__).parent
+THIS_MACHINE = HERE / "fastdds_this_machine.xml"
+IMAGES = HERE / "fastdds_images.xml"
+IMAGES_ON_THIS_MACHINE = HERE / "fastdds_images_this_machine.xml"
+
+SHARED_MEMORY = pathlib.Path("/dev/shm")
+
+FREE = 48 * 2**20
+"""Least free shared memory [bytes]; if Fast DDS cannot make a segment, it falls back to the network."""
+
+
+def asked_for(discovery: Discovery) -> dict[str, str]:
+    """The environment variables for the nodes of a cell; none if the user has set any of `VARIABLES`."""
+    if any(os.environ.get(name) for name in VARIABLES):
+        return {}
+    return {RANGE: discovery.name}
+
+
+@contextlib.contextmanager
+def configured(images: bool = False) -> Iterator[None]:
+    """Within the context, the environment is such that a process's first node is set up as this module says.
+
+    Args:
+        images: the process publishes images.
+    """
+    wanted = _settings(images)
+    before = {name: os.environ.get(name) for name in wanted}
+    _set(wanted)
+    try:
+        yield
+    finally:
+        _set(before)
+
+
+def _set(variables: Mapping[str, str | None]) -> None:
+    for name, value in variables.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+
+
+def _settings(images: bool) -> Mapping[str, str | None]:
+    local = _stays_on_this_machine()
+    if not get_rmw_implementation_identifier().startswith("rmw_fastrtps") or _configured_by_user():
+        return {RANGE: Discovery.LOCALHOST.name} if local else {}
+    roomy = images and SHARED_MEMORY.is_dir() and shutil.disk_usage(SHARED_MEMORY).free >= FREE
+    if not local:
+        return {_file_variable(): str(IMAGES)} if roomy else {}
+    # with LOCALHOST, ROS 2 would add transports of its own, which are open to every network
+    profiles = IMAGES_ON_THIS_MACHINE if roomy else THIS_MACHINE
+    return {RANGE: "SYSTEM_DEFAULT", "ROS_LOCALHOST_ONLY": None, _file_variable(): str(profiles)}
+
+
+def _stays_on_this_machine() -> bool:
+    asked, peers, only = map(os.environ.get, VARIABLES)
+    return only == "1" or (not peers and asked in (None, "", Discovery.LOCALHOST.name))
+
+
+def _configured_by_user() -> bool:
+    if any(name in os.environ for name in (*FILE_VARIABLES, "FASTDDS_BUILTIN_TRANSPORTS")):
+        return True
+    return any(pathlib.Path(name).exists() for name in FILES)
+
+
+def _file_variable() -> str:
+    return FILE_VARIABLES[os.environ.get("ROS_DISTRO") != "jazzy"]

@@ -1,0 +1,205 @@
+"""Who reaches a process, and its shared memory for images; each in its own process, as Fast DDS reads its settings once."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from rclpy.utilities import get_rmw_implementation_identifier
+from sensor_msgs.msg import Image
+
+from pushfric_ros.files.node_settings import Discovery
+from pushfric_ros.node_kit import network
+from pushfric_ros.node_kit.network import FILE_VARIABLES, IMAGES, RANGE, VARIABLES, asked_for, configured
+from pushfric_ros.node_kit.qos import SENSOR_QUEUE
+
+pytestmark = pytest.mark.skipif(
+    not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="other middlewares have other settings"
+)
+
+LARGE = 16 * 2**20
+
+SEGMENTS = """
+import json, re
+import rclpy
+from pushfric_ros.node_kit.network import configured
+with configured(images=True):
+    rclpy.init()
+    node = rclpy.create_node("camera")
+sizes = []
+for line in open("/proc/self/maps"):
+    begin, end, path = re.match(r"(\\w+)-(\\w+) .{4} \\w+ \\S+ \\d+ *(.*)", line).groups()
+    if re.match(r"/dev/shm/fast(rtps|dds)_[0-9a-f]{16}$", path):
+        sizes.append(int(end, 16) - int(begin, 16))
+print(json.dumps(sizes))
+"""
+
+CAMERA = """
+import sys, time
+import rclpy
+from sensor_msgs.msg import Image
+from pushfric_ros.node_kit.network import configured
+from pushfric_ros.node_kit.qos import SENSOR_DATA
+with configured(images=True):
+    rclpy.init()
+    output = rclpy.create_node("camera").create_publisher(Image, "/image", SENSOR_DATA)
+while not output.get_subscription_count():
+    time.sleep(0.01)
+sys.stdin.readline()  # the other side has found this one, too
+image = Image(height=480, width=640, encoding="bgr8", step=1920, data=bytes(921600))
+for number in range(10):
+    image.header.stamp.sec = number
+    output.publish(image)
+sys.stdin.read()
+"""
+
+
+SERVES = """
+import json, os, socket, struct, sys, threading
+import rclpy
+from std_srvs.srv import Trigger
+from pushfric_ros.node_kit.network import configured
+with configured():
+    rclpy.init()
+    node = rclpy.create_node("served")
+node.create_service(Trigger, "/asked", lambda _, response: response)
+threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
+own = {os.readlink(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{name}")}
+lines = [line.split() for line in open("/proc/self/net/udp").readlines()[1:]]
+bound = {words[1].split(":")[0] for words in lines if f"socket:[{words[9]}]" in own}
+print(json.dumps(sorted(socket.inet_ntoa(struct.pack("=I", int(address, 16))) for address in bound)), flush=True)
+sys.stdin.read()
+os._exit(0)
+"""
+
+
+@pytest.fixture
+def unset(monkeypatch):
+    for name in (*VARIABLES, *FILE_VARIABLES, "FASTDDS_BUILTIN_TRANSPORTS", "RMW_IMPLEMENTATION"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def changed(images: bool = False) -> dict[str, str]:
+    """The variables that a process gets."""
+    before = dict(os.environ)
+    with configured(images):
+        now = dict(os.environ)
+    assert dict(os.environ) == before
+    return {name: value for name, value in now.items() if before.get(name) != value}
+
+
+@pytest.fixture
+def served():
+    """Starts a process that serves /asked; gives the addresses to which its sockets are bound."""
+    processes = []
+
+    def start(**variables: str) -> set[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-c", SERVES], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | variables
+        )
+        processes.append(process)
+        return set(json.loads(process.stdout.readline()))
+
+    yield start
+    for process in processes:
+        process.communicate(timeout=120)
+
+
+@pytest.mark.parametrize("variables", [{}, {RANGE: "LOCALHOST"}, {RANGE: ""}, {"ROS_LOCALHOST_ONLY": "1"}])
+def test_only_this_machine_reaches_a_process(unset, served, variables):
+    """With ROS 2's own LOCALHOST, sockets were bound to every network, and a stranger's process was let in."""
+    assert served(**variables) == {"127.0.0.1"}
+
+
+@pytest.mark.parametrize("variables", [{RANGE: "SUBNET"}, {"ROS_STATIC_PEERS": "192.0.2.7"}])
+def test_the_network_reaches_a_process_if_asked_for(unset, served, variables):
+    assert "0.0.0.0" in served(**variables)
+
+
+@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
+def test_other_programs_of_this_machine_reach_it(unset, served, range_):
+    """Such as `ros2 topic echo` or RViz, which ROS 2 sets up as it always does."""
+    asks = """
+import rclpy, sys
+from std_srvs.srv import Trigger
+rclpy.init()
+node = rclpy.create_node("asks")
+client = node.create_client(Trigger, "/asked")
+answer = client.call_async(Trigger.Request()) if client.wait_for_service(timeout_sec=100) else sys.exit("nobody serves")
+rclpy.spin_until_future_complete(node, answer, timeout_sec=100)
+sys.exit(None if answer.done() else "no answer")
+"""
+    served()
+    asked = subprocess.run([sys.executable, "-c", asks], env=os.environ | {RANGE: range_}, timeout=250, capture_output=True)
+    assert (asked.returncode, asked.stderr) == (0, b"")
+
+
+def test_a_cell_asks_for_its_range_unless_the_user_does(unset, monkeypatch):
+    assert asked_for(Discovery.SUBNET) == {RANGE: "SUBNET"}
+    for name in VARIABLES:
+        with monkeypatch.context() as patch:
+            patch.setenv(name, "1")
+            assert asked_for(Discovery.SUBNET) == {}
+
+
+@pytest.mark.parametrize(("distro", "number"), [("jazzy", 0), ("kilted", 1)])
+def test_fast_dds_is_told_by_the_variable_that_it_knows(unset, monkeypatch, distro, number):
+    """Kilted complains about the other one."""
+    monkeypatch.setenv("ROS_DISTRO", distro)
+    assert [name in changed() for name in FILE_VARIABLES] == [number == 0, number == 1]
+
+
+def test_another_middleware_is_told_by_ros(unset, monkeypatch):
+    monkeypatch.setattr(network, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
+    assert changed(images=True) == {RANGE: "LOCALHOST"}
+
+
+def segments() -> list[int]:
+    """Sizes [bytes] of the segments that the middleware maps in a process that publishes images."""
+    return json.loads(subprocess.run([sys.executable, "-c", SEGMENTS], capture_output=True, check=True, timeout=120).stdout)
+
+
+def test_the_segment_is_large(unset):
+    assert max(segments()) >= LARGE
+
+
+def test_ten_colour_images_in_a_burst_arrive(ros, unset):
+    """The default segment is too small for a single one."""
+    heard: list[int] = []
+    viewer = ros.node("viewer")
+    images = viewer.create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
+    camera = subprocess.Popen([sys.executable, "-c", CAMERA], stdin=subprocess.PIPE)
+    try:
+        ros.wait_for(images.get_publisher_count, timeout=120, what="the camera")
+        camera.stdin.write(b"\n")
+        camera.stdin.flush()
+        ros.wait_for(lambda: len(heard) == 10, timeout=120, what="ten images")
+    finally:
+        camera.communicate(timeout=120)
+    assert heard == list(range(10))
+
+
+@pytest.mark.parametrize(
+    "name", ["FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"]
+)
+def test_the_configuration_of_the_user_is_kept(unset, monkeypatch, name):
+    monkeypatch.setenv(name, "UDPv4")
+    assert changed(images=True) == {RANGE: "LOCALHOST"}
+
+
+@pytest.mark.parametrize("name", network.FILES)
+def test_a_profile_file_of_the_user_is_kept(unset, monkeypatch, tmp_path, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).touch()
+    assert changed(images=True) == {RANGE: "LOCALHOST"}
+
+
+@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
+@pytest.mark.parametrize(("attribute", "value"), [("FREE", 2**60), ("SHARED_MEMORY", IMAGES)])
+def test_with_little_shared_memory_images_get_no_more(unset, monkeypatch, attribute, value, range_):
+    monkeypatch.setenv(RANGE, range_)
+    without = changed()
+    assert changed(images=True) != without
+    monkeypatch.setattr(network, attribute, value)
+    assert changed(images=True) == without
