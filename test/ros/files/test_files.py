@@ -261,7 +261,10 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
         (CELL + "plan:", "yaml: plan must be keys with values, got nothing$"),
         ("- 1", r"yaml: a cell's file must be keys with values, got \[1\]$"),
         ("object: rubber_rect4", "camera: calibration must be given: path of the camera's calibration YAML"),
-        (CELL + "table: 3", "yaml: expected any of namespace, discovery, object, camera, .*, simulation, got table$"),
+        (
+            CELL + "table: 3",
+            "yaml: expected any of namespace, discovery, frame_prefix, object, camera, .*, simulation, got table$",
+        ),
         (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: give a plan's file or choose, not both, got 'plan.yaml' and 5$"),
     ],
 )

@@ -16,10 +16,13 @@ from pushfric_core.planar import Pose
 from pushfric_core.push_choice import next_pushes
 from pushfric_core.region import HalfPlane, HalfPlanes
 from pushfric_core.table_1 import TABLE_1
+from pushfric_ros.files.node_settings import FrameConfig
 from pushfric_ros.files.object_file import load_object
-from pushfric_ros.messages.conversions import OBJECT, TABLE, estimate_to_msg, pose_to_msg, region_to_msg, stamp_from_msg
+from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg, stamp_from_msg
+from pushfric_ros.messages.frames import OBJECT, TABLE, put_prefix
 from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers
-from pushfric_ros.node_kit.transforms import TransformBroadcaster, pose_to_transform
+from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform, object_transform
+from pushfric_ros.vision.camera import Camera
 
 NAME = "rubber_rect4"
 OUTLINE = TABLE_1[NAME].outline
@@ -133,7 +136,7 @@ POSE.header.frame_id, POSE.header.stamp.sec, POSE.pose.pose = TABLE, 12, pose_to
 
 
 def test_a_pose_is_the_transform_from_the_table_to_the_object():
-    transform = pose_to_transform(POSE)
+    transform = object_transform(POSE)
     assert (transform.header, transform.child_frame_id) == (POSE.header, OBJECT)
     assert (transform.transform.translation.x, transform.transform.translation.y) == (0.1, -0.2)
     assert transform.transform.rotation.z == pytest.approx(math.sin(0.35))
@@ -156,17 +159,69 @@ class Recording:
 def test_without_tf2_msgs_it_says_so_once_and_publishes_nothing(monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     node = Recording()
-    broadcaster = TransformBroadcaster(node)
-    broadcaster.broadcast(POSE)
-    broadcaster.broadcast(POSE)
+    broadcaster = TransformBroadcaster(node, "")
+    broadcaster.broadcast(object_transform(POSE))
+    broadcaster.broadcast(object_transform(POSE))
     assert (len(node.lines), node.topics, node.sent) == (1, [], [])
     assert "tf2_msgs is not installed" in node.lines[0]
 
 
-def test_with_tf2_msgs_every_pose_goes_to_tf(monkeypatch):
+@pytest.mark.parametrize("prefix", ["", "left/"])
+def test_with_tf2_msgs_every_pose_goes_to_tf(monkeypatch, prefix):
     monkeypatch.setitem(sys.modules, "tf2_msgs", SimpleNamespace())
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", SimpleNamespace(TFMessage=SimpleNamespace))
     node = Recording()
-    TransformBroadcaster(node).broadcast(POSE)
+    TransformBroadcaster(node, prefix).broadcast(object_transform(POSE))
     assert (node.lines, node.topics) == ([], ["/tf"])
-    assert node.sent == [SimpleNamespace(transforms=[pose_to_transform(POSE)])]
+    ((transform,),) = [sent.transforms for sent in node.sent]
+    assert (transform.header.frame_id, transform.child_frame_id) == (f"{prefix}table", f"{prefix}object")
+    assert POSE.header.frame_id == TABLE
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+def test_the_camera_is_where_its_calibration_says(tilt):
+    """A point of the table, taken into the camera's frame, lies on the ray of its pixel."""
+    down = np.array(((1.0, 0.0, 0.0), (0.0, -math.cos(tilt), -math.sin(tilt)), (0.0, math.sin(tilt), -math.cos(tilt))))
+    place = np.array((0.1, -0.4, 0.7))  # of the camera; the rows of `down` are its axes in the table frame
+    K = np.array(((900.0, 0.0, 320.0), (0.0, 900.0, 240.0), (0.0, 0.0, 1.0)))
+    H = 1.7 * K @ np.column_stack((down[:, 0], down[:, 1], -down @ place))
+    camera = Camera(640, 480, K, np.zeros(5), H)
+    transform = camera_transform(*camera.pose())
+    assert (transform.header.frame_id, transform.child_frame_id) == ("table", "camera_optical")
+    shift, turn = transform.transform.translation, transform.transform.rotation
+    assert (shift.x, shift.y, shift.z) == pytest.approx(tuple(place))
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    assert math.hypot(x, y, z, w) == pytest.approx(1.0)
+    cross = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    to_table = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    for point in ((0.0, 0.0), (0.2, 0.1), (-0.1, 0.3)):
+        ray = K @ (to_table.T @ (np.array((*point, 0.0)) - place))
+        assert camera.project([point])[0] == pytest.approx(ray[:2] / ray[2])
+
+
+@pytest.mark.parametrize(
+    ("given", "namespace", "prefix"),
+    [
+        ("auto", "/cell", ""),
+        ("auto", "/", ""),
+        ("auto", "/hall/left", "hall/left/"),
+        ("", "/left", ""),
+        ("a/b/", "/left", "a/b/"),
+    ],
+)
+def test_frames_of_two_cells_differ(given, namespace, prefix):
+    assert FrameConfig(given).within(namespace) == prefix
+
+
+@pytest.mark.parametrize("prefix", ["left", "/left/", "a b/"])
+def test_a_prefix_ends_with_a_slash(prefix):
+    with pytest.raises(ValueError, match="frame_prefix must be like left/ or empty"):
+        FrameConfig(prefix)
+
+
+def test_messages_that_share_a_header_get_its_prefix_once(estimate):
+    markers = estimate_to_markers(estimate, OUTLINE, DATA[-1])
+    for part in (estimate, estimate.support_friction, estimate.contact_friction, markers, markers):
+        put_prefix(part, "left/")
+    headed = (estimate, estimate.support_friction, estimate.contact_friction, *markers.markers)
+    assert {part.header.frame_id for part in headed} == {"left/object"}

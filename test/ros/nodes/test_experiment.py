@@ -20,7 +20,8 @@ from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
-from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_to_msg
+from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_to_msg
+from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode

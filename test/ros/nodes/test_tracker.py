@@ -20,7 +20,7 @@ from pushfric_ros.files.cell_file import load_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
-from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TO_GREY, TrackerNode, grey_from_msg
+from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TO_GREY, UNMEASURED, TrackerNode, grey_from_msg
 from pushfric_ros.simulated.camera import SimulatedCamera
 from pushfric_ros.vision.camera import Camera, save_camera
 from pushfric_ros.vision.fiducial_tracker import load_fiducials
@@ -115,7 +115,9 @@ def test_publishes_the_pose_at_the_time_of_the_image(cell):
     assert (np.diag(covariance)[[0, 1, 5]] > 0).all()
     assert (np.sqrt(np.diag(covariance)[[0, 1]]) < 1e-5).all()  # [m]
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9)
-    assert not covariance[2:5].any()
+    # z, roll and pitch are not measured: a variance of 0 would claim that they are exact
+    np.testing.assert_array_equal(covariance[2:5], UNMEASURED * np.eye(6)[2:5])
+    assert np.linalg.matrix_rank(covariance) == 6
 
 
 def test_every_frame_at_60_hz_gets_its_pose(cell):

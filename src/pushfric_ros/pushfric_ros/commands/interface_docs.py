@@ -23,7 +23,7 @@ from pushfric_ros.nodes.experiment import ExperimentNode
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import RecorderNode
 from pushfric_ros.nodes.simulated_cell import SimulatedCellNode
-from pushfric_ros.nodes.tracker import TrackerNode
+from pushfric_ros.nodes.tracker import UNMEASURED, TrackerNode
 
 COMMAND = "python -m pushfric_ros.commands.interface_docs > docs/interfaces.md"
 
@@ -35,8 +35,11 @@ Written by `{COMMAND}`; do not edit. [graph.md](graph.md) explains what it is al
 Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only: they are set when a node
 starts, and one that is *required* has no default. The lists leave out what every ROS 2 node has (`use_sim_time`,
 `/parameter_events`, `/rosout`, the parameter services; for a managed node `transition_event`), and the topics of a bag, which
-the player publishes and the recorder subscribes to. The fields of all types of `pushfric_msgs` are in [its
-files](../src/pushfric_msgs).
+the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs. The fields of all types of
+`pushfric_msgs` are in [its files](../src/pushfric_msgs).
+
+`object_pose` is the pose of the frame `object` in `table` ([frames](conventions.md#frames)). Its covariance is that of x, y
+and yaw. The variance of z, roll and pitch is {UNMEASURED:g}: they are not measured, and the tracker takes them to be 0.
 """
 
 OF_THE_BAG = "std_msgs/msg/Empty"

@@ -14,7 +14,16 @@ from typing import Any
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import fields_of, key_of, read, setting
 from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.node_settings import CameraConfig, Discovery, ObjectConfig, PlanConfig, RecorderConfig, SimulationConfig
+from pushfric_ros.files.node_settings import (
+    NAMESPACE,
+    CameraConfig,
+    Discovery,
+    FrameConfig,
+    ObjectConfig,
+    PlanConfig,
+    RecorderConfig,
+    SimulationConfig,
+)
 from pushfric_ros.files.object_file import yaml_content
 from pushfric_ros.files.plugins import PUSHERS, chosen_tracker, plugin, tracker_kinds
 from pushfric_ros.pushers.pusher import PusherConfig, PusherDriver
@@ -24,7 +33,7 @@ from pushfric_ros.pushers.pusher import PusherConfig, PusherDriver
 class CellConfig:
     """The cell's name, and who can reach it."""
 
-    namespace: str = setting("/cell", "namespace of all nodes and topics; each cell needs its own")
+    namespace: str = setting(NAMESPACE, "namespace of all nodes and topics; each cell needs its own")
     discovery: Discovery = setting(
         Discovery.LOCALHOST,
         "who can reach the nodes, and so move the pusher: localhost: programs on this machine; subnet: on its network too",
@@ -35,7 +44,7 @@ class CellConfig:
             raise ValueError(f"namespace must be like /cell or /hall/cell_2, got {self.namespace!r}")
 
 
-ROOT = (CellConfig, ObjectConfig)
+ROOT = (CellConfig, FrameConfig, ObjectConfig)
 ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in fields_of(config))
 SECTIONS: dict[str, tuple[type, ...]] = {
     "camera": (CameraConfig,),
@@ -74,6 +83,7 @@ class CellFile:
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     namespace: str = CellConfig.namespace
     discovery: Discovery = CellConfig.discovery
+    frames: FrameConfig = field(default_factory=FrameConfig)
 
 
 def load_cell(path: pathlib.Path) -> CellFile:
@@ -103,7 +113,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     (camera, *trackers), (pusher, driver), (plan,), estimator, (recorder,), (simulation,) = map(section, SECTIONS)
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
-    named, pushed = read(_beside(whole, folder, ROOT), *ROOT)
+    named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     try:
         tracker = chosen_tracker(trackers)
     except ValueError as error:
@@ -120,6 +130,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         simulation,
         named.namespace,
         named.discovery,
+        frames,
     )
 
 

@@ -6,6 +6,7 @@ pushfric_core and in estimator_settings.py.
 
 import enum
 import math
+import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,6 +19,29 @@ class Discovery(enum.Enum):
 
     LOCALHOST = "localhost"
     SUBNET = "subnet"
+
+
+NAMESPACE = "/cell"
+"""Of a cell, unless it is given another."""
+
+
+@dataclass(frozen=True)
+class FrameConfig:
+    """What the frames of a cell are called."""
+
+    frame_prefix: str = setting(
+        AUTO, f"put before the names of the frames, such as left/; {AUTO}: nothing in {NAMESPACE}, otherwise the namespace"
+    )
+
+    def __post_init__(self) -> None:
+        if re.fullmatch("([A-Za-z0-9_]+/)*", self.frame_prefix) is None and self.frame_prefix != AUTO:
+            raise ValueError(f"frame_prefix must be like left/ or empty, got {self.frame_prefix!r}")
+
+    def within(self, namespace: str) -> str:
+        """The prefix in a namespace, so that two cells do not publish transforms of one frame."""
+        if self.frame_prefix != AUTO:
+            return self.frame_prefix
+        return "" if namespace in ("/", NAMESPACE) else f"{namespace[1:]}/"
 
 
 @dataclass(frozen=True)

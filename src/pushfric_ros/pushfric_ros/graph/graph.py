@@ -10,6 +10,7 @@ from pushfric_core.settings import plain
 from pushfric_ros.files import estimator_settings
 from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.node_settings import NAMESPACE
 from pushfric_ros.node_kit import network
 from pushfric_ros.pushers.grbl_config import GrblConfig
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:  # only a replay reads bags
     from pushfric_ros.bags.data_points import Source
 
 PACKAGE = "pushfric_ros"
-NAMESPACE = CellFile.namespace
 
 CLOCK = "/clock"
 
@@ -97,13 +97,14 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
     except ValueError as error:
         raise InvalidInput(f"recorder: {error}") from error
     pusher = replace(file.pusher, requires=file.pusher.requires or WATCHED)
+    frames = plain(file.frames)
     specs = [
         NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(recorder)}),
-        NodeSpec("estimator", {"object": file.object, **file.estimator.parameters()}),
-        NodeSpec("tracker", {"object": file.object, **plain(file.camera), **plain(file.tracker)}, respawn=True),
+        NodeSpec("estimator", {"object": file.object, **frames, **file.estimator.parameters()}),
+        NodeSpec("tracker", {"object": file.object, **frames, **plain(file.camera), **plain(file.tracker)}, respawn=True),
         # a new actuator does not know where the pusher stands, unless it homes
-        NodeSpec("actuator", {**plain(pusher), **plain(file.driver)}, respawn=file.pusher.home),
-        NodeSpec("experiment", {"object": file.object, "start": start, **plain(file.plan)}, ends_run=True),
+        NodeSpec("actuator", {**frames, **plain(pusher), **plain(file.driver)}, respawn=file.pusher.home),
+        NodeSpec("experiment", {"object": file.object, "start": start, **frames, **plain(file.plan)}, ends_run=True),
     ]
     reached = network.asked_for(file.discovery)
     return [replace(spec, environment=reached) for spec in specs]
@@ -126,6 +127,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         "port_link": file.driver.port,
         "seed": seed,
         "speed": speed,
+        **plain(file.frames),
         **plain(file.pusher.stage),
         **plain(file.simulation),
     }

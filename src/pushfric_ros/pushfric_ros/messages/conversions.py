@@ -41,9 +41,7 @@ from pushfric_msgs.msg import (
     Observation as ObservationMsg,
 )
 from pushfric_msgs.srv import PredictPush, StablePushes
-
-TABLE = "table"
-OBJECT = "object"
+from pushfric_ros.messages.frames import OBJECT, TABLE, is_frame
 
 QUATERNION_LENGTHS = (1e-3, 1e3)
 """A quaternion should have length 1. One that is merely not normalised is taken; beyond this range it is refused."""
@@ -141,7 +139,7 @@ def force_sample_from_msg(msg: WrenchStamped) -> ForceSample:
     Raises:
         ValueError: it is not finite, or not in the table frame.
     """
-    if msg.header.frame_id != TABLE:
+    if not is_frame(msg.header.frame_id, TABLE):
         raise ValueError(f"a wrench must have frame_id {TABLE!r}, got {msg.header.frame_id!r}")
     force = (msg.wrench.force.x, msg.wrench.force.y)
     if not all(math.isfinite(component) for component in force):

@@ -15,6 +15,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from pushfric_ros.messages.conversions import stamp_from_msg
+from pushfric_ros.messages.frames import put_prefix
 from pushfric_ros.node_kit.qos import RELIABLE
 
 
@@ -47,10 +48,15 @@ class Diagnostics:
     Topics that are subscribed and advertised through it add their own figures: messages per second of wall time since the last
     report, messages that the middleware lost, and the latency, that is the age of the newest message on arrival by the node's
     clock.
+
+    Args:
+        node: the node.
+        report: makes its report.
+        frame_prefix: of the cell's frames, put before their names in the messages that the node advertises through this.
     """
 
-    def __init__(self, node: Node, report: Callable[[], Health]) -> None:
-        self._node, self._report = node, report
+    def __init__(self, node: Node, report: Callable[[], Health], frame_prefix: str = "") -> None:
+        self._node, self._report, self._prefix = node, report, frame_prefix
         self._inputs: dict[str, _Input] = {}
         self._outputs: dict[str, _CountingPublisher] = {}
         self._counted: dict[str, int] = {}  # number of messages up to the last report
@@ -81,10 +87,11 @@ class Diagnostics:
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile, overridable: QoSOverridingOptions | None = None) -> Publisher:
         """Make a publisher of the node, as Node.create_publisher does; parameters may change the policies in `overridable`."""
-        self._outputs[topic] = self._node.create_publisher(
+        made = self._outputs[topic] = self._node.create_publisher(
             kind, topic, qos, qos_overriding_options=overridable, publisher_class=_CountingPublisher
         )
-        return self._outputs[topic]
+        made.frame_prefix = self._prefix
+        return made
 
     def publish(self) -> None:
         """Publish a report now, without waiting for the next second."""
@@ -126,7 +133,9 @@ class _Input:
 
 class _CountingPublisher(Publisher):
     sent = 0
+    frame_prefix = ""
 
     def publish(self, msg: Any) -> None:
+        put_prefix(msg, self.frame_prefix)
         super().publish(msg)
         self.sent += 1

@@ -13,6 +13,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from pushfric_core.settings import AUTO
 from pushfric_ros.node_kit.parameters import REQUIRED, overrides
+from pushfric_ros.node_kit.transforms import TYPE as TRANSFORMS
+from pushfric_ros.node_kit.transforms import TransformBroadcaster
 from pushfric_ros.node_kit.visit import Visit
 
 LARGEST = 2**62
@@ -96,6 +98,10 @@ def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
     topics = [("publishes", out.topic_name, out) for out in node.publishers]
     topics += [("subscribes", into.topic_name, into) for into in node.subscriptions]
     made = [Endpoint(role, name, _type_name(of.msg_type), _qos(of.qos_profile)) for role, name, of in topics]
+    # also where tf2_msgs, and so the publisher, is missing
+    made = [endpoint for endpoint in made if endpoint.type != TRANSFORMS]
+    broadcasters = [value for value in vars(node).values() if isinstance(value, TransformBroadcaster)]
+    made += [Endpoint("publishes", one.topic, TRANSFORMS, _qos(one.qos)) for one in broadcasters]
     services = [(node.resolve_service_name(service.srv_name), service.srv_type) for service in node.services]
     made += [Endpoint("serves", name, _type_name(kind), "service") for name, kind in services]
     _await_graph(node)

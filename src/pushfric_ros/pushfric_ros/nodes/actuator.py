@@ -25,8 +25,10 @@ from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
+from pushfric_ros.files.node_settings import FrameConfig
 from pushfric_ros.files.plugins import PUSHERS, plugin
-from pushfric_ros.messages.conversions import TABLE, stamp_to_msg
+from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.parameters import declare
@@ -94,7 +96,7 @@ class ActuatorNode(LifecycleNode):
         self._push_id = PusherState.NO_PUSH
         self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
         self._arrival: Future | None = None
-        self._diagnostics = Diagnostics(self, self._health)
+        self._diagnostics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
         self._told_fault: Fault | None = None
         self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)

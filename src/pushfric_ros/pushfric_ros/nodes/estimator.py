@@ -37,10 +37,9 @@ from pushfric_msgs.msg import (
 from pushfric_msgs.srv import ExcludePush, PredictPush, SelectObject, StablePushes
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, ObjectConfig
+from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ObjectConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
 from pushfric_ros.messages.conversions import (
-    OBJECT,
     estimate_to_msg,
     force_sample_from_msg,
     limit_surface_to_msg,
@@ -57,13 +56,14 @@ from pushfric_ros.messages.conversions import (
     stamp_to_msg,
     turns_from_msg,
 )
+from pushfric_ros.messages.frames import OBJECT
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
-from pushfric_ros.node_kit.transforms import TransformBroadcaster
+from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
 
 PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, in wall time [s]."""
@@ -78,17 +78,18 @@ class EstimatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("estimator", **kwargs)
         model, config = declare(self, ObjectConfig), declare(self, EstimatorNodeConfig)
+        prefix = declare(self, FrameConfig).within(self.get_namespace())
         self._settings = EstimatorSettings.of(*[declare(self, part) for part in EstimatorSettings.PARTS])
         self._select(load_object(model.object))
         self._estimator.estimate()  # loads the compiled solver now instead of with the first data point
         self._observations_out = None
-        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._diagnostics = topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         if config.source is DataPointSource.OBSERVATIONS:
             topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
         else:
             self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
-            self._transforms = TransformBroadcaster(self)
+            self._transforms = TransformBroadcaster(self, prefix)
             topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
             topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
             if self._settings.with_forces:
@@ -141,7 +142,7 @@ class EstimatorNode(Node):
         except ValueError as error:
             self._refuse("object_pose", error)
         else:
-            self._transforms.broadcast(msg)
+            self._transforms.broadcast(object_transform(msg))
             self._take_observed(observed)
 
     def _on_pusher_state(self, msg: PusherState) -> None:

@@ -22,10 +22,11 @@ from pushfric_core.planar import Pose, wrap
 from pushfric_core.push_plan import PlannedPush, placement
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
-from pushfric_ros.files.node_settings import ExperimentConfig, ObjectConfig, PlanConfig
+from pushfric_ros.files.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
-from pushfric_ros.messages.conversions import TABLE, pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
+from pushfric_ros.messages.conversions import pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
+from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -64,7 +65,7 @@ class ExperimentNode(Node):
         self._region: CenterOfFrictionRegion | None = None
         self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
         self._newest = -1  # its newest data point [ns]
-        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._heartbeat = Heartbeat(self)
         self._blind = False  # the last push was stopped because the object was not seen
         self.create_service(Trigger, "~/withdraw", self._on_withdraw)

@@ -21,8 +21,9 @@ from pushfric_core.planar import Pose
 from pushfric_core.settings import REQUIRED, setting
 from pushfric_core.simulation import PushedObject
 from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.files.node_settings import ObjectConfig, SimulatedRunConfig, SimulationConfig
+from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_ros.messages.conversions import pose_from_msg, stamp_to_msg
+from pushfric_ros.messages.frames import CAMERA
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -76,7 +77,7 @@ class SimulatedCellNode(Node):
             camera, truth.outline.vertices, 0.0, self._rng, noise_sigma=config.noise, blur_px=config.blur
         )
         self._info = CameraInfo(**camera.info_fields())
-        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._clock_out = topics.advertise(ClockMsg, "/clock", RELIABLE)
         self._image_out = topics.advertise(Image, "image_raw", SENSOR_DATA)
         self._info_out = topics.advertise(CameraInfo, "camera_info", SENSOR_DATA)
@@ -126,7 +127,7 @@ class SimulatedCellNode(Node):
         frame = self._camera.render(self._object.pose if self._present else None)
         height, width = frame.shape
         image = Image(height=height, width=width, encoding="mono8", step=width)
-        image.header.frame_id, image.header.stamp = "camera", stamp
+        image.header.frame_id, image.header.stamp = CAMERA, stamp
         image.data = array.array("B", frame.tobytes())
         self._info.header = image.header
         self._image_out.publish(image)

@@ -15,15 +15,17 @@ from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, transform
-from pushfric_ros.files.node_settings import CameraConfig, ObjectConfig
+from pushfric_ros.files.node_settings import CameraConfig, FrameConfig, ObjectConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plugins import chosen_tracker, tracker_kinds
-from pushfric_ros.messages.conversions import TABLE, pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
+from pushfric_ros.messages.frames import CAMERA, TABLE
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA
+from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform
 from pushfric_ros.vision.camera import Image, load_camera, picture_from
 from pushfric_ros.vision.frame_source import Device
 from pushfric_ros.vision.sighting import NotSeen, Sighting, Tracker
@@ -67,6 +69,13 @@ REPLACED = 0.03
 FROZEN_FRAMES = 3
 """This many identical frames in a row mean that the camera is frozen."""
 
+UNMEASURED = 1e3
+"""Variance of height, roll and pitch [m^2, rad^2], which the tracker does not measure: it takes them to be 0.
+
+A variance of 0 would claim that they are exact. One of this order has told filters to ignore a coordinate since robot_pose_ekf
+(robot_localization: "Migrating from robot_pose_ekf"); the -1 of sensor_msgs/Imu stands for a whole matrix.
+"""
+
 OVERLAY_PERIOD = 0.2
 """Least time between overlays [s]."""
 
@@ -77,6 +86,7 @@ class TrackerNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("tracker", **kwargs)
         name = declare(self, ObjectConfig).object
+        prefix = declare(self, FrameConfig).within(self.get_namespace())
         self._config = config = declare(self, CameraConfig)
         try:
             driver = chosen_tracker([declare(self, kind) for kind in tracker_kinds(config.tracker)])
@@ -101,11 +111,13 @@ class TrackerNode(Node):
         self._overlay_time = 0.0
         self._complaints: set[str] = set()
 
-        self._diagnostics = topics = Diagnostics(self, self._health)
+        self._diagnostics = topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
+        self._transforms = TransformBroadcaster(self, prefix, fixed=True)
+        self._transforms.broadcast(camera_transform(*self._camera.pose()))
         self._device: Device | None = None
         self._source = TOPICS.get(config.source, config.source)
         if config.source == "topic":
@@ -202,7 +214,7 @@ class TrackerNode(Node):
         msg = PoseWithCovarianceStamped()
         msg.header.stamp, msg.header.frame_id = self._shifted(stamp), TABLE
         msg.pose.pose = pose_to_msg(sighting.pose)
-        covariance = np.zeros((6, 6))
+        covariance = UNMEASURED * np.eye(6)
         covariance[np.ix_((0, 1, 5), (0, 1, 5))] = sighting.covariance
         msg.pose.covariance = covariance.ravel()
         self._pose_out.publish(msg)
@@ -219,7 +231,7 @@ class TrackerNode(Node):
         cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 200, 255))
         _, jpeg = cv2.imencode(".jpg", picture)
         msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))
-        msg.header.stamp, msg.header.frame_id = self._shifted(stamp), "camera"
+        msg.header.stamp, msg.header.frame_id = self._shifted(stamp), CAMERA
         self._overlay_out.publish(msg)
 
     def _shifted(self, stamp: int) -> Any:

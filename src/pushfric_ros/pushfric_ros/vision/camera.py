@@ -170,6 +170,23 @@ class Camera(Lens):
         a, b, c = self.unproject(((u, v), (u + 1, v), (u, v + 1)), height)
         return math.sqrt(abs(np.linalg.det((b - a, c - a))))
 
+    def pose(self) -> tuple[Array, Array]:
+        """Position (3,) [m] and orientation of the camera in the table frame.
+
+        The orientation is a unit quaternion (4,) x, y, z, w; the camera's axes are those of REP 103: z along the line of sight,
+        x to the right and y down in the image.
+        """
+        import cv2
+
+        x_axis, y_axis, z_axis, origin = self._axes
+        # a measured homography makes the axes only nearly orthogonal: the nearest rotation is taken
+        u, _, vt = np.linalg.svd(np.array((x_axis, y_axis, z_axis / np.linalg.norm(z_axis))))
+        to_table = u @ vt
+        turn, _ = cv2.Rodrigues(to_table)
+        angle = float(np.linalg.norm(turn))
+        axis = turn.ravel() / angle if angle else turn.ravel()
+        return -to_table @ origin, np.array((*(axis * math.sin(angle / 2)), math.cos(angle / 2)))
+
     def _plane(self, height: float) -> Array:
         """The plane z = `height` [m] in the camera frame, as rows (3, 3): x axis, y axis, origin."""
         x_axis, y_axis, z_axis, origin = self._axes
