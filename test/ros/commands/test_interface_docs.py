@@ -3,14 +3,18 @@
 import json
 import pathlib
 import re
+import subprocess
+import sys
 
 import pytest
+from ament_index_python.packages import get_package_prefix
 
-from pushfric_ros.commands import interface_docs
+from pushfric_ros.commands import interface_docs, node_help
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.types import message_class
 
 ROOT = pathlib.Path(__file__).parents[3]
+INSTALLED = pathlib.Path(get_package_prefix("pushfric_ros")) / "lib/pushfric_ros/recorder_node"
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +100,22 @@ def test_the_layout_places_each_panel_once(layout):
     assert {name.split("!")[0] for name in layout["configById"]} == {
         "3D", "Image", "Plot", "DiagnosticSummary", "RawMessages"
     }  # fmt: skip
+
+
+def test_the_help_of_a_node_tells_all_of_it(described):
+    for description in described.values():
+        lines = list(node_help.text(description))
+        assert {line.split()[0] for line in lines if line.startswith("  ") and " (" in line} >= {
+            setting.name for setting in description.settings
+        }
+        assert {f"  {endpoint.role} {endpoint.name}" for endpoint in description.endpoints} <= set(lines)
+        assert max(map(len, lines)) <= 128
+
+
+@pytest.mark.parametrize("start", [["-m", "pushfric_ros.nodes.recorder"], [INSTALLED]])
+def test_a_node_prints_its_help(start):
+    """It once started as if nothing had been asked; here, a bag to record is missing."""
+    asked = subprocess.run([sys.executable, *start, "--help"], capture_output=True, text=True, timeout=120)
+    assert (asked.returncode, asked.stderr) == (0, "")
+    assert asked.stdout.startswith("usage: ros2 run pushfric_ros recorder_node")
+    assert "  bag (string)\n      folder of the bag, new or empty; required\n" in asked.stdout

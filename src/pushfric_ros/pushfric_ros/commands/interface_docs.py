@@ -14,16 +14,11 @@ from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.markdown import table
+from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.qos import RELIABLE
 from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
-from pushfric_ros.nodes.actuator import ActuatorNode
-from pushfric_ros.nodes.estimator import EstimatorNode
-from pushfric_ros.nodes.experiment import ExperimentNode
-from pushfric_ros.nodes.player import PlayerNode
-from pushfric_ros.nodes.recorder import RecorderNode
-from pushfric_ros.nodes.simulated_cell import SimulatedCellNode
-from pushfric_ros.nodes.tracker import UNMEASURED, TrackerNode
+from pushfric_ros.vision.sighting import UNMEASURED
 
 COMMAND = "python -m pushfric_ros.commands.interface_docs > docs/interfaces.md"
 
@@ -52,7 +47,7 @@ EMPTY = bytes((0, 1, 0, 0, 0))
 class Start(NamedTuple):
     """How a node is started."""
 
-    kind: type
+    name: str
     required: dict[str, Any]  # parameters
     variants: dict[str, dict[str, Any]]  # parameters with which it has other topics, by their text
 
@@ -71,11 +66,12 @@ def document() -> str:
     return "\n".join((HEAD, *map(section, describe())))
 
 
-def describe() -> list[Description]:
-    """Start every node in each variant, and ask it."""
+def describe(*names: str) -> list[Description]:
+    """Start these nodes, or else every node, in each variant, and ask them."""
     asked = Introspection(NAMESPACE)
     with tempfile.TemporaryDirectory(prefix="pushfric-interfaces-") as folder:
-        return [_describe(start, asked) for start in _starts(pathlib.Path(folder))]
+        starts = [start for start in _starts(pathlib.Path(folder)) if not names or start.name in names]
+        return [_describe(start, asked) for start in starts]
 
 
 def _starts(folder: pathlib.Path) -> Iterator[Start]:
@@ -96,23 +92,24 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
         "`source: observations`": {"source": "observations"},
     }
     pusher, stage = settings.merged((cell.pusher, cell.driver)), settings.plain(cell.pusher.stage)
-    yield Start(TrackerNode, {"object": name, **camera, "source": "topic"}, sources)
-    yield Start(ActuatorNode, pusher, {})
-    yield Start(EstimatorNode, {"object": name}, kinds)
-    yield Start(ExperimentNode, {"object": name}, {})
-    yield Start(RecorderNode, {"bag": str(folder / "new"), "discover": True}, {})
-    yield Start(PlayerNode, {"bag": str(bag)}, {})
-    yield Start(SimulatedCellNode, {"object": name, "port_link": pusher["port"], **camera, **stage}, {})
+    yield Start("tracker", {"object": name, **camera, "source": "topic"}, sources)
+    yield Start("actuator", pusher, {})
+    yield Start("estimator", {"object": name}, kinds)
+    yield Start("experiment", {"object": name}, {})
+    yield Start("recorder", {"bag": str(folder / "new"), "discover": True}, {})
+    yield Start("player", {"bag": str(bag)}, {})
+    yield Start("simulated_cell", {"object": name, "port_link": pusher["port"], **camera, **stage}, {})
 
 
 def _describe(start: Start, asked: Introspection) -> Description:
-    told = {label: asked.ask(start.kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
+    kind = node_class(start.name)
+    told = {label: asked.ask(kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
     found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in told.items()}
     every = sorted({endpoint for label in found for endpoint in found[label]}, key=lambda one: (ROLES.index(one.role), one))
     plain = told[""]
     endpoints = {one._replace(name=one.name.replace("~", plain.name)): _when(one, found) for one in every}
     declared = [one for one in plain.settings if not one.name.startswith("qos_overrides.")]  # of topics of the bag
-    return Description(plain.name, " ".join((inspect.getdoc(start.kind) or "").split()), endpoints, declared)
+    return Description(plain.name, " ".join((inspect.getdoc(kind) or "").split()), endpoints, declared)
 
 
 def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:

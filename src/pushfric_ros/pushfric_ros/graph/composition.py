@@ -8,6 +8,12 @@ from pushfric_ros.graph.graph import PACKAGE, NodeSpec
 from pushfric_ros.node_kit.parameters import overrides
 
 
+def node_class(name: str) -> Any:
+    """The class of a node, from its module, which is loaded only now."""
+    module = importlib.import_module(f"{PACKAGE}.nodes.{name}")
+    return getattr(module, "".join(word.capitalize() for word in f"{name}_node".split("_")))
+
+
 def compose(specs: Sequence[NodeSpec], namespace: str, **kwargs: Any) -> list[Any]:
     """Make the nodes of a graph; the caller spins and destroys them.
 
@@ -21,12 +27,10 @@ def compose(specs: Sequence[NodeSpec], namespace: str, **kwargs: Any) -> list[An
     nodes: list[Any] = []
     try:
         for spec in specs:
-            module = importlib.import_module(f"{PACKAGE}.nodes.{spec.name}")
-            node_class = getattr(module, "".join(word.capitalize() for word in spec.executable.split("_")))
             remaps = [part for name, other in spec.remappings.items() for part in ("-r", f"{name}:={other}")]
             arguments = ["--ros-args", *remaps] if remaps else None
             given = overrides(spec.parameters)
-            nodes.append(node_class(namespace=namespace, parameter_overrides=given, cli_args=arguments, **kwargs))
+            nodes.append(node_class(spec.name)(namespace=namespace, parameter_overrides=given, cli_args=arguments, **kwargs))
     except BaseException:
         for node in nodes:
             node.destroy_node()

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import get_action_client_names_and_types_by_node, get_action_server_names_and_types_by_node
+from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -62,6 +63,7 @@ class Introspection:
 
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace
+        set_logger_level("", LoggingSeverity.WARN)  # nodes that are only asked have no news
         with Visit(partial(Node, "plain", namespace=namespace)) as plain:
             self._common = {*_endpoints(plain.node, namespace)}
             self._common_parameters = plain.node.get_parameters_by_prefix("").keys()

@@ -29,6 +29,7 @@ from pushfric_ros.files.node_settings import FrameConfig
 from pushfric_ros.files.plugins import PUSHERS, plugin
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.parameters import declare
@@ -533,3 +534,7 @@ class ActuatorNode(LifecycleNode):
 
 def main() -> None:
     run_node(ActuatorNode, winds_up=True)
+
+
+if __name__ == "__main__":
+    executable.main()

@@ -58,6 +58,7 @@ from pushfric_ros.messages.conversions import (
 )
 from pushfric_ros.messages.frames import OBJECT
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
+from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -391,3 +392,7 @@ class EstimatorNode(Node):
 
 def main() -> None:
     run_node(EstimatorNode)
+
+
+if __name__ == "__main__":
+    executable.main()

@@ -27,6 +27,7 @@ from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.messages.conversions import pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -325,3 +326,7 @@ class ExperimentNode(Node):
 
 def main() -> None:
     run_node(ExperimentNode)
+
+
+if __name__ == "__main__":
+    executable.main()

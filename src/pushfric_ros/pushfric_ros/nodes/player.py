@@ -21,6 +21,7 @@ from pushfric_ros.bags.bag import Bag, recorded_class
 from pushfric_ros.bags.contents import BagMessage, Topic
 from pushfric_ros.files.node_settings import PlayerConfig
 from pushfric_ros.messages.qos import Durability, Reliability
+from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -231,3 +232,7 @@ def _offered(topic: Topic) -> QoSProfile:
 
 def main() -> None:
     run_node(PlayerNode, images=True)
+
+
+if __name__ == "__main__":
+    executable.main()

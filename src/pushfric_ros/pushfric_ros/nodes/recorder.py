@@ -19,6 +19,7 @@ from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, Recordi
 from pushfric_ros.files.object_file import OBJECT_FILE, load_object, save_object
 from pushfric_ros.messages.qos import QUALITIES
 from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -221,3 +222,7 @@ def _met_by_all(found: Sequence[QoSProfile]) -> QoSProfile:
 
 def main() -> None:
     run_node(RecorderNode)
+
+
+if __name__ == "__main__":
+    executable.main()

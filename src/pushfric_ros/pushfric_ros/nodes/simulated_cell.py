@@ -24,6 +24,7 @@ from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_ros.messages.conversions import pose_from_msg, stamp_to_msg
 from pushfric_ros.messages.frames import CAMERA
+from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -155,3 +156,7 @@ class SimulatedCellNode(Node):
 
 def main() -> None:
     run_node(SimulatedCellNode, images=True)
+
+
+if __name__ == "__main__":
+    executable.main()

@@ -20,6 +20,7 @@ from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plugins import chosen_tracker, tracker_kinds
 from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.messages.frames import CAMERA, TABLE
+from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -28,7 +29,7 @@ from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform
 from pushfric_ros.vision.camera import Image, load_camera, picture_from
 from pushfric_ros.vision.frame_source import Device
-from pushfric_ros.vision.sighting import NotSeen, Sighting, Tracker
+from pushfric_ros.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
 
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Holds more than a second of frames, so that none is lost in a busy moment."""
@@ -68,13 +69,6 @@ REPLACED = 0.03
 
 FROZEN_FRAMES = 3
 """This many identical frames in a row mean that the camera is frozen."""
-
-UNMEASURED = 1e3
-"""Variance of height, roll and pitch [m^2, rad^2], which the tracker does not measure: it takes them to be 0.
-
-A variance of 0 would claim that they are exact. One of this order has told filters to ignore a coordinate since robot_pose_ekf
-(robot_localization: "Migrating from robot_pose_ekf"); the -1 of sensor_msgs/Imu stands for a whole matrix.
-"""
 
 OVERLAY_PERIOD = 0.2
 """Least time between overlays [s]."""
@@ -315,3 +309,7 @@ def _apart(a: Pose, b: Pose) -> bool:
 
 def main() -> None:
     run_node(TrackerNode)
+
+
+if __name__ == "__main__":
+    executable.main()

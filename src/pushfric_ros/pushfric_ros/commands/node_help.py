@@ -1,0 +1,41 @@
+"""What `NODE_node --help` prints: told by the node itself, which is started on no network for that."""
+
+import os
+import textwrap
+from collections.abc import Iterator
+
+from pushfric_ros.commands.interface_docs import Description, describe
+from pushfric_ros.node_kit.network import RANGE, VARIABLES
+
+WIDTH = 100  # characters
+
+
+def print_help(name: str) -> None:
+    """Print what a node does, its parameters and its topics."""
+    # a node that is only asked must neither find the cell that runs, nor be found
+    for variable in VARIABLES:
+        os.environ.pop(variable, None)
+    os.environ[RANGE] = "OFF"
+    (described,) = describe(name)
+    print("\n".join(text(described)))
+
+
+def text(described: Description) -> Iterator[str]:
+    """The lines of the help of a node."""
+    name = described.node
+    yield f"usage: ros2 run pushfric_ros {name}_node [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE] ...]"
+    yield ""
+    yield from textwrap.wrap(described.summary, WIDTH)
+    yield ""
+    yield "parameters, set when the node starts:"
+    for setting in described.settings:
+        default = setting.default.strip("*`")
+        yield f"  {setting.name} ({setting.type}{setting.range and f', {setting.range}'})"
+        what = f"{setting.description}; {default if default == 'required' else f'default: {default}'}"
+        yield from textwrap.wrap(what, WIDTH, initial_indent="      ", subsequent_indent="      ")
+    yield ""
+    yield "topics, services and actions, relative to the node's namespace:"
+    for endpoint, when in described.endpoints.items():
+        note = f" ({when.replace('`', '')})" if when else ""
+        yield f"  {endpoint.role} {endpoint.name}"
+        yield f"      {endpoint.type}, {endpoint.qos}{note}"
