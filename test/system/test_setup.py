@@ -1,9 +1,13 @@
 """The entry script builds the workspace for each ROS 2 environment that is sourced, and takes none of them away."""
 
+import importlib.machinery
+import importlib.util
 import os
 import pathlib
+import re
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -69,3 +73,17 @@ def test_a_folder_that_colcon_made_by_hand_is_kept(workspace):
     set_up(workspace)
     assert (workspace / "install").is_symlink()
     assert next((workspace / ".colcon").glob("*/install-before/mine")).read_text() == "mine"
+
+
+def test_the_set_up_compiles_every_function_of_the_solver():
+    loader = importlib.machinery.SourceFileLoader("pushfric_script", str(ROOT / "pushfric"))
+    script = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(script)
+    folder = ROOT / "src/pushfric_core/pushfric_core/solvers"
+    called = {name for file in folder.glob("*.py") for name in re.findall(r"\bpivoting\.([a-z_]+)\(", file.read_text())}
+    assert len(called) > 8
+    tell = "from pushfric_core.solvers import pivoting\n"
+    tell += f"print(*(name for name in {sorted(called)} if getattr(getattr(pivoting, name), 'signatures', None) == []))"
+    done = subprocess.run([sys.executable, "-c", script.WARM_UP + tell], capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []

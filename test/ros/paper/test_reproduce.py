@@ -3,7 +3,6 @@
 import io
 import json
 import math
-import os
 import pathlib
 import re
 import signal
@@ -14,13 +13,15 @@ import threading
 import numpy as np
 import psutil
 import pytest
+from cluster import local_cluster
 from rich.console import Console
 from scipy.optimize import linprog
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
+from pushfric_ros.offline import workers
 from pushfric_ros.paper import experiments as paper_experiments
-from pushfric_ros.paper import reproduce, workers
+from pushfric_ros.paper import reproduce
 from pushfric_ros.paper.experiments import CODE, SLIPPING, motions, observation_row, plan, rods, watch
 from pushfric_ros.paper.html_report import agrees, leaves, measured, number
 from pushfric_ros.paper.reproduce import WorkerDiffers
@@ -28,30 +29,14 @@ from pushfric_ros.paper.tables import PAPER, REFERENCE, spread, tables
 
 QUIET = Console(file=io.StringIO())
 
-CLUSTER = """
-import sys
-from distributed import LocalCluster
-with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-    print(cluster.scheduler_address, flush=True)
-    sys.stdin.read()
-"""
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """What `reproduce --seeds 2 --dask ADDRESS` leaves behind, from two worker processes."""
     out = tmp_path_factory.mktemp("reproduce")
     threads = set(threading.enumerate())
-    environment = os.environ | {"DASK_TEMPORARY_DIRECTORY": str(tmp_path_factory.mktemp("dask"))}
-    command = [sys.executable, "-c", CLUSTER]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as cluster:
-        address = cluster.stdout.readline().strip()
-        workers = psutil.Process(cluster.pid).children(recursive=True)
+    with local_cluster(tmp_path_factory.mktemp("dask")) as address:
         reproduce.reproduce(out, 2, 1, address, QUIET)
-        cluster.communicate(timeout=60)
-    assert cluster.returncode == 0
-    assert len(workers) >= 2
-    assert not psutil.wait_procs(workers, timeout=120)[1]
     # the client's thread pool for large messages stays in the process, idle
     assert {thread.name for thread in set(threading.enumerate()) - threads} <= {"Dask-Offload_0"}
     return out

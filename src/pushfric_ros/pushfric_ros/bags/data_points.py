@@ -63,10 +63,20 @@ def check_source(path: pathlib.Path) -> None:
     """
     if not os.path.exists(path):
         raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
-    if path.is_dir() and not any(file for name in BAG_FILES for file in path.glob(name)):
-        bags = sorted({str(file.parent) for name in BAG_FILES for file in path.glob(f"*/{name}")})
-        if bags:
-            raise InvalidInput(f"{path}: is a folder of bags, expected one of them: {', '.join(bags)}")
+    if bags := bags_in(path):
+        raise InvalidInput(f"{path}: is a folder of bags, expected one of them: {', '.join(map(str, bags))}")
+
+
+def is_bag(folder: pathlib.Path) -> bool:
+    """Whether a folder contains a bag's files."""
+    return any(file for name in BAG_FILES for file in folder.glob(name))
+
+
+def bags_in(path: pathlib.Path) -> list[pathlib.Path]:
+    """The bags in a folder that is no bag itself, in order; none otherwise."""
+    if not path.is_dir() or is_bag(path):
+        return []
+    return sorted({file.parent for name in BAG_FILES for file in path.glob(f"*/{name}")})
 
 
 def object_beside(path: pathlib.Path) -> pathlib.Path | None:

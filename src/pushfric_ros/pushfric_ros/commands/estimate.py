@@ -1,29 +1,38 @@
 """The command `estimate`."""
 
+import dataclasses
 import pathlib
 import sys
-from collections import deque
 from typing import Annotated
 
 import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimator
-from pushfric_ros.bags import data_points
-from pushfric_ros.commands.console import warn
-from pushfric_ros.commands.inputs import object_of, with_support
-from pushfric_ros.commands.options import GridOption, Input, JsonFlag, ObjectOption, PartialFlag, SupportPointsOption
+from pushfric_ros.commands.console import console, warn
+from pushfric_ros.commands.options import (
+    DaskOption,
+    GridOption,
+    JobsOption,
+    JsonFlag,
+    ObjectOption,
+    PartialFlag,
+    SupportPointsOption,
+)
 from pushfric_ros.commands.result import print_result
 from pushfric_ros.commands.settings_options import with_settings
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.model_file import check_name, make_model, save_model
-from pushfric_ros.messages.conversions import estimate_to_msg
-from pushfric_ros.report.report import ensemble, report
+from pushfric_ros.files.model_file import check_name, save_model
+from pushfric_ros.offline.chosen_settings import ChosenSettings
+from pushfric_ros.offline.estimation import Choices, estimate_from
+from pushfric_ros.report.report import ensemble, to_json
 
 
 def estimate(
-    source: Input,
-    settings: EstimatorSettings,
+    inputs: Annotated[
+        list[pathlib.Path],
+        typer.Argument(metavar="INPUT...", help="Bag (folder or .mcap), or CSV of observations.", show_default=False),
+    ],
+    settings: ChosenSettings,
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
@@ -36,38 +45,101 @@ def estimate(
     ] = None,
     partial: PartialFlag = False,
     samples: Annotated[bool, typer.Option("--samples", help="With --json, also weighted samples of w and mu_c.")] = False,
+    out: Annotated[
+        pathlib.Path | None,
+        typer.Option(
+            help="Estimate from many inputs, folders of them too: a table, models and a report in this folder.",
+            show_default=False,
+        ),
+    ] = None,
+    jobs: JobsOption = -1,
+    dask: DaskOption = None,
     json: JsonFlag = False,
 ) -> None:
-    """Exit code 1: the estimate is not to be used; warnings say why."""
+    """Exit code 1: an estimate is not to be used; warnings, or the report of --out, say why.
+
+    With --out, an input that cannot be read costs only itself. If you interrupt the command, call it again: it goes on.
+    """
+    choices = Choices(object_name, grid, support_points, settings, partial)
+    if out is not None:
+        if figure is not None or save is not None or samples:
+            raise InvalidInput("--figure, --save and --samples are for one input; --out writes models and a report")
+        usable = _many(inputs, choices, out, jobs, dask, json)
+    elif len(inputs) > 1:
+        raise InvalidInput(f"got {len(inputs)} inputs; expected one, or --out DIR for the results of many")
+    else:
+        usable = _one(inputs[0], choices, figure, save, samples, json)
+    if not usable:
+        sys.exit(1)
+
+
+def _one(
+    source: pathlib.Path,
+    choices: Choices,
+    figure: pathlib.Path | None,
+    save: pathlib.Path | None,
+    samples: bool,
+    json: bool,
+) -> bool:
     if save is not None:
         check_name(save)
-    model, _ = object_of(source, object_name)
-    model = with_support(model, grid, support_points)
-    data = data_points.observations(source, model, settings, warn, partial)
-    estimator = Estimator(model.support_points, settings.estimator)
-    # only the figure shows the estimates before the last
-    course = deque(data_points.taken(estimator.add, data, warn), maxlen=None if figure is not None else 1)
-    result = data_points.last(course)
-    verdict = estimator.verdict(result)
-    for reason in verdict.reasons:
+    estimation = estimate_from(source, choices, warn, whole_course=figure is not None)
+    result = estimation.result
+    for reason in estimation.verdict.reasons:
         warn(reason)
     if figure is not None:
-        from pushfric_ros.report.figures import (
-            summary_figure,
-        )  # imported late: loading matplotlib takes longer than estimating most bags
+        # imported late: loading matplotlib takes longer than estimating most bags
+        from pushfric_ros.report.figures import summary_figure
 
-        summary_figure(figure, model.outline, course, estimator.observations, None, settings.slipping)
+        slipping = estimation.settings.slipping
+        summary_figure(figure, estimation.model.outline, estimation.course, estimation.estimator.observations, None, slipping)
     if save is not None:
         if result.contradiction is not None:
             raise InvalidInput(f"{save}: not written: {result.contradiction}")
-        save_model(make_model(model, result, estimator.observations, str(source), settings), save)
-    slipping = [observation.push_id in settings.slipping for observation in estimator.observations]
-    figures = report(estimate_to_msg(result, model.name, slipping, verdict))
+        save_model(estimation.to_model(), save)
+    figures = estimation.figures()
     if samples:
         figures["samples"] = ensemble(result)
-    print_result(figures, json, settings.estimator.loss)
-    if not verdict.use:
-        sys.exit(1)
+    print_result(figures, json, estimation.settings.estimator.loss)
+    return estimation.verdict.use
+
+
+def _many(sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs: int, dask: str | None, json: bool) -> bool:
+    # imported late: one estimate needs neither joblib nor matplotlib
+    from pushfric_ros.offline.many import Line, estimate_many, inputs_of
+    from pushfric_ros.offline.summary import counts, mark_outliers, write_summary
+    from pushfric_ros.offline.table import write_table
+
+    if pathlib.Path(choices.object_name).is_file():
+        choices = dataclasses.replace(choices, object_name=str(pathlib.Path(choices.object_name).absolute()))
+    if choices.support_points is not None:
+        choices = dataclasses.replace(choices, support_points=choices.support_points.absolute())
+    inputs = inputs_of(sources)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[broken]} broken"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("estimating", total=len(inputs), broken=0)
+
+        def finished(line: Line) -> None:
+            broken = progress.tasks[task].fields["broken"] + ("error" in line)
+            progress.update(task, advance=1, broken=broken)
+
+        lines = mark_outliers(estimate_many(inputs, choices, out, jobs, dask, finished))
+    files = [*write_table(lines, out), write_summary(lines, out)]
+    number = counts(lines)
+    if json:
+        print(to_json(number | {"files": [str(file) for file in files]}))
+    else:
+        console.print(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in number.items()), highlight=False)
+        for file in files:
+            console.print(f"wrote {file}", markup=False, highlight=False)
+    return number["usable"] == number["inputs"]
 
 
 app = typer.Typer(add_completion=False)

@@ -7,12 +7,10 @@ from typing import Annotated, NamedTuple
 import typer
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimator
 from pushfric_core.outline import Outline
 from pushfric_core.prediction import FrictionModel, model_of
-from pushfric_ros.bags import data_points
-from pushfric_ros.commands.inputs import object_of
 from pushfric_ros.files.model_file import SUFFIXES, load_model
+from pushfric_ros.offline.estimation import Choices, estimate_from
 
 ModelArgument = Annotated[
     pathlib.Path,
@@ -42,10 +40,7 @@ def known(source: pathlib.Path, object_name: str, warn: Callable[[str], None]) -
             raise InvalidInput(f"{source}: a model brings its object; give --object with a bag or a CSV only")
         file, model = load_model(source)
         return Known(model.outline, file.friction())
-    (model, _), settings = object_of(source, object_name), data_points.recorded_settings(source)
-    estimator = Estimator(model.support_points, settings.estimator)
-    data = data_points.observations(source, model, settings, warn)
-    estimate = data_points.estimate(estimator, data, warn)
-    if estimate.contradiction is not None:
-        raise InvalidInput(f"{source}: {estimate.contradiction}")
-    return Known(model.outline, model_of(estimate, estimator.observations))
+    estimation = estimate_from(source, Choices(object_name), warn)
+    if estimation.result.contradiction is not None:
+        raise InvalidInput(f"{source}: {estimation.result.contradiction}")
+    return Known(estimation.model.outline, model_of(estimation.result, estimation.estimator.observations))

@@ -9,29 +9,30 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.recognition import Recognizer
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import warn
-from pushfric_ros.commands.inputs import object_of, with_support
 from pushfric_ros.commands.options import GridOption, Input, JsonFlag, ObjectOption, PartialFlag, SupportPointsOption
 from pushfric_ros.commands.settings_options import with_settings
-from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.messages.conversions import recognition_to_msg
+from pushfric_ros.offline.chosen_settings import ChosenSettings
+from pushfric_ros.offline.inputs import object_of, with_support
 from pushfric_ros.report.report import recognition_report, to_json
 
 
 def recognize(
     source: Input,
-    settings: EstimatorSettings,
+    settings: ChosenSettings,
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
     partial: PartialFlag = False,
     json: JsonFlag = False,
 ) -> None:
+    chosen = settings.of(source)
     model, where = object_of(source, object_name)
     if not model.hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
     model = with_support(model, grid, support_points)
-    data = data_points.observations(source, model, settings, warn, partial)
-    ranking = data_points.recognize(Recognizer(model.hypotheses, settings.estimator), data, warn)
+    data = data_points.observations(source, model, chosen, warn, partial)
+    ranking = data_points.recognize(Recognizer(model.hypotheses, chosen.estimator), data, warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")

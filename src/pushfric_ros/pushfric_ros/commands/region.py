@@ -12,12 +12,12 @@ from pushfric_core.region import RegionConfig
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, warn
-from pushfric_ros.commands.inputs import object_of
 from pushfric_ros.commands.options import JsonFlag, ObjectOption, PartialFlag
 from pushfric_ros.commands.settings_options import option_as_recorded
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import save_plan
+from pushfric_ros.offline.inputs import object_of
 from pushfric_ros.report.region import narrowed, region_report
 from pushfric_ros.report.report import to_json
 

@@ -7,13 +7,13 @@ import typer
 
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, fail, warn
-from pushfric_ros.commands.inputs import object_of
 from pushfric_ros.commands.options import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag
 from pushfric_ros.commands.result import print_result
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.node_settings import PlayerConfig
 from pushfric_ros.graph import graph
+from pushfric_ros.offline.inputs import object_of
 from pushfric_ros.report.report import report
 
 app = typer.Typer(add_completion=False)

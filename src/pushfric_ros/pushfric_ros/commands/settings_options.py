@@ -2,7 +2,6 @@
 
 import dataclasses
 import inspect
-import pathlib
 import types
 import typing
 from collections.abc import Callable, Collection
@@ -11,11 +10,9 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import EstimatorConfig
-from pushfric_core.settings import AUTO, plain, read
-from pushfric_ros.bags import data_points
-from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_core.settings import AUTO
+from pushfric_ros.offline.chosen_settings import ChosenSettings
 
 EXCLUDE, SLIPPING = "exclude_push", "slipping_push"
 
@@ -40,7 +37,7 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
     """The command with an option for each field of EstimatorConfig, --exclude-push and --slipping-push, instead of `settings`.
 
     Args:
-        command: its first parameter is `source`, the bag or CSV.
+        command: its parameter `settings` gets them as ChosenSettings.
         without: fields that have no meaning for the command.
     """
     fields = [field for field in dataclasses.fields(EstimatorConfig) if field.name not in without]
@@ -52,9 +49,9 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
     )
     options |= {EXCLUDE: Annotated[list[int] | None, leave_out], SLIPPING: Annotated[list[int] | None, slips]}
 
-    def run(source: pathlib.Path, **given: Any) -> None:
+    def run(**given: Any) -> None:
         chosen = {name: given.pop(name) for name in options}
-        command(source, settings=_settings(source, chosen), **given)
+        command(settings=_chosen(chosen), **given)
 
     run.__doc__ = command.__doc__
     own = [parameter for name, parameter in inspect.signature(command).parameters.items() if name != "settings"]
@@ -89,19 +86,10 @@ def _help(field: Any) -> str:
     return escape(f"{text}.")
 
 
-def _settings(source: pathlib.Path, chosen: dict[str, Any]) -> EstimatorSettings:
-    """The settings of the recorded run, except for those given."""
-    data_points.check_source(source)
-    recorded = data_points.recorded_settings(source)
-    excluded, slipping = (chosen.pop(name) or () for name in (EXCLUDE, SLIPPING))
-    given = {name: value for name, value in chosen.items() if value is not None}
-    if "cone" not in recorded.estimator.terms:
-        given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c
+def _chosen(options: dict[str, Any]) -> ChosenSettings:
+    """The options that were given."""
+    excluded, slipping = (tuple(options.pop(name) or ()) for name in (EXCLUDE, SLIPPING))
+    given = {name: value for name, value in options.items() if value is not None}
     if "terms" in given:
         given["terms"] = given["terms"].split(",")
-    try:
-        (config,) = read(plain(recorded.estimator) | given, EstimatorConfig)
-    except ValueError as error:
-        raise InvalidInput(str(error)) from error
-    slipping = tuple(sorted({*recorded.slipping, *slipping}))
-    return dataclasses.replace(recorded.without(excluded), estimator=config, slipping=slipping)
+    return ChosenSettings(given, excluded, slipping)

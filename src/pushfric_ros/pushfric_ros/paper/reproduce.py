@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_ros.paper import workers
+from pushfric_ros.offline import workers
 from pushfric_ros.paper.experiments import CODE, rods, run_seed
 from pushfric_ros.paper.figures import figures
 from pushfric_ros.paper.html_report import html_report

@@ -30,8 +30,8 @@ from pushfric_core.support import Support
 from pushfric_core.table_1 import FEET, FLAT, INSET, TABLE_1, PoseNoise
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
 from pushfric_ros.bags.zhou2015 import CORNERS, GRID, read_push_points
+from pushfric_ros.offline.workers import results
 from pushfric_ros.paper.experiments import FRAME_RATE, LINE, PLACEMENT, SPEED, STROKE
-from pushfric_ros.paper.workers import results
 from pushfric_ros.report.report import to_json
 
 SHARP = math.radians(55)

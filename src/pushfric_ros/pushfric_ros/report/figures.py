@@ -2,7 +2,7 @@
 
 import pathlib
 from collections.abc import Collection, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -33,6 +33,9 @@ STYLE = {
 
 MERIDIANS = 8
 """Number of sections through the moment axis that show the limit surface in space."""
+
+PANELS = 12
+"""Most objects whose centres are drawn in one figure."""
 
 
 def summary_figure(
@@ -106,6 +109,45 @@ def limit_surface_figure(
             section.plot(*(ellipse * scale[1:]).T, ls=style, color=RED, lw=1.2, label=f"ellipsoid, {name}")
         section.set(title="Section $f_x = 0$", xlabel="$f_y$", ylabel="$m$ [mm]")
         section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
+        _save(figure, path)
+
+
+class Centers(NamedTuple):
+    """The estimates of an object's p_CF from several inputs."""
+
+    name: str  # of the object
+    points: Array  # (k, 2) object frame [m]
+    labels: Sequence[str]  # k: of those that differ from the others; empty for the rest
+
+
+def centers_figure(path: pathlib.Path, objects: Sequence[Centers]) -> None:
+    """A panel for each object: p_CF of each input, and the names of those that differ.
+
+    Args:
+        path: where to write the image; its suffix selects the format.
+        objects: at least one; the first PANELS are drawn.
+    Raises:
+        InvalidInput: the image cannot be written.
+    """
+    shown = objects[:PANELS]
+    columns = min(len(shown), 3)
+    rows = -(-len(shown) // columns)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4.2 * columns, 3.8 * rows), layout="constrained")
+        panels = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axes, (name, points, labels) in zip(panels, shown, strict=False):
+            differs = np.array([bool(label) for label in labels])
+            axes.plot(*(MILLIMETRE * points[~differs].T), "o", ms=4, mfc="none", color=BLUE, label="p_CF")
+            axes.plot(*(MILLIMETRE * points[differs].T), "x", ms=6, color=RED, label="differs from the others")
+            for (x, y), label in zip(MILLIMETRE * points, labels, strict=True):
+                axes.annotate(label, (x, y), (4, 4), textcoords="offset points", fontsize=7, color=INK)
+            axes.set(title=f"{name}: {len(points)}", xlabel="x [mm]", ylabel="y [mm]")
+            axes.set_aspect("equal", "datalim")
+            axes.margins(0.15)
+        for axes in panels[len(shown) :]:
+            axes.axis("off")
+        if any(label for one in shown for label in one.labels):
+            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
         _save(figure, path)
 
 

@@ -8,32 +8,42 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 from joblib import Parallel, delayed
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, PushfricError
 
 DASK_TIMEOUT = "10s"
 """How long the scheduler of a Dask cluster may take to answer (a duration in Dask's notation)."""
 
+Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
 
-def results(work: Callable[[int], Result], seeds: Iterable[int], jobs: int, dask: str | None) -> Iterator[Result]:
-    """What `work` returns for each seed, in the order in which they are done.
+class WorkerKilled(PushfricError):
+    """A process that works for this one was killed."""
+
+
+def results(work: Callable[[Argument], Result], arguments: Iterable[Argument], jobs: int, dask: str | None) -> Iterator[Result]:
+    """What `work` returns for each argument, in the order in which they are done.
 
     Args:
         work: the function.
-        seeds: its arguments.
+        arguments: one for each call.
         jobs: processes on this machine; -1: one for each core.
         dask: address of the scheduler of a Dask cluster to use instead; None: this machine.
     Raises:
         InvalidInput: no cluster answers.
+        WorkerKilled: a process of this machine was killed.
     """
-    yield from _on_cluster(work, seeds, dask) if dask else _on_this_machine(work, seeds, jobs)
+    yield from _on_cluster(work, arguments, dask) if dask else _on_this_machine(work, arguments, jobs)
 
 
-def _on_this_machine(work: Callable[[int], Result], seeds: Iterable[int], jobs: int) -> Iterator[Result]:
+def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Argument], jobs: int) -> Iterator[Result]:
     parallel = Parallel(jobs, return_as="generator_unordered", initializer=_end_with, initargs=(os.getpid(),))
-    yield from parallel(delayed(work)(seed) for seed in seeds)
+    try:
+        yield from parallel(delayed(work)(argument) for argument in arguments)
+    except TerminatedWorkerError as error:
+        raise WorkerKilled("a worker process was killed; perhaps the memory was full, and fewer --jobs help") from error
 
 
 def _end_with(parent: int) -> None:
@@ -47,7 +57,7 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, name="end with the parent", daemon=True).start()
 
 
-def _on_cluster(work: Callable[[int], Result], seeds: Iterable[int], address: str) -> Iterator[Result]:
+def _on_cluster(work: Callable[[Argument], Result], arguments: Iterable[Argument], address: str) -> Iterator[Result]:
     # importing it takes a second, which a run without a cluster should not wait for
     distributed = importlib.import_module("distributed")
     try:
@@ -55,6 +65,6 @@ def _on_cluster(work: Callable[[int], Result], seeds: Iterable[int], address: st
     except (OSError, ValueError) as error:
         raise InvalidInput(f"--dask: no scheduler answers at {address}: {error}") from error
     with client:
-        futures = client.map(work, list(seeds), pure=False)
+        futures = client.map(work, list(arguments), pure=False)
         for _, result in distributed.as_completed(futures, with_results=True):
             yield result

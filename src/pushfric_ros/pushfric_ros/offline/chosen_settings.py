@@ -1,0 +1,40 @@
+"""The settings of an estimation from a file: those that were recorded with it, except for those that somebody chose."""
+
+import dataclasses
+import pathlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import EstimatorConfig
+from pushfric_core.settings import plain, read
+from pushfric_ros.bags import data_points
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+
+
+@dataclass(frozen=True)
+class ChosenSettings:
+    """What somebody chose; the rest is as recorded."""
+
+    estimator: Mapping[str, Any] = field(default_factory=dict)  # fields of EstimatorConfig
+    excluded: tuple[int, ...] = ()  # pushes that are left out, besides those of the recorded run
+    slipping: tuple[int, ...] = ()  # pushes known to slip, besides those of the recorded run
+
+    def of(self, source: pathlib.Path) -> EstimatorSettings:
+        """The settings for a bag or a CSV.
+
+        Raises:
+            InvalidInput: the input cannot be read, or a chosen value is out of range.
+        """
+        data_points.check_source(source)
+        recorded = data_points.recorded_settings(source)
+        given = dict(self.estimator)
+        if "cone" not in recorded.estimator.terms:
+            given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c
+        try:
+            (config,) = read(plain(recorded.estimator) | given, EstimatorConfig)
+        except ValueError as error:
+            raise InvalidInput(str(error)) from error
+        slipping = tuple(sorted({*recorded.slipping, *self.slipping}))
+        return dataclasses.replace(recorded.without(self.excluded), estimator=config, slipping=slipping)

@@ -1,0 +1,77 @@
+"""One estimate from one bag or CSV."""
+
+import pathlib
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from pushfric_core.estimate import Estimate
+from pushfric_core.estimator import Estimator
+from pushfric_core.verdict import Verdict
+from pushfric_ros.bags import data_points
+from pushfric_ros.bags.data_points import Warn
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.model_file import ModelFile, make_model
+from pushfric_ros.files.object_file import ObjectModel
+from pushfric_ros.messages.conversions import estimate_to_msg
+from pushfric_ros.offline.chosen_settings import ChosenSettings
+from pushfric_ros.offline.inputs import object_of, with_support
+from pushfric_ros.report.report import report
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the caller chose, the same for every input."""
+
+    object_name: str = ""  # name of the object, or path of its YAML; empty: the one next to the bag
+    grid: tuple[int, int] | None = None
+    support_points: pathlib.Path | None = None
+    settings: ChosenSettings = field(default_factory=ChosenSettings)
+    partial: bool = False  # accept a bag from which messages are missing
+
+
+class Estimation(NamedTuple):
+    """The estimate, and what it was made from."""
+
+    source: pathlib.Path
+    model: ObjectModel
+    settings: EstimatorSettings
+    estimator: Estimator
+    course: tuple[Estimate, ...]  # the last estimate, or the estimates after each data point
+    verdict: Verdict
+
+    @property
+    def result(self) -> Estimate:
+        """The last estimate."""
+        return self.course[-1]
+
+    def figures(self) -> dict[str, Any]:
+        """All numbers, as the command line's JSON names them."""
+        slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
+        return report(estimate_to_msg(self.result, self.model.name, slipping, self.verdict))
+
+    def to_model(self) -> ModelFile:
+        """The model to keep."""
+        return make_model(self.model, self.result, self.estimator.observations, str(self.source), self.settings)
+
+
+def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_course: bool = False) -> Estimation:
+    """The estimate with which a live run over the same data would end.
+
+    Args:
+        source: the bag or the CSV.
+        choices: what the caller chose.
+        warn: called with a line for each message or data point that is refused.
+        whole_course: keep the estimates after each data point.
+    Raises:
+        InvalidInput: the input, or a file that is named with it, is unusable.
+        DamagedBag: messages are missing from the bag.
+    """
+    settings = choices.settings.of(source)
+    model, _ = object_of(source, choices.object_name)
+    model = with_support(model, choices.grid, choices.support_points)
+    data = data_points.observations(source, model, settings, warn, choices.partial)
+    estimator = Estimator(model.support_points, settings.estimator)
+    course = deque(data_points.taken(estimator.add, data, warn), maxlen=None if whole_course else 1)
+    result = data_points.last(course)
+    return Estimation(source, model, settings, estimator, tuple(course), estimator.verdict(result))
