@@ -24,7 +24,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from bench.verdict import Verdict
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.graph import graph
+from pushfric_ros.graph import fork_server, graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.visit import visit
@@ -209,12 +209,18 @@ def _memory_of_family(pid: int) -> dict[str, float]:
     found = {}
     for member in _family(pid):
         try:
-            words = pathlib.Path(f"/proc/{member}/cmdline").read_text().split("\0")
-            name = next((word.removeprefix("__node:=") for word in words if word.startswith("__node:=")), "command line")
-            found[name] = _memory(member)
+            found[_name(pathlib.Path(f"/proc/{member}/cmdline").read_text())] = _memory(member)
         except (FileNotFoundError, ProcessLookupError):  # it has ended since
             continue
     return found
+
+
+def _name(arguments: str) -> str:
+    """What a process of the demo is called, by its arguments."""
+    if fork_server.__name__ in arguments:
+        return "fork server"
+    node = re.search(r"__node:=(\w+)", arguments)
+    return node[1] if node is not None else "command line"
 
 
 def _family(pid: int) -> Iterator[int]:

@@ -43,6 +43,7 @@ NODES = (
     "recorder_node",
     "player_node",
     "simulated_cell_node",
+    "pushfric_ros.graph.fork_server",
 )
 
 
@@ -209,7 +210,7 @@ def running(tmp_path):
 
 def test_ctrl_c_leaves_no_process_behind_but_a_bag(running, tmp_path):
     running.await_first_push()
-    assert len(running.nodes_alive()) == 6
+    assert len(running.nodes_alive()) == 7  # with what forks them
     running.process.send_signal(signal.SIGINT)
     assert running.await_end() == 130
     assert running.nodes_alive() == []
@@ -233,6 +234,14 @@ def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(running, node)
     os.kill(running.pid_of(node), signal.SIGKILL)
     assert running.await_end() == 1
     assert f"error: {node.removesuffix('_node')} was killed by SIGKILL" in running.output
+    assert running.nodes_alive() == []
+
+
+def test_the_death_of_what_starts_the_nodes_ends_the_run(running):
+    running.await_first_push()
+    os.kill(running.pid_of("fork_server"), signal.SIGKILL)
+    assert running.await_end() == 1
+    assert "error: the process that starts the nodes was killed by SIGKILL" in running.output
     assert running.nodes_alive() == []
 
 

@@ -15,10 +15,16 @@ from pushfric_ros.graph.supervisor import Ended, Supervisor
 NAME = "/test_supervisor"
 
 
+def command(spec, _, folder):
+    script = folder / f"{spec.name}.py"
+    script.write_text(spec.parameters["program"])
+    return [sys.executable, str(script)]
+
+
 @pytest.fixture
 def run(monkeypatch):
     """Supervises programs until the run ends; gives how it ended, and the lines it printed."""
-    monkeypatch.setattr(supervisor, "command", lambda spec, *_: [sys.executable, "-c", spec.parameters["program"]])
+    monkeypatch.setattr(supervisor, "command", command)
     monkeypatch.setattr(supervisor, "RESPAWN_DELAY", 0.0)
 
     def run(**programs: NodeSpec) -> tuple[Ended, list[str]]:
@@ -67,7 +73,7 @@ def test_a_node_with_unusable_input_is_not_started_again(run):
 
 def test_a_node_that_fails_at_the_end_is_known(monkeypatch):
     """As a recorder that closes its bag and finds that messages were lost."""
-    monkeypatch.setattr(supervisor, "command", lambda spec, *_: [sys.executable, "-c", spec.parameters["program"]])
+    monkeypatch.setattr(supervisor, "command", command)
     fails = "import signal, sys; signal.signal(15, lambda *_: sys.exit(1)); print('ready', flush=True); signal.pause()"
     said: list[str] = []
     with Supervisor([node("other", WAITS), node("recorder", fails)], NAME, lambda *line: said.append(line)) as nodes:
@@ -125,7 +131,7 @@ def test_a_node_that_cannot_be_started_leaves_nothing(temporary):
     nodes = Supervisor([node("other", WAITS), NodeSpec("odd", {})], NAME, print)
     with pytest.raises(KeyError, match="program"), nodes:
         pass
-    assert nodes._processes["other"].poll() is not None
+    assert not nodes._processes["other"].running
     assert handlers() == before
     assert list(temporary.iterdir()) == []
 

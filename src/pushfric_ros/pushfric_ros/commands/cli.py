@@ -11,6 +11,7 @@ import typer.main
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.commands.console import fail
+from pushfric_ros.graph import fork_server
 
 COMMANDS = {
     "demo": "Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal, an operator.",
@@ -40,6 +41,9 @@ COMMANDS = {
 MODULES = {"import": "import_"}
 """Modules of commands whose name is not allowed for a module."""
 
+RUN_NODES = ("demo", "run", "replay")
+"""Commands that start the nodes of a graph."""
+
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
 """A command line that names no known command or option, or gives a value of the wrong kind."""
 
@@ -56,6 +60,8 @@ class Commands(typer.core.TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, _, rest = super().resolve_command(ctx, args)  # refuses a name that is not in the list
+        if name in RUN_NODES and "--help" not in rest:
+            fork_server.prepare()  # it loads while the command loads
         return name, load(str(name)), rest
 
 

@@ -1,12 +1,10 @@
 """Runs the processes of a node graph: starts them, restarts those that may be restarted, and leaves none behind."""
 
 import contextlib
-import ctypes
 import json
 import os
 import pathlib
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -17,6 +15,8 @@ from typing import Any, NamedTuple
 
 from ament_index_python.packages import get_package_prefix
 
+from pushfric_ros.graph import fork_server
+from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec
 from pushfric_ros.graph.lock import lock
 
@@ -28,8 +28,6 @@ RESPAWN_DELAY = 1.0
 
 DEATHS, DEATHS_WITHIN = 3, 30.0
 """A node that dies this many times within this time [s] is not started again."""
-
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 class Ended(NamedTuple):
@@ -54,7 +52,7 @@ class Supervisor:
 
     def __init__(self, specs: Sequence[NodeSpec], namespace: str, say: Callable[[str, str], None]) -> None:
         self._specs, self._namespace, self._say = list(specs), namespace, say
-        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._processes: dict[str, NodeProcess] = {}
         self._listeners: list[threading.Thread] = []
         self._due: dict[str, float] = {}  # when a node is started again
         self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
@@ -69,7 +67,11 @@ class Supervisor:
                 leaving.callback(signal.signal, caught, signal.signal(caught, self._on_signal))
             leaving.enter_context(lock(self._namespace))
             self._folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
+            self._server = leaving.enter_context(contextlib.closing(fork_server.prepared()))
             leaving.callback(self._end_all)
+            while not self._server.ready(0.1):
+                if self._interrupted:
+                    raise KeyboardInterrupt
             for spec in self._specs:
                 self._start(spec)
             self._leaving = leaving.pop_all()
@@ -91,8 +93,15 @@ class Supervisor:
         """
         if self._interrupted:
             raise KeyboardInterrupt
+        try:
+            self._server.check()
+            return self._restart()
+        except ServerGone as error:
+            return Ended(1, str(error))
+
+    def _restart(self) -> Ended | None:
         for spec in self._specs:
-            code = self._processes[spec.name].poll()
+            code = self._processes[spec.name].returncode
             if code is None:
                 continue
             if spec.name in self._due:
@@ -132,40 +141,28 @@ class Supervisor:
         self._interrupted = True
 
     def _start(self, spec: NodeSpec) -> None:
-        process = subprocess.Popen(
-            command(spec, self._namespace, self._folder),
-            env=os.environ | spec.environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            start_new_session=True,  # the terminal's Ctrl-C reaches only the supervisor, which then ends the nodes in order
-            preexec_fn=_die_with_parent,
-        )
+        process = self._server.start(command(spec, self._namespace, self._folder), spec.environment)
         self._processes[spec.name] = process
         listener = threading.Thread(target=self._listen, args=(spec.name, process), daemon=True)
         listener.start()
         self._listeners.append(listener)
 
-    def _listen(self, name: str, process: "subprocess.Popen[str]") -> None:
-        assert process.stdout is not None
-        with process.stdout as lines:
+    def _listen(self, name: str, process: NodeProcess) -> None:
+        with process.output as lines:
             for line in lines:
                 self._say(name, line.rstrip())
 
 
-def _end(processes: Sequence["subprocess.Popen[str]"]) -> None:
+def _end(processes: Sequence[NodeProcess]) -> None:
     """End a process: ask first, and kill it at last."""
     for number, seconds in PATIENCE:
-        alive = [process for process in processes if process.poll() is None]
+        alive = [process for process in processes if process.running]
         for process in alive:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, number)
         deadline = time.monotonic() + seconds
         for process in alive:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(max(0.0, deadline - time.monotonic()))
+            process.wait(max(0.0, deadline - time.monotonic()))
 
 
 def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
@@ -190,8 +187,3 @@ def describe(code: int) -> str:
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
-
-
-def _die_with_parent() -> Any:
-    """Have the kernel ask the node to end if the supervisor is killed, so that it leaves nothing running."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

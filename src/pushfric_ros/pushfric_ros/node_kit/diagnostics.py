@@ -1,4 +1,4 @@
-"""What a node reports about its health and its topics, once a second on /diagnostics."""
+"""What a node reports about its health and its topics, once a second, on /diagnostics."""
 
 import time
 from collections.abc import Callable
@@ -17,6 +17,9 @@ from rclpy.subscription import Subscription
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.messages.frames import put_prefix
 from pushfric_ros.node_kit.qos import RELIABLE
+
+FIRST, PERIOD = 0.1, 1.0
+"""When a node reports first, and the time between reports, which grows from the one to the other [s]."""
 
 
 class Level(Enum):
@@ -43,7 +46,9 @@ def without_publisher(node: Node) -> list[str]:
 
 
 class Diagnostics:
-    """Publishes a node's health at 1 Hz of wall time, so that it also shows a simulation clock that stands still.
+    """Publishes a node's health at 1 Hz, and more often at first, so that nobody waits long for its first OK.
+
+    This is wall time, so that it also shows a simulation clock that stands still.
 
     Topics that are subscribed and advertised through it add their own figures: messages per second of wall time since the last
     report, messages that the middleware lost, and the latency, that is the age of the newest message on arrival by the node's
@@ -62,7 +67,7 @@ class Diagnostics:
         self._counted: dict[str, int] = {}  # number of messages up to the last report
         self._counted_at = time.monotonic()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        node.create_timer(1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(FIRST, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def lost(self) -> int:
@@ -103,6 +108,10 @@ class Diagnostics:
         msg = DiagnosticArray(status=[status])
         msg.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(msg)
+
+    def _on_timer(self) -> None:
+        self.publish()
+        self._timer.timer_period_ns = min(2 * self._timer.timer_period_ns, round(PERIOD * 1e9))
 
     def _traffic(self) -> dict[str, Any]:
         before, then = self._counted, self._counted_at

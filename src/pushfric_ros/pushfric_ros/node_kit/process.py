@@ -42,8 +42,6 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
     still spun, until it returns True, so that the node can tell others how it ended. If the process hangs at its end, SIGALRM
     ends it after `LAST_RESORT`. A node that publishes `images` gets memory for them (`network.configured`).
     """
-    # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
     asked_to_stop: list[int] = []
 

@@ -39,7 +39,7 @@ from pushfric_ros.pushers.position_memory import PositionMemory
 from pushfric_ros.pushers.pusher import Fault, Mode, NotConnected, Pusher, PusherConfig, PusherDriver, PusherError, PusherReport
 
 READ_PERIOD = 0.005  # [s], as all below
-FIRST_RETRY, LAST_RETRY = 0.5, 5.0
+FIRST_RETRY, LAST_RETRY = 0.1, 5.0
 FORCE_SILENCE = 0.5
 OWNER_GRACE = 1.0  # until the first sign of life of a goal's owner
 GRACE = 3.0  # a port may appear this late without an error message

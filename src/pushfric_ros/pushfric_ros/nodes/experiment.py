@@ -94,8 +94,6 @@ class ExperimentNode(Node):
     async def _carry_out(self) -> None:
         self._start.cancel()
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
-        # nodes that report OK also receive the topics they need, so that nothing of the first push is missed
-        await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
         for push_id in range(self._first, self._count):
             self._progress.push_id = push_id
             push = await self._choose() if self._config.choose else self._plan[push_id]
@@ -120,6 +118,7 @@ class ExperimentNode(Node):
         if self._pusher.position <= WITHDRAWN:
             self._blind = False
             return None
+        await self._others()
         await self._until_well(self._blindness, PlanProgress.PHASE_WAITING, "the pusher stays where it is")
         self._report(PlanProgress.PHASE_WAITING, "bringing the pusher back")
         back = Push.Goal(push_id=self._progress.push_id, distance=-self._pusher.position, speed=self._config.speed)
@@ -141,10 +140,15 @@ class ExperimentNode(Node):
         where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {math.degrees(wanted.theta):.0f} degrees"
         prompt = f"{push}: place the object at {where}"
         await self._until_well(lambda: self._misplaced(wanted), PlanProgress.PHASE_PLACING, prompt)
+        await self._others()
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
         return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
+
+    async def _others(self) -> None:
+        """Wait for the other nodes. One that reports OK receives the topics it needs, and so misses nothing of a push."""
+        await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
 
     async def _choose(self) -> PlannedPush | None:
         """The push that shrinks the region of p_CF most, once the estimator knows the whole last push; None if no push does."""

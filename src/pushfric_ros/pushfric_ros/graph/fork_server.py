@@ -1,0 +1,313 @@
+"""How the process of a node starts: forked from a server that has imported what nodes need, once for all of them.
+
+Six interpreters that import the same libraries take seconds of CPU time, and hold them in memory six times. The server is a
+process of its own because one with threads, such as the command line, cannot be forked safely: a thread that does not exist
+in the new process may have held a lock. It runs in a session of its own, out of reach of the terminal's Ctrl-C. It dies with
+the command line, and the nodes die with it.
+"""
+
+import contextlib
+import ctypes
+import gc
+import importlib
+import json
+import os
+import pathlib
+import runpy
+import select
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pushfric_core.errors import PushfricError
+
+PRELOADED = (
+    "pushfric_ros.node_kit.executable",
+    "pushfric_ros.node_kit.process",
+    "pushfric_ros.node_kit.diagnostics",
+    "pushfric_ros.node_kit.parameters",
+    "pushfric_ros.files.object_file",
+    "pushfric_ros.files.node_settings",
+    "pushfric_ros.messages.conversions",
+)
+"""What the server imports: what several nodes need.
+
+It must start no thread. The one exception are those that LTTng starts where rclpy is built with it: they wait for a tracing
+daemon, and hold no lock that a node takes.
+"""
+
+LONGEST = 1 << 16
+"""Of a request or report [bytes]."""
+
+ROOM = 512
+"""The name of a process is written over the arguments that it was started with, so these must be this long [bytes]."""
+
+PATIENCE = 2.0
+"""For the end of the server after its last request [s]."""
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+class ServerGone(PushfricError):
+    """The server has ended, and its nodes have been asked to."""
+
+
+class NodeProcess:
+    """A process that the server has forked, in a process group of its own.
+
+    Attributes:
+        pid: of the process, and of its group.
+        output: what it prints to stdout and stderr.
+        returncode: negative: the signal that killed it; None: it has not ended, or how it ended is not known.
+    """
+
+    def __init__(self, server: "ForkServer", pid: int, output: int) -> None:
+        self._server = server
+        self.pid, self.output = pid, os.fdopen(output, errors="replace")
+        self.returncode: int | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the process has not ended yet."""
+        self._server.listen()
+        return self.returncode is None and (not self._server.gone or _runs(self.pid))
+
+    def wait(self, seconds: float) -> None:
+        """Wait for the end of the process, for at most this long [s]."""
+        deadline = time.monotonic() + seconds
+        while self.running and (left := deadline - time.monotonic()) > 0:
+            if self._server.gone:
+                time.sleep(0.01)
+            else:
+                self._server.listen(left)
+
+
+class ForkServer:
+    """The command line's side of the server. It is ready when it has imported everything; wait for that before `start`."""
+
+    def __init__(self) -> None:
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._processes: dict[int, NodeProcess] = {}
+        self._started: int | None = None  # process id that the last request brought
+        self._ready = self.gone = False
+        with theirs:
+            self._server = subprocess.Popen(
+                [sys.executable, "-m", __name__, str(theirs.fileno()), *PRELOADED, " " * ROOM],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+
+    @property
+    def pid(self) -> int:
+        """Of the server."""
+        return self._server.pid
+
+    def ready(self, seconds: float) -> bool:
+        """Wait until the server can fork, for at most this long [s]; return whether it can.
+
+        Raises:
+            ServerGone
+        """
+        if not self._ready:
+            self.listen(seconds)
+        self.check()
+        return self._ready
+
+    def check(self) -> None:
+        """Take in what the server has reported.
+
+        Raises:
+            ServerGone
+        """
+        self.listen()
+        if self.gone:
+            code = self._server.wait()
+            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+            raise ServerGone(f"the process that starts the nodes {how}")
+
+    def start(self, arguments: Sequence[str], environment: Mapping[str, str]) -> NodeProcess:
+        """Start a process that runs a Python script.
+
+        Args:
+            arguments: the interpreter, the script and its arguments, as they would start the process without a server.
+            environment: variables of the process besides those of the server.
+        Raises:
+            ServerGone
+        """
+        self.check()
+        self._started = None
+        read, write = os.pipe()
+        request = json.dumps({"arguments": list(arguments), "environment": dict(environment)})
+        with contextlib.suppress(ConnectionError):  # it has gone; `listen` finds that, too
+            socket.send_fds(self._socket, [request.encode()], [write])
+        os.close(write)
+        while self._started is None and not self.gone:
+            self.listen(1.0)
+        if self._started is None:
+            os.close(read)
+            self.check()
+        assert self._started is not None
+        process = self._processes[self._started] = NodeProcess(self, self._started, read)
+        return process
+
+    def listen(self, seconds: float = 0.0) -> None:
+        """Take in what the server has reported, and wait for a report for at most this long [s]."""
+        while not self.gone and select.select([self._socket], [], [], seconds)[0]:
+            try:
+                report = self._socket.recv(LONGEST)
+            except ConnectionError:
+                report = b""
+            if report:
+                self._take(**json.loads(report))
+            else:
+                self.gone = True
+            seconds = 0.0
+
+    def close(self) -> None:
+        """End the server; processes that still run are asked to end."""
+        self._socket.close()
+        self.gone = True
+        try:
+            self._server.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._server.kill()
+            self._server.wait()
+
+    def _take(self, ready: bool = False, started: int | None = None, ended: int | None = None, code: int = 0) -> None:
+        self._ready |= ready
+        if started is not None:
+            self._started = started
+        if ended in self._processes:
+            self._processes.pop(ended).returncode = code
+
+
+def _runs(pid: int) -> bool:
+    """Whether a process that is no child of this one has not ended."""
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+_prepared: list[ForkServer] = []
+
+
+def prepare() -> None:
+    """Start a server ahead of its use, so that it imports while this process is still busy with its own imports."""
+    if not _prepared:
+        _prepared.append(ForkServer())
+
+
+def prepared() -> ForkServer:
+    """The server that was started ahead, or else a new one; the caller closes it."""
+    return _prepared.pop() if _prepared else ForkServer()
+
+
+# From here on: the server itself.
+
+
+def main() -> None:
+    """Run the server: `python3 -m pushfric_ros.graph.fork_server SOCKET MODULE... ROOM`."""
+    _die_with_parent(signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # also because more would be threads of the server
+    os.environ["SPT_NOENV"] = "1"  # setproctitle leaves the environment as it is, for those who look at it in /proc
+    # of threads, as Python 3.12 does: see PRELOADED
+    warnings.filterwarnings("ignore", category=DeprecationWarning, module=__name__)
+    gc.disable()
+    for name in sys.argv[2:-1]:
+        importlib.import_module(name)
+    gc.freeze()  # a collection would write to every object, and so copy the memory that nodes share
+    with socket.socket(fileno=int(sys.argv[1])) as commands:
+        request, output = _serve(commands)
+    _run_node(output, **request)
+
+
+def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:
+    """Fork a process for each request, and report its end; returns in the new process alone, with what it is to run.
+
+    Returns:
+        the request, and the file descriptor of its output.
+    """
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    signal.set_wakeup_fd(write)
+    signal.signal(signal.SIGCHLD, lambda *_: None)  # so that it wakes
+    with selectors.DefaultSelector() as selector:
+        selector.register(commands, selectors.EVENT_READ)
+        selector.register(read, selectors.EVENT_READ)
+        _report(commands, ready=True)
+        while True:
+            for key, _ in selector.select():
+                if key.fileobj is commands:
+                    request, output = _receive(commands)
+                    if (pid := os.fork()) == 0:
+                        os.close(read)
+                        os.close(write)
+                        return request, output
+                    os.setpgid(pid, pid)
+                    os.close(output)
+                    _report(commands, started=pid)
+                else:
+                    os.read(read, LONGEST)
+                    _reap(commands)
+
+
+def _receive(commands: socket.socket) -> tuple[dict[str, Any], int]:
+    """What a process is to run, and the file descriptor of its output; ends the server if the command line has gone."""
+    with contextlib.suppress(ConnectionError):
+        request, (*files,), *_ = socket.recv_fds(commands, LONGEST, 1)
+        if request:
+            return json.loads(request), files[0]
+    os._exit(0)
+
+
+def _reap(commands: socket.socket) -> None:
+    while True:
+        try:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:  # there is none
+            return
+        if not pid:
+            return
+        _report(commands, ended=pid, code=os.waitstatus_to_exitcode(status))
+
+
+def _report(commands: socket.socket, **what: Any) -> None:
+    with contextlib.suppress(ConnectionError):  # the command line has gone; the next request says so
+        commands.send(json.dumps(what).encode())
+
+
+def _run_node(output: int, arguments: list[str], environment: Mapping[str, str]) -> None:
+    """Become what `arguments` would have started."""
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    _die_with_parent(signal.SIGTERM)
+    for stream in (1, 2):
+        os.dup2(output, stream)
+    os.close(output)
+    os.environ.update(environment)
+    import setproctitle  # reads the environment
+
+    setproctitle.setproctitle(" ".join(arguments))
+    gc.enable()
+    sys.argv = arguments[1:]
+    runpy.run_path(sys.argv[0], run_name="__main__")
+
+
+def _die_with_parent(number: int) -> None:
+    """Have the kernel send this process a signal when the one that started it ends, even if that is killed."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
+
+
+if __name__ == "__main__":
+    main()

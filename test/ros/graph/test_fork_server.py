@@ -1,0 +1,183 @@
+"""The server that forks the processes of nodes, with small programs instead of nodes."""
+
+import contextlib
+import os
+import pathlib
+import select
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pushfric_core.errors import PushfricError
+from pushfric_ros.graph import fork_server, supervisor
+from pushfric_ros.graph.fork_server import ForkServer, ServerGone
+from pushfric_ros.graph.graph import NodeSpec
+from pushfric_ros.graph.supervisor import Ended, Supervisor
+
+PATIENCE = 120.0
+"""For anything that a process is to do; far more than it takes [s]."""
+
+WAITS = "import time\nprint('waits', flush=True)\ntime.sleep(300)"
+
+
+@pytest.fixture(scope="module")
+def server():
+    with contextlib.closing(ForkServer()) as server:
+        deadline = time.monotonic() + PATIENCE
+        while not server.ready(0.1):
+            assert time.monotonic() < deadline
+        yield server
+
+
+@pytest.fixture
+def start(server, tmp_path):
+    """Starts a program; the fixture ends what it has left."""
+    started = []
+
+    def start(program, *arguments, **environment):
+        script = tmp_path / f"{len(started)}_node"
+        script.write_text(program)
+        started.append(server.start([sys.executable, str(script), *arguments], environment))
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.running:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.output.close()
+
+
+def test_the_server_has_started_no_thread_and_has_imported_what_nodes_need(server, start):
+    # rclpy alone may have brought threads that wait for a tracing daemon
+    count = "import os, rclpy.node; print(len(os.listdir('/proc/self/task')))"
+    alone = subprocess.run([sys.executable, "-c", count], capture_output=True, check=True)
+    assert len(list(pathlib.Path(f"/proc/{server.pid}/task").iterdir())) == int(alone.stdout)
+    program = f"import sys, gc; print([name in sys.modules for name in {fork_server.PRELOADED}], gc.isenabled())"
+    assert start(program).output.read() == f"{[True] * len(fork_server.PRELOADED)} True\n"
+
+
+@pytest.mark.parametrize(
+    ("program", "code"),
+    [
+        ("", 0),
+        ("raise SystemExit(3)", 3),
+        ("import os; os._exit(4)", 4),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", -signal.SIGKILL),
+        ("1 / 0", 1),
+    ],
+)
+def test_how_a_process_ends_is_known(start, program, code):
+    process = start(program)
+    process.wait(PATIENCE)
+    assert (process.running, process.returncode) == (False, code)
+    assert ("ZeroDivisionError" in process.output.read()) == (code == 1)
+
+
+def test_a_process_is_what_a_fresh_interpreter_would_be(start):
+    program = "import sys, os, signal; print(sys.argv[1:], __name__, os.getpgrp() == os.getpid(), sys.stdin.read() == '')\n"
+    program += "print([signal.getsignal(n) is h for n, h in ((2, signal.default_int_handler), (17, signal.SIG_DFL))])\n"
+    program += "import random; print(os.listdir('/proc/self/fd').__len__(), file=sys.stderr)"
+    process = start(program, "--ros-args", "-r", "__node:=tracker")
+    lines = sorted(process.output.read().splitlines())
+    assert lines[1:] == ["['--ros-args', '-r', '__node:=tracker'] __main__ True True", "[True, True]"]
+    assert int(lines[0]) == 4  # three streams, and the folder that is listed
+
+
+def test_ps_shows_the_name_of_a_process_and_its_environment(server, start):
+    process = start(WAITS, "--ros-args", "-r", "__node:=tracker")
+    assert process.output.readline() == "waits\n"
+    ps = ["ps", "-ww", "-o", "args=", "-p", str(process.pid)]
+    shown = subprocess.run(ps, capture_output=True, text=True, check=True).stdout
+    assert "0_node --ros-args -r __node:=tracker" in shown
+    assert fork_server.__name__ not in shown
+    own = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}".encode()
+    assert own in pathlib.Path(f"/proc/{process.pid}/environ").read_bytes().split(b"\0")
+
+
+def test_a_process_has_its_own_variables_besides_those_of_the_server(start):
+    program = "import os; print([os.environ.get(name) for name in ('ROS_DOMAIN_ID', 'OF_A_NODE')])"
+    domain = os.environ["ROS_DOMAIN_ID"]
+    assert start(program, OF_A_NODE="it").output.read() == f"{[domain, 'it']}\n"
+    assert start(program).output.read() == f"{[domain, None]}\n"
+
+
+def test_a_signal_reaches_a_process_as_soon_as_it_is_known(start):
+    for _ in range(20):
+        process = start(WAITS)
+        os.killpg(process.pid, signal.SIGTERM)
+        process.wait(PATIENCE)
+        assert process.returncode == -signal.SIGTERM
+
+
+def test_a_wait_ends_after_its_time(start):
+    process = start(WAITS)
+    process.wait(0.05)
+    assert process.running
+
+
+def test_a_server_that_cannot_import_says_so(monkeypatch, capfd):
+    monkeypatch.setattr(fork_server, "PRELOADED", ("no_such_module",))
+    with contextlib.closing(ForkServer()) as server, pytest.raises(ServerGone, match="the nodes ended with exit code 1"):
+        server.ready(PATIENCE)
+    assert "No module named 'no_such_module'" in capfd.readouterr().err
+
+
+def test_a_killed_server_ends_the_run_and_its_nodes(monkeypatch, tmp_path):
+    def command(spec, _, folder):
+        script = folder / spec.name
+        script.write_text(f"import signal\nsignal.signal(15, lambda *_: print('asked', flush=True) or exit())\n{WAITS}")
+        return [sys.executable, str(script)]
+
+    monkeypatch.setattr(supervisor, "command", command)
+    said = []
+    specs = [NodeSpec("tracker", respawn=True), NodeSpec("other")]
+    with Supervisor(specs, "/test_fork_server", lambda *line: said.append(line)) as nodes:
+        deadline = time.monotonic() + PATIENCE
+        while len(said) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        os.kill(nodes._server.pid, signal.SIGKILL)
+        while (ended := nodes.poll()) is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        with pytest.raises(PushfricError, match="was killed by SIGKILL"):
+            nodes._server.start([], {})
+    assert ended == Ended(1, "the process that starts the nodes was killed by SIGKILL")
+    assert sorted(said) == sorted([(spec.name, word) for spec in specs for word in ("waits", "asked")])
+
+
+CLIENT = """
+import sys, time
+from pushfric_ros.graph.fork_server import prepare, prepared
+prepare()
+server = prepared()
+while not server.ready(1.0):
+    pass
+process = server.start([sys.executable, sys.argv[1]], {})
+print(server.pid, process.pid, process.output.readline(), flush=True)
+time.sleep(300)
+"""
+
+
+def test_a_killed_client_takes_the_server_and_its_processes_along(tmp_path):
+    script = tmp_path / "waits"
+    script.write_text(WAITS)
+    with subprocess.Popen([sys.executable, "-c", CLIENT, str(script)], stdout=subprocess.PIPE) as client:
+        pids = [int(word) for word in client.stdout.readline().split()[:2]]
+        watched = [os.pidfd_open(pid) for pid in pids]
+        client.kill()
+    for watch in watched:
+        assert select.select([watch], [], [], PATIENCE)[0]
+        os.close(watch)
+
+
+def test_a_server_that_was_prepared_for_nothing_ends_with_its_client():
+    program = "from pushfric_ros.graph import fork_server as f; f.prepare(); print(f.prepared().pid)"
+    pid = int(subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout)
+    deadline = time.monotonic() + PATIENCE
+    while fork_server._runs(pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
