@@ -139,8 +139,9 @@ class ExperimentNode(Node):
         self._placement_out.publish(msg)
         where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {math.degrees(wanted.theta):.0f} degrees"
         prompt = f"{push}: place the object at {where}"
-        await self._until_well(lambda: self._misplaced(wanted), PlanProgress.PHASE_PLACING, prompt)
-        await self._others()
+        while self._misplaced(wanted) is not None or self._unwell() is not None:
+            await self._until_well(lambda: self._misplaced(wanted), PlanProgress.PHASE_PLACING, prompt)
+            await self._others()
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
