@@ -65,15 +65,22 @@ class Hanging(Node):
         self.create_timer(0.01, ask_to_stop)
 
     def destroy_node(self):
-        ctypes.PyDLL(None).sleep(60)  # and lets no other Python run
+        {hangs}
 
-process.LAST_RESORT = 1
+process.{limit} = 1.0
 process.run_node(Hanging)
 """
 
 
-def test_a_process_that_hangs_at_its_end_is_ended():
-    assert run(HANGS).returncode == -signal.SIGALRM
+@pytest.mark.parametrize(
+    ("hangs", "limit", "number"),
+    [
+        ("while True: pass", "LAST_RESORT", signal.SIGPROF),
+        ("ctypes.PyDLL(None).sleep(300)  # and lets no other Python run", "LAST_RESORT_IDLE", signal.SIGALRM),
+    ],
+)
+def test_a_process_that_hangs_at_its_end_is_ended(hangs, limit, number):
+    assert run(HANGS.format(hangs=hangs, limit=limit)).returncode == -number
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])

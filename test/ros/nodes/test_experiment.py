@@ -173,15 +173,15 @@ def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, 
 def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     """The object may be placed meanwhile; where somebody moves it again, that is told before the push."""
     table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
-    table.wait_for_message("place the object", PATIENCE)
-    assert table.wait_for_message("waiting for: recorder", PATIENCE).phase == PlanProgress.PHASE_WAITING
+    table.wait_for_message("place the object")
+    assert table.wait_for_message("waiting for: recorder").phase == PlanProgress.PHASE_WAITING
     wanted, table.object = table.object, AWAY
-    ros.wait_for(lambda: table.node._misplaced(wanted) == "it lies 26 cm off", PATIENCE)
+    ros.wait_for(lambda: table.node._misplaced(wanted) == "it lies 26 cm off")
     table.well.append("/cell/recorder")
-    table.wait_for_message("it lies 26 cm off", PATIENCE)
+    table.wait_for_message("it lies 26 cm off")
     assert not pushed(table.states)
     table.object = wanted
-    ros.wait_for(lambda: 0 in pushed(table.states), PATIENCE, what="the push")
+    ros.wait_for(lambda: 0 in pushed(table.states), 60.0, what="the push")
 
 
 def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, tmp_path):

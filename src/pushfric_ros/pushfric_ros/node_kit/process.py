@@ -25,11 +25,12 @@ EXIT_INVALID_INPUT = 2
 WINDING_UP, LAST_WORDS = 2.0, 0.1
 """A node that winds up may take so long, and its last messages so long to leave [s]."""
 
-LAST_RESORT = 5
-"""If a process has not ended this long [s] after it was asked to, or began to, the kernel ends it.
+LAST_RESORT, LAST_RESORT_IDLE = 5.0, 60.0
+"""If a process has not ended after this much CPU time [s] since it was asked to, or began to, the kernel ends it; or after the
+second time [s] if it hangs without using the CPU.
 
 Fast DDS may spin for ever if it is destroyed while it learns of the end of another process (eProsima/Fast-DDS#6513), and it
-keeps Python from running meanwhile.
+keeps Python from running meanwhile. A healthy end takes 0.2 s of CPU time, but on a busy machine many times longer.
 """
 
 
@@ -39,8 +40,8 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
     Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2; any other PushfricError
     that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its process by raising
     SystemExit in a callback. A node that `winds_up` has a method `wind_up`; after a signal it is called, while the node is
-    still spun, until it returns True, so that the node can tell others how it ended. If the process hangs at its end, SIGALRM
-    ends it after `LAST_RESORT`. A node that publishes `images` gets memory for them (`network.configured`).
+    still spun, until it returns True, so that the node can tell others how it ended. If the process hangs at its end, SIGPROF
+    or SIGALRM ends it after `LAST_RESORT`. A node that publishes `images` gets memory for them (`network.configured`).
     """
     # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
     asked_to_stop: list[int] = []
@@ -109,8 +110,9 @@ def _spin_until(executor: SingleThreadedExecutor, done: Callable[[], bool], seco
 
 
 def _limit_the_end() -> None:
-    if not signal.getitimer(signal.ITIMER_REAL)[0]:
-        signal.alarm(LAST_RESORT)
+    for timer, seconds in ((signal.ITIMER_PROF, LAST_RESORT), (signal.ITIMER_REAL, LAST_RESORT_IDLE)):
+        if not signal.getitimer(timer)[0]:
+            signal.setitimer(timer, seconds)
 
 
 def _refuse(error: PushfricError) -> int:
