@@ -20,7 +20,7 @@ from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec
 from pushfric_ros.graph.lock import lock
 
-PATIENCE = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
+PATIENCE = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 """The signals that ask a process to end, and how long to wait after each [s]; SIGINT would print what it interrupts."""
 
 RESPAWN_DELAY = 1.0
