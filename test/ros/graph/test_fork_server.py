@@ -125,10 +125,20 @@ def test_a_server_that_cannot_import_says_so(monkeypatch, capfd):
     assert "No module named 'no_such_module'" in capfd.readouterr().err
 
 
+IS_ASKED = """
+import os, signal
+def end(*_):
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor asks, too
+    print("asked", flush=True)
+    os._exit(0)
+signal.signal(signal.SIGTERM, end)
+"""
+
+
 def test_a_killed_server_ends_the_run_and_its_nodes(monkeypatch, tmp_path):
     def command(spec, _, folder):
         script = folder / spec.name
-        script.write_text(f"import signal\nsignal.signal(15, lambda *_: print('asked', flush=True) or exit())\n{WAITS}")
+        script.write_text(IS_ASKED + WAITS)
         return [sys.executable, str(script)]
 
     monkeypatch.setattr(supervisor, "command", command)
