@@ -111,14 +111,14 @@ class Cell:
         ros.compose(self.node)
 
     def wait_for_mode(self, mode: int) -> None:
-        self.ros.wait_for(lambda: self.states and self.states[-1].mode == mode, 20.0, what=f"mode {mode}")
+        self.ros.wait_for(lambda: self.states and self.states[-1].mode == mode, what=f"mode {mode}")
 
     def ready(self) -> "Cell":
         self.wait_for_mode(PusherState.MODE_IDLE)
         self.ros.wait_for(self._client.server_is_ready, what="the action server")
         # wait now; otherwise a push might be over before they are found
         for service in (self._reset, self._change, self._get, self._stop):
-            self.ros.wait_for(service.service_is_ready, 30.0, what=service.srv_name)
+            self.ros.wait_for(service.service_is_ready, what=service.srv_name)
         return self
 
     def send(self, distance=0.03, speed=0.08, retract=False, push_id=7, owner=True):
@@ -134,7 +134,7 @@ class Cell:
 
     def result(self, handle) -> SimpleNamespace:
         answer = handle.get_result_async()
-        self.ros.wait_for(answer.done, 20.0, what="the result")
+        self.ros.wait_for(answer.done, what="the result")
         return answer.result()
 
     def reset(self) -> Trigger.Response:
@@ -149,9 +149,9 @@ class Cell:
         return self._call(self._get, GetState.Request()).current_state.label
 
     def _call(self, client, request):
-        self.ros.wait_for(client.service_is_ready, 30.0, what=client.srv_name)
+        self.ros.wait_for(client.service_is_ready, what=client.srv_name)
         answer = client.call_async(request)
-        self.ros.wait_for(answer.done, 30.0, what=f"the answer of {client.srv_name}")
+        self.ros.wait_for(answer.done, what=f"the answer of {client.srv_name}")
         return answer.result()
 
     def halfway(self, controller: SimulatedGrbl, **goal):
@@ -493,7 +493,7 @@ def test_activation_waits_for_the_controller(ros, tmp_path):
     assert cell.state == "inactive"
     with SimulatedGrbl(time.monotonic) as controller:
         (tmp_path / "port").symlink_to(controller.port)
-        ros.wait_for(lambda: cell.change(Transition.TRANSITION_ACTIVATE), 20.0, what="the activation")
+        ros.wait_for(lambda: cell.change(Transition.TRANSITION_ACTIVATE), what="the activation")
         cell.wait_for_mode(PusherState.MODE_IDLE)
 
 
@@ -630,7 +630,7 @@ def test_after_a_power_cut_at_rest_away_from_zero_nothing_moves(ros, controller,
     cell.result(cell.send(0.0005))
     cell.wait_for_mode(PusherState.MODE_IDLE)
     controller.reset()
-    ros.wait_for(lambda: "when the connection was lost" in capfd.readouterr().err, 20.0, what="the complaint")
+    ros.wait_for(lambda: "when the connection was lost" in capfd.readouterr().err, what="the complaint")
     cell.refuses(controller, capfd, UNVOUCHED)
     assert cell.reset().success
     cell.wait_for_mode(PusherState.MODE_IDLE)
@@ -691,8 +691,8 @@ def test_a_port_that_sends_garbage_is_no_controller(ros, tmp_path, capfd):
     (tmp_path / "port").symlink_to(os.ttyname(slave))
     noise = ros.node("noise")
     noise.create_timer(0.05, lambda: os.write(master, b"\x00\xff<Idle|MPos\r\nok\r\n\xaa"))
-    cell = Cell(ros, tmp_path / "port", connect_timeout=0.1)
-    ros.wait_for(lambda: cell.node._told is not None, 30.0, what="the complaint")
+    cell = Cell(ros, tmp_path / "port", connect_timeout=1.0)
+    ros.wait_for(lambda: cell.node._told is not None, what="the complaint")
     assert "no GRBL controller answers at " in capfd.readouterr().err
     assert cell.states[-1].mode == PusherState.MODE_DISCONNECTED
     assert set(os.read(master, 4096)) <= set(b"?!\x18")  # nothing that moves was sent

@@ -218,7 +218,7 @@ def test_a_start_beyond_the_plan_is_refused(ros, tmp_path):
 
 def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
     table = Table(ros, tmp_path)
-    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.hit_limit()
     waiting = table.wait_for_message(ALARM)
     assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
@@ -233,7 +233,7 @@ def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, c
 
 def test_a_pusher_unplugged_during_a_push_costs_one_push(ros, controller, tmp_path):
     table = Table(ros, tmp_path)
-    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.unplug()
     table.wait_for_message("no controller answers: is it switched on, and plugged in?")
     controller.start()
@@ -247,7 +247,7 @@ def test_a_pusher_unplugged_during_a_push_costs_one_push(ros, controller, tmp_pa
 
 def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
     table = Table(ros, tmp_path)
-    ros.wait_for(lambda: controller.position() > 0.01, 30.0, what="the push")
+    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.reset()
     waiting = table.wait_for_message(ALARM)
     assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
@@ -267,7 +267,7 @@ def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros
 @pytest.mark.parametrize("until", ["it is seen", "a person says so"])
 def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller, tmp_path, capfd, until):
     table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
-    ros.wait_for(lambda: controller.position() > 0.002, 30.0, what="the push")
+    ros.wait_for(lambda: controller.position() > 0.002, what="the push")
     table.visible = False
     table.wait_for_message("the pusher stays where it is: the object is not seen")
     assert max(state.position for state in table.states) < 0.029  # short of the push's end
