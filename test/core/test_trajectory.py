@@ -1,4 +1,5 @@
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -226,3 +227,80 @@ def test_a_pose_that_is_not_finite_is_refused():
 def test_bad_configurations_are_refused(change, text):
     with pytest.raises(ValueError, match=text):
         TrajectoryConfig(**change)
+
+
+def frozen(poses, k):
+    return poses[12] if k > 12 else poses[k]
+
+
+def alternating(poses, k):
+    return poses[11 + k % 2] if k > 12 else poses[k]
+
+
+def shifted_along(poses, k):
+    return Pose(poses[k].x, poses[k].y + 0.025 * (k > 20), poses[k].theta)
+
+
+def shifted_towards(poses, k):
+    return Pose(poses[k].x, poses[k].y - 0.025 * (k > 20), poses[k].theta)
+
+
+def shifted_across(poses, k):
+    return Pose(poses[k].x + 0.025 * (k > 20), poses[k].y, poses[k].theta)
+
+
+def away_from_the_start(poses, k):
+    return Pose(poses[k].x, poses[k].y + 0.025, poses[k].theta)
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        (frozen, "does not follow the pusher: the tip would be ([6-9]|10) mm inside it"),
+        (alternating, "does not follow the pusher: the tip would be ([6-9]|10) mm inside it"),
+        (shifted_along, "leaps by 2[5-8] mm"),
+        (shifted_towards, "leaps by 2[2-5] mm"),
+        (shifted_across, "leaps by 2[5-8] mm"),
+        (away_from_the_start, "moves though the tip is more than 2[45] mm away"),
+    ],
+)
+def test_poses_that_do_not_follow_the_pusher_contradict_it(fault, expected):
+    poses, pushers = samples_of_a_push()
+    wrong = [sample._replace(pose=fault([s.pose for s in poses], k)) for k, sample in enumerate(poses)]
+    trajectory, said = Trajectory(OUTLINE, tolerance=0.005), []
+    for sample in in_time(wrong, pushers):
+        feed(trajectory, [sample])
+        said += filter(None, [trajectory.contradiction])
+    assert said
+    assert re.search(expected, said[0])
+    # the next push begins with nothing against it
+    feed(trajectory, in_time(*samples_of_a_push(push_id=1, start=100 * FRAME)))
+    assert trajectory.contradiction is None
+
+
+def test_no_velocity_is_taken_across_a_leap():
+    poses, pushers = samples_of_a_push()
+    wrong = [sample._replace(pose=shifted_across([s.pose for s in poses], k)) for k, sample in enumerate(poses)]
+    found = feed(Trajectory(OUTLINE), in_time(wrong, pushers))
+    assert found
+    leap = poses[21].stamp
+    assert all(abs(o.stamp - leap) > 3 * FRAME for o in found)
+
+
+def test_pushes_with_noise_contradict_nothing(rng):
+    poses, pushers = samples_of_a_push()
+    for _ in range(20):
+        noisy = [s._replace(pose=Pose(*(np.array(s.pose) + rng.normal(0, (4e-4, 4e-4, 8e-3))).tolist())) for s in poses]
+        trajectory = Trajectory(OUTLINE, tolerance=0.005)
+        for sample in in_time(noisy, pushers):
+            feed(trajectory, [sample])
+            assert trajectory.contradiction is None
+
+
+def test_a_single_report_with_a_late_stamp_contradicts_nothing():
+    poses, pushers = samples_of_a_push()
+    pushers = [*pushers[:20], pushers[20]._replace(stamp=pushers[20].stamp - FRAME // 2, position=0.04), *pushers[21:]]
+    trajectory = Trajectory(OUTLINE, tolerance=0.005)
+    for sample in in_time(poses, pushers):
+        feed(trajectory, [sample])
+        assert trajectory.contradiction is None

@@ -5,6 +5,7 @@ once a later pusher state is known. So a replay gives exactly the observations o
 frame of an observation need not wait if it shows that the object moves on as before, because only the pusher moves it.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,6 +23,15 @@ NANOSECONDS = 1e9
 STEADY = 0.25
 """The object moves on as before if its velocity differs from the mean of earlier frames by at most this fraction. This shows a
 push that ended before the last quarter of the time between two frames."""
+
+LEAP = 0.005
+"""Beyond what the tip's speed allows, a pose may differ by this much [m] from the one before it."""
+
+PERSISTS = 3
+"""This many poses in a row that cannot be contradict the pusher; fewer may come of a single report with a late stamp."""
+
+LEAPS = 5.0
+"""In a push, no point of an object moves faster than this multiple of the tip's speed."""
 
 REMEMBERED = 10_000
 """Number of pusher states kept while no frame comes."""
@@ -61,10 +71,17 @@ class TrajectoryConfig:
 
 
 class Trajectory:
-    """Collects the samples of one object and returns observations as soon as they are certain."""
+    """Collects the samples of one object and returns observations as soon as they are certain.
 
-    def __init__(self, outline: Outline, config: TrajectoryConfig | None = None) -> None:
+    Args:
+        outline: of the object.
+        config: how poses become observations; TrajectoryConfig() by default.
+        tolerance: poses that differ by more than this [m] from what the pusher makes possible contradict it.
+    """
+
+    def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, tolerance: float = math.inf) -> None:
         self.outline = outline
+        self._tolerance = tolerance
         self.config = config or TrajectoryConfig()
         self._reach = float(np.hypot(*outline.vertices.T).max())  # of the corners from the origin [m]
         self._margin = self.config.window // 2 + 1  # frames needed on either side: half a window, and a neighbour
@@ -74,6 +91,15 @@ class Trajectory:
         self._run: list[PoseSample] = []  # consecutive frames of one push, in contact
         self._pusher: PusherSample | None = None  # of the run's newest frame
         self._next = self._margin  # index in the run of the next observation
+        self._before: PoseSample | None = None  # the frame before, of the same push
+        self._parted: PoseSample | None = None  # the first of the frames that show the tip away from the object
+        self._wrong = 0  # number of wrong poses in a row
+        self._contradiction: str | None = None
+
+    @property
+    def contradiction(self) -> str | None:
+        """How what is seen contradicts the newest push; None if the object, as it was seen, followed the tip."""
+        return self._contradiction
 
     @property
     def settled(self) -> int:
@@ -120,16 +146,57 @@ class Trajectory:
         while len(self._pushers) > 1 and self._pushers[1].stamp < sample.stamp:  # frames are judged in order of time
             self._pushers.popleft()
         if len(self._pushers) < 2 or self._pushers[0].stamp > sample.stamp:
+            self._before = self._parted = None
             return None
         before, after = self._pushers[0], self._pushers[1]
         if before.push_id is None or before.push_id != after.push_id or before.line != after.line:
+            self._before = self._parted = None
             return None
         share = (sample.stamp - before.stamp) / (after.stamp - before.stamp)
         position = before.position + share * (after.position - before.position)
-        touch = self._touch(before.line, sample.pose)
-        if touch is None or position < touch.distance - self.config.contact_tolerance:
+        touch = before.line.touch(self.outline, sample.pose)
+        depth = -math.inf if touch is None else position - touch.distance
+        mean = (after.position - before.position) * NANOSECONDS / (after.stamp - before.stamp)
+        if self._leaps(sample, max(abs(before.speed), abs(after.speed), abs(mean))):
+            return None
+        self._compare(sample, depth)
+        if touch is None or touch.edge is None or depth < -self.config.contact_tolerance:
             return None
         return before
+
+    def _leaps(self, sample: PoseSample, speed: float) -> bool:
+        """Whether a pose differs from the one before it, of the same push, by more than the speed of the tip makes possible."""
+        before, self._before = self._before, sample
+        if before is None:  # a new push
+            self._contradiction, self._wrong = None, 0
+            return False
+        moved = self._moved(before, sample)
+        if moved <= LEAP + LEAPS * speed * (sample.stamp - before.stamp) / NANOSECONDS:
+            return False
+        self._contradiction = f"the object leaps by {moved * 1e3:.0f} mm from one image to the next"
+        return True
+
+    def _compare(self, sample: PoseSample, depth: float) -> None:
+        """Compare a pose with the tip, which is `depth` [m] beyond where it first touches the object."""
+        if depth >= -self._tolerance:
+            self._parted = None
+        elif self._parted is None:
+            self._parted = sample
+        if depth > self._tolerance:
+            wrong = f"the object does not follow the pusher: the tip would be {depth * 1e3:.0f} mm inside it"
+        elif self._parted is not None and self._moved(self._parted, sample) > self._tolerance:
+            wrong = f"the object moves though the tip is more than {min(-depth, 1.0) * 1e3:.0f} mm away from it"
+        else:
+            self._wrong = 0
+            return
+        self._wrong += 1
+        if self._wrong >= PERSISTS:
+            self._contradiction = wrong
+
+    def _moved(self, start: PoseSample, end: PoseSample) -> float:
+        """How far the fastest corner has moved at most, from one frame to another [m]."""
+        a, b = start.pose, end.pose
+        return float(np.hypot(b.x - a.x, b.y - a.y) + abs(wrap(b.theta - a.theta)) * self._reach)
 
     def _touch(self, line: PushingLine, pose: Pose) -> Touch | None:
         """Where the tip meets an edge of the object; None if it meets a corner or nothing."""

@@ -90,6 +90,42 @@ def test_a_killed_node_is_named_with_its_signal(run):
     assert ended == (1, "other was killed by SIGKILL")
 
 
+def test_a_stopped_node_has_died(run, monkeypatch, tmp_path):
+    """It is started again where that loses nothing; where not, it ends the run."""
+    monkeypatch.setattr(supervisor, "STOPPED", 0.2)
+    lives = tmp_path / "lives"
+    stops = f"""
+import os, signal
+open({str(lives)!r}, "a").write("x")
+if len(open({str(lives)!r}).read()) == 1:
+    os.kill(os.getpid(), signal.SIGSTOP)
+"""
+    ended, said = run(tracker=node("tracker", stops, respawn=True, ends_run=True))
+    assert ended == (0, "tracker has finished")
+    assert said == [
+        "supervisor: tracker was stopped (SIGSTOP) for 0.2 s and is ended",
+        "supervisor: tracker was killed by SIGKILL; starting it again",
+    ]
+    lives.unlink()
+    ended, said = run(recorder=node("recorder", stops))
+    assert ended == (1, "recorder was killed by SIGKILL")
+
+
+def test_a_node_that_is_stopped_for_a_moment_lives_on(run, tmp_path):
+    """Stopped by a sibling, which lets it go on."""
+    program = """
+import os, signal, time
+child = os.fork()
+if not child:
+    time.sleep(0.5)
+    os.kill(os.getppid(), signal.SIGCONT)
+    os._exit(0)
+os.kill(os.getpid(), signal.SIGSTOP)
+os.waitpid(child, 0)
+"""
+    assert run(other=node("other", program, ends_run=True)) == ((0, "other has finished"), [])
+
+
 def test_two_runs_of_one_name_are_refused():
     with (
         Supervisor([], NAME, print),

@@ -83,6 +83,28 @@ def test_a_process_that_hangs_at_its_end_is_ended(hangs, limit, number):
     assert run(HANGS.format(hangs=hangs, limit=limit)).returncode == -number
 
 
+HANGS_IN_A_CALLBACK = """
+class Hanging(Node):
+    def __init__(self):
+        super().__init__("node")
+        self.create_timer(1.5, self.hang)
+
+    def hang(self):
+        print("hangs", flush=True)
+        HOW
+
+process.HUNG = 2
+process.run_node(Hanging)
+"""
+
+
+@pytest.mark.parametrize("how", ["ctypes.PyDLL(None).sleep(600)", "while True: pass"])
+def test_a_node_that_hangs_dies_whoever_started_it(how):
+    """In compiled code that lets no other Python run, too."""
+    ended = run(HANGS_IN_A_CALLBACK.replace("HOW", how))
+    assert (ended.returncode, ended.stdout) == (-signal.SIGALRM, "hangs\n")
+
+
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
 def test_a_signal_while_the_node_is_loading_ends_it_quietly(number):
     program = f"""

@@ -1,5 +1,6 @@
 """The experiment node with an actuator on a simulated controller; the test plays the operator."""
 
+import re
 import time
 
 import pytest
@@ -20,7 +21,7 @@ from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
-from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_to_msg
+from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
@@ -30,6 +31,8 @@ from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
 ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+GAP = 0.005
+"""Between the resting tip and the object that is placed [m]."""
 STILL = 0.15
 """How long the object must lie still [s]; short, so that the tests are quick."""
 
@@ -51,11 +54,13 @@ class Table:
         self.progress: list[PlanProgress] = []
         self.states: list[PusherState] = []
         self.now = None  # time of the poses [ns]; None: the computer's time
+        self.shown = lambda pose: pose  # what the camera shows of the object
+        self._pushed: tuple[int, Pose] | None = None  # the present push, and where the object lay before it
         self._node = ros.node("table", namespace="/cell")
         self._node.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         # every message counts here, not only the last one
         self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, RELIABLE)
-        self._node.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
+        self._node.create_subscription(PusherState, "pusher_state", self._on_state, RELIABLE)
         self._pose_out = self._node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
@@ -65,9 +70,12 @@ class Table:
         (tmp_path / "plan.yaml").write_text(PLAN)
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
                  "awaits": ["estimator"]}  # fmt: skip
+        time_of = {name: value for name, value in parameters.items() if name == "use_sim_time"}
         if actuator is None:
             self.actuator = ros.compose(
-                ActuatorNode(namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **STAGE}))
+                ActuatorNode(
+                    namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **STAGE} | time_of)
+                )
             )
         self.node = ExperimentNode(namespace="/cell", parameter_overrides=overrides(given | parameters))
         ros.compose(self.node)
@@ -76,6 +84,19 @@ class Table:
         self.wanted.append(pose_from_msg(msg.pose))
         if self.obedient:
             self.object = self.wanted[-1]
+
+    def _on_state(self, msg: PusherState) -> None:
+        self.states.append(msg)
+        if msg.push_id != PusherState.NO_PUSH and (self._pushed is None or self._pushed[0] != msg.push_id):
+            self._pushed = msg.push_id, self.object
+
+    def _follow(self, now: int) -> None:
+        """Let the object follow the tip straight on, without turning."""
+        if not self.states or self.states[-1].push_id == PusherState.NO_PUSH:
+            return
+        state, before = self.states[-1], self._pushed[1]
+        tip = state.position + state.speed * (now - stamp_from_msg(state.header.stamp)) * 1e-9
+        self.object = before._replace(y=before.y + max(0.0, tip - GAP))
 
     def _on_progress(self, msg: PlanProgress) -> None:
         self.progress.append(msg)
@@ -86,10 +107,11 @@ class Table:
         self._health_out.publish(DiagnosticArray(status=status))
         if not self.visible:
             return
-        msg = PoseWithCovarianceStamped()
-        msg.pose.pose = pose_to_msg(self.object)
-        msg.header.frame_id = TABLE
         now = self._node.get_clock().now() if self.now is None else Time(nanoseconds=self.now())
+        self._follow(now.nanoseconds)
+        msg = PoseWithCovarianceStamped()
+        msg.pose.pose = pose_to_msg(self.shown(self.object))
+        msg.header.frame_id = TABLE
         msg.header.stamp = now.to_msg()
         self._pose_out.publish(msg)
 
@@ -322,6 +344,7 @@ class DeafPusher:
 
     def _report(self) -> None:
         msg = PusherState(mode=PusherState.MODE_IDLE, push_id=PusherState.NO_PUSH, tip_radius=0.003)
+        msg.header.stamp = self._node.get_clock().now().to_msg()
         msg.direction.y = 1.0
         self._state_out.publish(msg)
 
@@ -333,3 +356,43 @@ def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(r
     last = table.wait_for_end()
     assert (last.completed, last.aborted) == (0, 3)
     assert capfd.readouterr().err.count(f"aborted: {why}") == 3
+
+
+@pytest.mark.parametrize(("off", "way"), [(3600, "3600 s ahead of"), (-86400, "86400 s behind")])
+@pytest.mark.parametrize("plan", [{}, {"plan": "", "choose": 3}])
+def test_a_foreign_clock_is_named_before_the_first_push(ros, controller, tmp_path, off, way, plan):
+    if plan:
+        region = ros.node("region", namespace="/cell").create_publisher(
+            CenterOfFrictionRegion, "center_of_friction_region", LATCHED
+        )
+        region.publish(CenterOfFrictionRegion(next_pushes=[Candidate(edge=0)]))
+    table = Table(ros, tmp_path, **plan)
+    table.now = lambda: time.time_ns() + off * 10**9
+    table.settled = 2**62
+    told = table.wait_for_message(f"no push can be measured: the clock of the camera is {way} this computer's: set it", 60.0)
+    assert told.phase == PlanProgress.PHASE_WAITING
+    assert pushed(table.states) == []
+    table.now = None  # someone has set it
+    ros.wait_for(lambda: 0 in pushed(table.states), 60.0, what="the push")
+
+
+@pytest.mark.parametrize("fault", ["frozen", "alternating", "shifted"])
+def test_a_push_is_stopped_when_what_is_seen_does_not_follow_it(ros, controller, tmp_path, capfd, fault):
+    """An image that is not new although its noise is, two that alternate, and a camera that was knocked."""
+    table = Table(ros, tmp_path, speed=0.02)
+    seen: list[Pose] = []
+
+    def shown(pose: Pose) -> Pose:
+        if controller.position() < 0.01:
+            seen.append(pose)
+            return pose
+        if fault == "shifted":
+            return pose._replace(x=pose.x + 0.025)
+        return seen[-1 - (fault == "alternating" and len(table.states) % 2)]
+
+    table.shown = shown
+    ros.wait_for(lambda: table.node._progress.aborted == 1, 60.0, what="the aborted push")
+    assert max(state.position for state in table.states) < 0.025  # of 0.03: it was stopped
+    said = capfd.readouterr().err
+    assert re.search("push 1 aborted: the object (does not follow the pusher|leaps by 2[4-7] mm)", said)
+    assert "check that the camera gives new images" in said

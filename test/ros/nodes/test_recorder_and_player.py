@@ -36,9 +36,10 @@ from pushfric_ros.bags.recovery import recover
 from pushfric_ros.messages import types as message_types
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Level
+from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE, offered
 from pushfric_ros.nodes.player import PlayerNode
-from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode, _Losses
+from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
 POINT = "geometry_msgs/msg/PointStamped"
@@ -245,7 +246,7 @@ def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, ou
 
 
 def test_missing_numbers_of_a_single_publisher_are_losses():
-    losses = _Losses()
+    losses = Losses()
     for number in (7, 8, 11):  # 9 and 10 are missing; earlier ones were not for this subscription
         losses.count(number, lambda: 1)
     assert losses.messages == 2
@@ -256,7 +257,7 @@ def test_missing_numbers_of_a_single_publisher_are_losses():
 
 
 def test_a_loss_that_the_middleware_reports_counts_once():
-    losses = _Losses()
+    losses = Losses()
     losses.told(SimpleNamespace(total_count_change=3))
     losses.count(1, lambda: 1)
     losses.count(3, lambda: 1)
@@ -402,7 +403,7 @@ def test_an_object_that_cannot_be_written_next_to_the_bag_is_one_error(ros, tmp_
 LIMITED_RECORDER = """
 import resource
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.nodes.recorder import QUEUE_DEPTH, RecorderNode, _Losses
+from pushfric_ros.nodes.recorder import QUEUE_DEPTH, RecorderNode
 
 def make():
     node = RecorderNode()

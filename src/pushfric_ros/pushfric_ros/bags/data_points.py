@@ -179,6 +179,19 @@ def observations(
     return found
 
 
+def recorded_observations(path: pathlib.Path, model: ObjectModel, settings: EstimatorSettings, warn: Warn) -> list[Observation]:
+    """The data points that the recorded run made itself, in order, without those of excluded pushes; for a bag with poses.
+
+    Raises:
+        InvalidInput: the bag cannot be read.
+    """
+    bag = Bag(path)
+    namespace = _source(bag, settings.with_forces).namespace
+    topics = tuple(f"{namespace}/{name}" for name in OBSERVATIONS)
+    found = _recorded(bag, Source("observations", namespace, topics), model, warn)
+    return [observation for observation in found if observation.push_id not in settings.excluded]
+
+
 def _from_poses(bag: Bag, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn) -> Iterator[Observation]:
     trajectory = Trajectory(model.outline, config)
     pose_topic, pusher_topic, *force_topic = source.topics

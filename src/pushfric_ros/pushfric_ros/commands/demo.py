@@ -110,7 +110,7 @@ def run_demo(
         cell = dataclasses.replace(demo_cell(object_name, pathlib.Path(scratch)), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
-        ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live)
+        ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live, recorded=bag)
     return last, ended
 
 

@@ -2,12 +2,14 @@
 
 import contextlib
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
-from pushfric_core.errors import PushfricError
+from pushfric_core.errors import PushfricError, UninformativePush
 from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
+from pushfric_core.planar import Twist
+from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.console import console, warn
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel, load_object
@@ -35,6 +37,49 @@ def left_behind(bag: pathlib.Path) -> str:
     except PushfricError as error:
         return f"bag left in {bag}, which gives no estimate: {error}"
     return f"bag left in {bag} (pushes: {len({point.push_id for point in data})}); ./pushfric estimate {bag} reads it"
+
+
+def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Collection[int], aborted: int) -> list[str]:
+    """What the bag, the live estimate and the plan of a run that has ended say differently, in words; none if they agree.
+
+    Args:
+        bag: its folder.
+        live: the last estimate that the run published; None: there was none.
+        pushed: ids of the pushes that the plan carried out.
+        aborted: number of these that did not reach their end.
+    """
+    from pushfric_ros.bags import data_points
+
+    said = [f"{aborted} of {len(pushed)} pushes were aborted"] if aborted else []
+    try:
+        model, settings, data = _recorded(bag)
+        made = data_points.recorded_observations(bag, model, settings, warn)
+    except PushfricError as error:
+        return [*said, f"no estimate comes of the bag {bag}: {error}"]
+    if empty := sorted(set(pushed) - {point.push_id for point in data} - {*settings.excluded}):
+        said.append(f"no data point came of push {', '.join(str(push_id + 1) for push_id in empty)}")
+    estimator = Estimator(model.support_points, settings.estimator)
+    usable = [point for point in data if _is_usable(estimator, point)]
+    counts = len(usable), len({point.push_id for point in usable})
+    live_counts = (0, 0) if live is None else (live.data_points, live.pushes)
+    if counts != live_counts or {*map(_content, made)} != {*map(_content, data)}:
+        said.append(
+            "the live estimate missed messages that are in the bag, or the other way round: it has {} data points of {} "
+            "pushes, the bag {} of {}; read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
+        )
+    return said
+
+
+def _is_usable(estimator: Estimator, point: Observation) -> bool:
+    try:
+        estimator.check(point)
+    except UninformativePush:
+        return False
+    return True
+
+
+def _content(point: Observation) -> tuple[int, int, Twist]:
+    return point.stamp, point.push_id, point.twist
 
 
 def course_of(bag: pathlib.Path) -> tuple[list[Estimate], tuple[Observation, ...]]:

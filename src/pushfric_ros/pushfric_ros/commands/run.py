@@ -41,7 +41,7 @@ def run(
 
     live = console.is_terminal and not headless
     with telling_what_is_left(bag):
-        ended, last = watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on)
+        ended, _ = watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on, recorded=bag)
     if ended.code:
         fail(ended.reason, ended.code)
-    console.print(f"bag: {bag}" if last is not None else f"bag: {bag}; no data point came of it", markup=False)
+    console.print(f"bag: {bag}", markup=False)

@@ -1,6 +1,7 @@
 """Runs a graph and shows the operator the last estimate of every push, and how far the plan has come."""
 
 import contextlib
+import pathlib
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -15,6 +16,7 @@ from rich.table import Table
 from pushfric_core.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.interrupt import end_at_once
+from pushfric_ros.commands.recorded_run import disagreements
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
@@ -22,7 +24,7 @@ from pushfric_ros.node_kit.visit import Visit
 from pushfric_ros.nodes.monitor import MonitorNode
 
 PATIENCE = 10.0
-"""How long to wait for the last estimate after the end of a run [s]."""
+"""After the end of a run, its last estimate is awaited until the estimator has made no progress for this long [s]."""
 
 
 def watch(
@@ -33,6 +35,7 @@ def watch(
     live: bool,
     replayed: Sequence[Observation] | None = None,
     unfinished: Callable[[int], None] | None = None,
+    recorded: pathlib.Path | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
     """Run a graph with a monitor until it has ended and its last estimate has come; afterwards Ctrl-C ends the process.
 
@@ -43,6 +46,8 @@ def watch(
         live: with a table that is redrawn in place; otherwise a line for each push.
         replayed: the data points in the bag, if one is played.
         unfinished: prompts an operator; called with the push of the plan to go on with, if the run ends before the plan does.
+        recorded: folder of the bag that the run records. A run that ends well has failed all the same if its bag, its live
+            estimate and its plan disagree.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
@@ -51,24 +56,27 @@ def watch(
         if "[INFO]" not in line and "[DEBUG]" not in line:
             console.print(f"{name}: {line}", highlight=False, markup=False)
 
-    def watched(supervisor: Supervisor) -> tuple[Ended, FrictionEstimate | None]:
+    def watched(supervisor: Supervisor) -> tuple[Ended, "Monitor"]:
         def all_replayed() -> bool:
             return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
 
         # made here, where the supervisor holds signals back, so that none interrupts its start or its end
         with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
             try:
-                return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor.estimate
+                return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor
             finally:
                 if unfinished is not None and monitor.next_push is not None:
                     unfinished(monitor.next_push)
 
     try:
         with Supervisor(specs, namespace, say) as supervisor:
-            ended, last = watched(supervisor)
+            ended, monitor = watched(supervisor)
         if ended.code == 0 and supervisor.failed_at_the_end is not None:
             ended = supervisor.failed_at_the_end
-        return ended, last
+        elif ended.code == 0 and recorded is not None:
+            found = disagreements(recorded, monitor.estimate, monitor.pushed, monitor.aborted)
+            ended = Ended(1, "; ".join(found)) if found else ended
+        return ended, monitor.estimate
     finally:
         end_at_once()
 
@@ -89,6 +97,8 @@ class Monitor:
     ) -> None:
         self.estimate: FrictionEstimate | None = None
         self.next_push: int | None = None  # number of the current push in the plan; None: no plan is under way
+        self.pushed: set[int] = set()  # the pushes of the plan that were carried out
+        self.aborted = 0  # number of these that did not reach their end
         self._prompts = prompts and not live
         self._console, self._live = console, live
         self._rows: dict[int, FrictionEstimate] = {}
@@ -112,8 +122,7 @@ class Monitor:
 
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, go on until `done`, but not for ever."""
-        ended = None
-        deadline = 0.0
+        ended, deadline, progress = None, 0.0, (-1, -1)
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
             while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
                 self._visit.spin_once(0.05)
@@ -121,8 +130,12 @@ class Monitor:
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
                     ended, deadline = now, time.monotonic() + PATIENCE
+                if (reached := (self._visit.node.settled, self._visit.node.newest)) != progress:
+                    progress, deadline = reached, time.monotonic() + PATIENCE
         if not self._live and self.estimate is not None:
             self._console.print(line_of(self.estimate))
+        if ended.code == 0 and self.next_push is not None:
+            return Ended(1, f"{ended.reason}, but the plan has not: it stood at push {self.next_push}")
         return ended
 
     def settled(self) -> bool:
@@ -146,6 +159,9 @@ class Monitor:
             self._console.print(msg.message, highlight=False, markup=False)
         self._message = msg.message
         finished = msg.phase == PlanProgress.PHASE_FINISHED
+        self.aborted = msg.aborted
+        if msg.phase == PlanProgress.PHASE_PUSHING:
+            self.pushed.add(msg.push_id)
         if finished:
             self._finished = stamp_from_msg(msg.header.stamp)
         self.next_push = None if finished else msg.push_id + 1

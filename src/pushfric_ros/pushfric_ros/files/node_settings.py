@@ -111,6 +111,15 @@ class PlanConfig:
         0.0005, "an object lies still if it moves by less than this [m] and turns by less than this over 10 cm", 0.0, 0.1
     )
     awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes whose diagnostics must be OK before the first push")
+    clock_tolerance: float = setting(
+        2.0, "the stamps of poses and of the pusher may differ by this much from this computer's time [s]", 0.01, 1e4
+    )
+    follow_tolerance: float = setting(
+        0.005,
+        "a push is stopped when the object, as it is seen, is this far from where the pusher must have put it [m]",
+        0.001,
+        10.0,
+    )
     lost_object: float = setting(1.0, "a push is stopped when the object is not seen for this long [s of wall time]", 0.1, 60.0)
     lost_result: float = setting(
         3.0, "a push is given up when the pusher idles or is silent for this long [s of wall time]", 0.1, 60.0

@@ -132,7 +132,13 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         **plain(file.simulation),
     }
     # at a multiple of real time, the object may be unseen only because the machine is busy, and the controller silent
-    plan = replace(file.plan, lost_object=max(file.plan.lost_object, PATIENCE))
+    late = PATIENCE * speed  # of simulated time, by the stamps of a busy machine
+    plan = replace(
+        file.plan,
+        lost_object=max(file.plan.lost_object, PATIENCE),
+        clock_tolerance=max(file.plan.clock_tolerance, late),
+        follow_tolerance=max(file.plan.follow_tolerance, late * file.plan.speed),
+    )
     driver = replace(file.driver, real_time_factor=speed, silence=max(file.driver.silence, PATIENCE))
     slow = {name: max(getattr(file.pusher, name), PATIENCE) for name in ("owner_timeout", "requires_timeout")}
     pusher = replace(file.pusher, memory="", **slow)  # a simulated pusher does not outlive its run

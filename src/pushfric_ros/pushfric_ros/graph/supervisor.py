@@ -26,6 +26,9 @@ PATIENCE = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 RESPAWN_DELAY = 1.0
 """A node that has died is started again after this long [s]."""
 
+STOPPED = 10.0
+"""A node whose process stands still (SIGSTOP) for this long [s] is killed, and so has died; one that hangs ends itself."""
+
 DEATHS, DEATHS_WITHIN = 3, 30.0
 """A node that dies this many times within this time [s] is not started again."""
 
@@ -56,6 +59,7 @@ class Supervisor:
         self._listeners: list[threading.Thread] = []
         self._due: dict[str, float] = {}  # when a node is started again
         self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
+        self._stopped: dict[str, float] = {}  # since when a node's process stands still
         self._interrupted = False
         self._at_the_end: Ended | None = None
         self._leaving = contextlib.ExitStack()  # undoes what was done on entry, in reverse order
@@ -103,6 +107,7 @@ class Supervisor:
         for spec in self._specs:
             code = self._processes[spec.name].returncode
             if code is None:
+                self._end_if_stopped(spec.name)
                 continue
             if spec.name in self._due:
                 if time.monotonic() >= self._due[spec.name]:
@@ -119,6 +124,15 @@ class Supervisor:
             else:
                 return Ended(code if code > 0 else 1, f"{spec.name} {describe(code)}")
         return None
+
+    def _end_if_stopped(self, name: str) -> None:
+        process = self._processes[name]
+        if not _stands_still(process.pid):
+            self._stopped.pop(name, None)
+        elif time.monotonic() - self._stopped.setdefault(name, time.monotonic()) > STOPPED:
+            self._say("supervisor", f"{name} was stopped (SIGSTOP) for {STOPPED:g} s and is ended")
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process.pid, signal.SIGKILL)
 
     def _keeps_dying(self, name: str) -> bool:
         """Count a death; return whether there were too many."""
@@ -184,6 +198,16 @@ def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
 
 def describe(code: int) -> str:
     """How a process ended, in words."""
+    if code == -signal.SIGALRM:
+        return "hung and was ended by SIGALRM"
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
+
+
+def _stands_still(pid: int) -> bool:
+    """Whether a process is stopped, as by SIGSTOP (proc_pid_stat(5): the state follows the command's name)."""
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+    except OSError:  # it has ended, or this is not Linux
+        return False

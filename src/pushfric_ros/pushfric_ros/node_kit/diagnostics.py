@@ -7,15 +7,16 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.messages.frames import put_prefix
+from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.qos import RELIABLE
 
 FIRST, PERIOD = 0.1, 1.0
@@ -51,7 +52,7 @@ class Diagnostics:
     This is wall time, so that it also shows a simulation clock that stands still.
 
     Topics that are subscribed and advertised through it add their own figures: messages per second of wall time since the last
-    report, messages that the middleware lost, and the latency, that is the age of the newest message on arrival by the node's
+    report, messages that did not arrive, and the latency, that is the age of the newest message on arrival by the node's
     clock.
 
     Args:
@@ -71,24 +72,28 @@ class Diagnostics:
 
     @property
     def lost(self) -> int:
-        """Number of messages that the middleware lost on their way here; it does not report those dropped by a full queue."""
-        return sum(passed.lost for passed in self._inputs.values())
+        """Number of messages that were published on the subscribed topics and did not come here."""
+        return sum(passed.losses.messages for passed in self._inputs.values())
 
     def subscribe(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile, raw: bool = False
     ) -> Subscription:
         """Make a subscription of the node, as Node.create_subscription does."""
         passed = self._inputs[topic] = _Input()
+        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         stamped = not raw and "header" in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
 
-        def count(msg: Any) -> None:
+        def count(msg: Any, info: dict[str, Any]) -> None:
             passed.count += 1
+            if not latched:  # of a latched topic, only the newest message counts
+                passed.losses.count(info["publication_sequence_number"], lambda: subscription.get_publisher_count())
             if stamped:
                 passed.latency = (self._node.get_clock().now().nanoseconds - stamp_from_msg(msg.header.stamp)) / 1e9
             callback(msg)
 
-        events = SubscriptionEventCallbacks(message_lost=passed.lose)
-        return self._node.create_subscription(kind, topic, count, qos, raw=raw, event_callbacks=events)
+        events = SubscriptionEventCallbacks(message_lost=passed.losses.told)
+        subscription = self._node.create_subscription(kind, topic, count, qos, raw=raw, event_callbacks=events)
+        return subscription
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile, overridable: QoSOverridingOptions | None = None) -> Publisher:
         """Make a publisher of the node, as Node.create_publisher does; parameters may change the policies in `overridable`."""
@@ -100,7 +105,7 @@ class Diagnostics:
 
     def publish(self) -> None:
         """Publish a report now, without waiting for the next second."""
-        health = self._report()
+        health = self._with_losses(self._report())
         name = self._node.get_fully_qualified_name()
         figures = health.values | self._traffic()
         values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
@@ -113,6 +118,20 @@ class Diagnostics:
         self.publish()
         self._timer.timer_period_ns = min(2 * self._timer.timer_period_ns, round(PERIOD * 1e9))
 
+    def _with_losses(self, health: Health) -> Health:
+        """The report, with a warning if messages were lost since the last one; the first loss of a topic is logged, too."""
+        lost = {}
+        for topic, passed in self._inputs.items():
+            if new := passed.losses.messages - passed.reported:
+                lost[topic] = new
+                if not passed.reported:
+                    self._node.get_logger().warning(f"{new} messages on {topic} did not arrive")
+                passed.reported += new
+        if not lost or health.level is not Level.OK:
+            return health
+        where = ", ".join(f"{number} on {topic}" for topic, number in lost.items())
+        return health._replace(level=Level.WARN, message=f"messages did not arrive: {where}")
+
     def _traffic(self) -> dict[str, Any]:
         before, then = self._counted, self._counted_at
         received = {f"{topic} received [1/s]": passed.count for topic, passed in self._inputs.items()}
@@ -123,7 +142,7 @@ class Diagnostics:
             key: round((count - before.get(key, 0)) / seconds, 1) for key, count in self._counted.items()
         }
         for topic, passed in self._inputs.items():
-            figures[f"{topic} lost"] = passed.lost
+            figures[f"{topic} lost"] = passed.losses.messages
             if passed.latency is not None:
                 figures[f"{topic} latency [s]"] = round(passed.latency, 4)
         return figures
@@ -133,11 +152,10 @@ class _Input:
     """What came on a topic."""
 
     def __init__(self) -> None:
-        self.count = self.lost = 0
+        self.count = 0
+        self.losses = Losses()
+        self.reported = 0  # number of losses up to the last report
         self.latency: float | None = None  # [s]
-
-    def lose(self, event: QoSMessageLostInfo) -> None:
-        self.lost += event.total_count_change
 
 
 class _CountingPublisher(Publisher):

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -24,6 +25,13 @@ EXIT_INVALID_INPUT = 2
 
 WINDING_UP, LAST_WORDS = 2.0, 0.1
 """A node that winds up may take so long, and its last messages so long to leave [s]."""
+
+HUNG = 60
+"""A node whose executor has not turned for this long [s] has hung: the kernel ends its process by SIGALRM.
+
+So whoever started the node sees it die, and no thread is needed, which could hang as well. A stopped process is ended when it
+goes on.
+"""
 
 LAST_RESORT, LAST_RESORT_IDLE = 5.0, 60.0
 """If a process has not ended after this much CPU time [s] since it was asked to, or began to, the kernel ends it; or after the
@@ -39,16 +47,29 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
 
     Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2; any other PushfricError
     that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its process by raising
-    SystemExit in a callback. A node that `winds_up` has a method `wind_up`; after a signal it is called, while the node is
-    still spun, until it returns True, so that the node can tell others how it ended. If the process hangs at its end, SIGPROF
-    or SIGALRM ends it after `LAST_RESORT`. A node that publishes `images` gets memory for them (`network.configured`).
+    SystemExit in a callback. A node that hangs is ended by SIGALRM after `HUNG`, and one that hangs at its end by SIGPROF or
+    SIGALRM after `LAST_RESORT`. A node that `winds_up` has a method `wind_up`; after a signal it is called, while the node is
+    still spun, until it returns True, so that the node can tell others how it ended. A node that publishes `images` gets
+    memory for them (`network.configured`).
     """
     # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
     asked_to_stop: list[int] = []
+    ending = False
+
+    def limit_the_end() -> None:
+        nonlocal ending
+        if not ending:
+            ending = True
+            signal.setitimer(signal.ITIMER_PROF, LAST_RESORT)
+            signal.setitimer(signal.ITIMER_REAL, LAST_RESORT_IDLE)
+
+    def turn() -> None:
+        if not ending:
+            signal.alarm(HUNG)
 
     def stop(caught: int, _: object) -> None:
         asked_to_stop.append(caught)
-        _limit_the_end()
+        limit_the_end()
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
@@ -62,6 +83,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
                 node = make()
         if executor is not None and node is not None:
             executor.add_node(node)
+            node.create_timer(1.0, turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
             if winds_up:
                 _spin_until(executor, lambda: bool(asked_to_stop))
                 _spin_until(executor, node.wind_up, WINDING_UP)  # type: ignore[attr-defined]
@@ -78,7 +100,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
         if not asked_to_stop:  # a real fault; after a signal, something was made or waited for without a context
             raise
     finally:
-        _limit_the_end()
+        limit_the_end()
         try:
             if node is not None:
                 node.destroy_node()
@@ -107,12 +129,6 @@ def _spin_until(executor: SingleThreadedExecutor, done: Callable[[], bool], seco
     deadline = time.monotonic() + seconds
     while not done() and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.01)
-
-
-def _limit_the_end() -> None:
-    for timer, seconds in ((signal.ITIMER_PROF, LAST_RESORT), (signal.ITIMER_REAL, LAST_RESORT_IDLE)):
-        if not signal.getitimer(timer)[0]:
-            signal.setitimer(timer, seconds)
 
 
 def _refuse(error: PushfricError) -> int:

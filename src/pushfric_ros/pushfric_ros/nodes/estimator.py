@@ -385,6 +385,8 @@ class EstimatorNode(Node):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:
             return Health(Level.ERROR, self._problem, values)
+        if self._trajectory.contradiction is not None:
+            return Health(Level.WARN, self._trajectory.contradiction, values)
         if not self._verdict.use:
             return Health(Level.WARN, "; ".join(self._verdict.reasons), values)
         return Health(Level.OK, "estimating" if self._estimate else "waiting for data points", values)

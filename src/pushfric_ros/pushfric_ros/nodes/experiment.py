@@ -20,6 +20,7 @@ from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, wrap
 from pushfric_core.push_plan import PlannedPush, placement
+from pushfric_core.trajectory import PoseSample, Trajectory
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_ros.files.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
@@ -36,6 +37,8 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 
 NANOSECONDS = 1e9
 WITHDRAWN = 1e-3  # a pusher nearer than this to the beginning of its stroke need not be brought back [m]
+
+REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
 
 HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
@@ -79,6 +82,10 @@ class ExperimentNode(Node):
         self._pusher: PusherState | None = None
         self._heard = self._seen = -math.inf  # when pusher and object were last seen; these and the next in wall time [s]
         self._idle_since: float | None = None
+        self._offsets: dict[
+            str, tuple[float, str]
+        ] = {}  # whose stamps -> how far ahead of this node's time [s], and the remedy
+        self._following = self._followed()  # whether what is seen of the present push can be
         self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
         self._condition: tuple[Callable[[], bool], Future] | None = None
         topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
@@ -143,6 +150,7 @@ class ExperimentNode(Node):
             await self._until_well(lambda: self._misplaced(wanted), PlanProgress.PHASE_PLACING, prompt)
             await self._others()
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        await self._until_well(self._foreign_clock, PlanProgress.PHASE_WAITING, "no push can be measured")
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
         return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
@@ -156,7 +164,9 @@ class ExperimentNode(Node):
 
         def missing() -> str | None:
             known = self._region is not None and stamp_from_msg(self._region.header.stamp) == self._newest
-            return None if known and self._settled >= self._pushed else "the region of p_CF"
+            if known and self._settled >= self._pushed:
+                return None
+            return self._foreign_clock() or "the region of p_CF"
 
         await self._until_well(missing, PlanProgress.PHASE_WAITING, "waiting for")
         assert self._region is not None
@@ -181,17 +191,23 @@ class ExperimentNode(Node):
             return "the pusher refused it"
         result = handle.get_result_async()
         self._idle_since = None
-        await self._until(lambda: result.done() or self._forgotten() or self._pushes_unseen())
-        unseen = not result.done() and not self._forgotten()
-        if unseen:
-            self._blind = True
+        self._following = self._followed()
+        stopped: list[str] = []  # for this reason
+
+        def stops() -> bool:
+            stopped.extend(filter(None, [self._reason_to_stop()]))
+            return bool(stopped)
+
+        await self._until(lambda: result.done() or self._forgotten() or stops())
+        if stopped:
+            self._blind = self._unseen
             handle.cancel_goal_async()
             await self._until(lambda: result.done() or self._forgotten())
         if not result.done():
             return "the pusher forgot it"
         if result.result().status == GoalStatus.STATUS_SUCCEEDED:
             return None
-        return f"the object was not seen for {self._config.lost_object:g} s" if unseen else str(result.result().result.message)
+        return stopped[0] if stopped else str(result.result().result.message)
 
     def _blindness(self) -> str | None:
         """Why the pusher is not brought back yet: what it would do to an object that nobody sees is not known."""
@@ -258,9 +274,25 @@ class ExperimentNode(Node):
     def _unseen(self) -> bool:
         return time.monotonic() - self._seen > self._config.lost_object
 
-    def _pushes_unseen(self) -> bool:
-        """Whether the pusher moves forward while the object is not seen."""
-        return self._unseen and self._pusher is not None and self._pusher.push_id != PusherState.NO_PUSH
+    def _followed(self) -> Trajectory:
+        return Trajectory(self._object.outline, tolerance=self._config.follow_tolerance)
+
+    def _reason_to_stop(self) -> str | None:
+        """Why the pusher must not go on forward; None if it may."""
+        if self._pusher is None or self._pusher.push_id == PusherState.NO_PUSH:
+            return None
+        if self._unseen:
+            return f"the object was not seen for {self._config.lost_object:g} s"
+        contradiction = self._following.contradiction
+        return contradiction and f"{contradiction}; {REMEDY}"
+
+    def _foreign_clock(self) -> str | None:
+        """Whose stamps are of another time than this node's, by how much, and what to do; None if all agree."""
+        for whose, (offset, remedy) in self._offsets.items():
+            if abs(offset) > self._config.clock_tolerance:
+                way = "ahead of" if offset > 0 else "behind"
+                return f"the clock of {whose} is {abs(offset):.0f} s {way} this computer's: {remedy}"
+        return None
 
     def _misplaced(self, wanted: Pose) -> str | None:
         """What is wrong with the placement; None once the object lies still in its place."""
@@ -281,12 +313,19 @@ class ExperimentNode(Node):
         long_enough = self._poses[-1][0] - self._poses[0][0] >= 0.9 * self._config.still * NANOSECONDS
         return None if still and long_enough else "let it lie still"
 
+    def _compare_clock(self, whose: str, stamp: int, remedy: str) -> None:
+        now = self.get_clock().now().nanoseconds
+        if now:  # simulated time has begun
+            self._offsets[whose] = (stamp - now) / NANOSECONDS, remedy
+
     def _on_pusher_state(self, msg: PusherState) -> None:
         try:
-            pusher_sample_from_msg(msg)
+            sample = pusher_sample_from_msg(msg)
         except ValueError as error:
             self.get_logger().error(f"pusher_state refused: {error}", once=True)
             return
+        self._following.add_pusher(sample)
+        self._compare_clock("the pusher", sample.stamp, "set the clocks of both computers, for example by NTP")
         self._pusher, self._heard = msg, time.monotonic()
         if msg.mode != PusherState.MODE_IDLE or msg.push_id != PusherState.NO_PUSH:
             self._idle_since = None
@@ -324,6 +363,8 @@ class ExperimentNode(Node):
         except ValueError as error:
             self.get_logger().error(f"object_pose refused: {error}", once=True)
             return
+        self._following.add_pose(PoseSample(stamp, pose))
+        self._compare_clock("the camera", stamp, "set it, for example by NTP, or give the difference as time_offset")
         self._seen = time.monotonic()
         oldest = stamp - int(self._config.still * NANOSECONDS)
         self._poses = [(t, p) for t, p in self._poses if oldest <= t <= stamp] + [(stamp, pose)]

@@ -2,11 +2,11 @@
 
 import pathlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
@@ -21,6 +21,7 @@ from pushfric_ros.messages.qos import QUALITIES
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import offered, profile
@@ -31,38 +32,6 @@ FLUSH_PERIOD = 0.5  # of wall time [s]; a crash costs at most the last second, e
 
 class MessagesLost(PushfricError):
     """A bag lacks messages that were published while it was recorded."""
-
-
-class _Losses:
-    """The messages of a topic that did not arrive, and when."""
-
-    def __init__(self) -> None:
-        self._told = 0  # reported by the middleware: lost on the way, without those that a full queue dropped
-        self._missing = 0  # from the publisher's numbers: both kinds, but only for a single publisher
-        self._last: int | None = None
-        self._last_ns = 0  # when the last message came, by the recorder's clock
-        self.first_ns: int | None = None  # before the first loss
-        self.until_ns = 0  # after the last one
-
-    @property
-    def messages(self) -> int:
-        return max(self._told, self._missing)
-
-    def told(self, event: QoSMessageLostInfo) -> None:
-        self._told += event.total_count_change
-        self._note(self._last_ns)
-
-    def count(self, number: int | None, publishers: Callable[[], int], now_ns: int = 0) -> None:
-        """Take the publisher's number of a message that came; None if the middleware has no numbers."""
-        # numbers that start again come from a restarted publisher
-        if number is not None and self._last is not None and number > self._last + 1 and publishers() == 1:
-            self._missing += number - self._last - 1
-            self._note(now_ns)
-        self._last, self._last_ns = number, now_ns
-
-    def _note(self, now_ns: int) -> None:
-        self.first_ns = self._last_ns if self.first_ns is None else self.first_ns
-        self.until_ns = now_ns
 
 
 class RecorderNode(Node):
@@ -91,7 +60,7 @@ class RecorderNode(Node):
                 raise InvalidInput(f"{file}: cannot be written: {error.strerror}") from error
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
-        self._losses: dict[str, _Losses] = {}  # by topic
+        self._losses: dict[str, Losses] = {}  # by topic
         self._reported_lost: dict[str, int] = {}
         self._waiting: list[tuple[str, bytes]] = []  # messages that wait for the first /clock
         self._refused: set[str] = set()
@@ -120,7 +89,7 @@ class RecorderNode(Node):
             where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
             raise MessagesLost(f"{self._bag.folder}: messages were lost before they could be recorded: {where}")
 
-    def _when(self, losses: _Losses) -> str:
+    def _when(self, losses: Losses) -> str:
         start = self._bag.start_ns
         if losses.first_ns is None or start is None:
             return ""
@@ -138,7 +107,7 @@ class RecorderNode(Node):
     ) -> None:
         self._bag.add_topic(name, type_name, [offered(profile) for profile in found], hash_text)
         deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
-        losses = self._losses[name] = _Losses()
+        losses = self._losses[name] = Losses()
 
         def on_message(raw: bytes, info: dict[str, Any]) -> None:
             now = self._on_message(name, raw)

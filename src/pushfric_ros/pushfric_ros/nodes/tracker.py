@@ -67,6 +67,10 @@ DISORDER = 1_000_000_000
 REPLACED = 0.03
 """An object that moves farther than this [m] between two frames was moved by hand."""
 
+UNWATCHED = 0.2
+"""In a time this long [s] without a frame, a person can turn the object: of orientations that look alike, its last one decides
+no longer."""
+
 FROZEN_FRAMES = 3
 """This many identical frames in a row mean that the camera is frozen."""
 
@@ -97,6 +101,7 @@ class TrackerNode(Node):
         self._last: Pose | None = None  # where the object was last seen
         self._placement: Pose | None = None  # where it is to be placed, until it is seen there
         self._in_sight = False
+        self._since = 0  # stamp of the frame since which it is in sight without a break [ns]
         self._sighting: Sighting | None = None  # in the newest frame
         self._reason = "no frame yet"  # why it is not seen in the newest frame
         self._counts = dict.fromkeys(("frames", "seen", "late frames dropped", "unusable frames"), 0)
@@ -135,6 +140,9 @@ class TrackerNode(Node):
             self._placement = pose_from_msg(msg.pose)
         except ValueError as error:
             self._complain(f"placement ignored: {error}")
+            return
+        if 0 < stamp_from_msg(msg.header.stamp) < self._since:  # it came later than frames that show the object placed
+            self._in_sight = False
 
     def _on_image(self, msg: ImageMsg) -> None:
         try:
@@ -171,7 +179,7 @@ class TrackerNode(Node):
         if -DISORDER < stamp - self._stamp <= 0:
             self._counts["late frames dropped"] += 1
             return
-        if stamp < self._stamp:
+        if not 0 < stamp - self._stamp <= UNWATCHED * 1e9:
             self._in_sight = False
         self._stamp = stamp
         self._counts["frames"] += 1
@@ -185,6 +193,8 @@ class TrackerNode(Node):
             self._sighting, self._reason, self._in_sight = None, str(reason), False
         else:
             self._counts["seen"] += 1
+            if not self._in_sight:
+                self._since = stamp
             self._last, self._in_sight = self._sighting.pose, True
             self._publish(self._sighting, stamp)
         if self._overlay_out.get_subscription_count() and time.monotonic() - self._overlay_time >= OVERLAY_PERIOD:
