@@ -317,6 +317,23 @@ def test_padded_rows_are_read_without_a_copy():
     assert grey[0, 0] == 99
 
 
+@pytest.mark.parametrize("late", [False, True], ids=["placement first", "placement late"])
+def test_an_object_turned_while_no_frame_came_is_seen_as_it_was_to_be_placed(cell, late):
+    """As when the tracker was stopped while the operator turned the object and put it down where it had been."""
+    cell.see(TRUTH)
+    turned = TRUTH._replace(theta=wrap(TRUTH.theta + np.pi))
+    cell.stamp += 10**9
+    announced = PoseStamped(pose=pose_to_msg(turned))
+    announced.header.stamp = stamp_to_msg(cell.stamp)
+    cell.stamp += 10**9
+    if late:  # of the messages that wait for a process, those of one topic may come before those of another
+        cell.see(turned)
+    cell.placements.publish(announced)
+    cell.ros.wait_for(lambda: cell.tracker._placement == pytest.approx(turned), what="the placement's arrival")
+    assert_close(cell.see(turned), turned)
+    assert_close(cell.see(turned), turned)
+
+
 def test_a_placement_decides_between_orientations_that_look_the_same(cell):
     away = cell.simulation.render(None)
     for theta in (0.3, 0.3 + np.pi, 2.0, 2.0 - np.pi):

@@ -122,7 +122,7 @@ class Monitor:
 
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, go on until `done`, but not for ever."""
-        ended, deadline, progress = None, 0.0, (-1, -1)
+        ended, deadline, settled = None, 0.0, -1
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
             while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
                 self._visit.spin_once(0.05)
@@ -130,17 +130,21 @@ class Monitor:
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
                     ended, deadline = now, time.monotonic() + PATIENCE
-                if (reached := (self._visit.node.settled, self._visit.node.newest)) != progress:
-                    progress, deadline = reached, time.monotonic() + PATIENCE
+                if self._visit.node.settled != settled and self._catches_up():
+                    settled, deadline = self._visit.node.settled, time.monotonic() + PATIENCE
         if not self._live and self.estimate is not None:
             self._console.print(line_of(self.estimate))
         if ended.code == 0 and self.next_push is not None:
             return Ended(1, f"{ended.reason}, but the plan has not: it stood at push {self.next_push}")
         return ended
 
+    def _catches_up(self) -> bool:
+        """Whether the plan is finished and the estimator has not processed all that was seen of it yet."""
+        return self._finished is not None and self._visit.node.settled < self._finished
+
     def settled(self) -> bool:
         """Whether the estimator has processed everything that was seen until the plan was finished."""
-        if self._finished is None or self._visit.node.settled < self._finished:
+        if self._finished is None or self._catches_up():
             return False
         return self._visit.node.newest in (0, None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp))
 
