@@ -13,7 +13,7 @@ from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
 
 def test_a_person_jogs_stops_and_resets(ros):
-    with SimulatedGrbl(time.monotonic) as controller, Person("/person_cell") as person:
+    with SimulatedGrbl(time.monotonic) as controller, Person("/person_cell", "/") as person:
         given = [Parameter(name, value=value) for name, value in {"port": controller.port, **STAGE}.items()]
         ros.compose(ActuatorNode(namespace="/person_cell", parameter_overrides=given))
 
@@ -39,7 +39,7 @@ def test_a_person_jogs_stops_and_resets(ros):
 
 def test_without_a_cell_a_person_is_told_so(monkeypatch):
     monkeypatch.setattr("pushfric_ros.node_kit.person.PATIENCE", 0.2)
-    with Person("/nobody") as person:
+    with Person("/nobody", "/") as person:
         with pytest.raises(NoAnswer, match=r"no service /nobody/actuator/stop: does the cell run\?"):
             person.call("actuator/stop")
         with pytest.raises(NoAnswer, match="no pusher_state comes"):

@@ -9,10 +9,12 @@ import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import Image
 
+from pushfric_core.errors import InvalidInput
 from pushfric_ros.files.node_settings import Discovery
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.network import FILE_VARIABLES, IMAGES, RANGE, VARIABLES, asked_for, configured
 from pushfric_ros.node_kit.qos import SENSOR_QUEUE
+from pushfric_ros.node_kit.visit import visit
 
 pytestmark = pytest.mark.skipif(
     not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="other middlewares have other settings"
@@ -203,3 +205,12 @@ def test_with_little_shared_memory_images_get_no_more(unset, monkeypatch, attrib
     assert changed(images=True) != without
     monkeypatch.setattr(network, attribute, value)
     assert changed(images=True) == without
+
+
+def test_a_node_without_keys_is_refused_in_one_line(unset, monkeypatch, tmp_path):
+    """Or without security in the middleware, as the wheels have it: a traceback before."""
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
+    with pytest.raises(InvalidInput, match="ROS_SECURITY_ENABLE is true, but [^\\n]+$"):
+        visit("insecure")

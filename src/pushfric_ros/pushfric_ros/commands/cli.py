@@ -27,6 +27,7 @@ COMMANDS = {
     " tables.json.",
     "study": "How far the estimates can be acted on, measured on simulated pushes of many seeds, and on real ones.",
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
+    "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",
     "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
     "bag": "Check and recover bags.",
     "stop": "Stop the pusher of a running cell; nothing moves before ./pushfric reset.",

@@ -17,6 +17,7 @@ from pushfric_ros.commands.markdown import table
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
 from pushfric_ros.vision.sighting import UNMEASURED
 
@@ -37,11 +38,11 @@ the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need
 and yaw. The variance of z, roll and pitch is {UNMEASURED:g}: they are not measured, and the tracker takes them to be 0.
 """
 
-OF_THE_BAG = "std_msgs/msg/Empty"
-"""Type of a topic that exists only in the bag."""
+OF_THE_BAG = "std_msgs/msg/Char"
+"""Type of a topic that exists only in the bag; no node has one of its own of this type."""
 
 EMPTY = bytes((0, 1, 0, 0, 0))
-"""A message of that type in CDR: little-endian, with one byte in place of fields."""
+"""A message of that type in CDR: little-endian, one byte."""
 
 
 class Start(NamedTuple):
@@ -93,7 +94,8 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     }
     pusher, stage = settings.merged((cell.pusher, cell.driver)), settings.plain(cell.pusher.stage)
     yield Start("tracker", {"object": name, **camera, "source": "topic"}, sources)
-    yield Start("actuator", pusher, {})
+    guards: dict[str, dict[str, Any]] = {"`enable_timeout`": {"enable_timeout": 1.0}, "`max_force`": {"max_force": 1.0}}
+    yield Start("actuator", pusher, guards)
     yield Start("estimator", {"object": name}, kinds)
     yield Start("experiment", {"object": name}, {})
     yield Start("recorder", {"bag": str(folder / "new"), "discover": True}, {})
@@ -135,4 +137,5 @@ def section(described: Description) -> str:
 
 
 if __name__ == "__main__":
+    network.stay_apart()
     print(document(), end="")

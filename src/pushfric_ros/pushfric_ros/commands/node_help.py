@@ -1,21 +1,17 @@
 """What `NODE_node --help` prints: told by the node itself, which is started on no network for that."""
 
-import os
 import textwrap
 from collections.abc import Iterator
 
 from pushfric_ros.commands.interface_docs import Description, describe
-from pushfric_ros.node_kit.network import RANGE, VARIABLES
+from pushfric_ros.node_kit import network
 
 WIDTH = 100  # characters
 
 
 def print_help(name: str) -> None:
     """Print what a node does, its parameters and its topics."""
-    # a node that is only asked must neither find the cell that runs, nor be found
-    for variable in VARIABLES:
-        os.environ.pop(variable, None)
-    os.environ[RANGE] = "OFF"
+    network.stay_apart()  # a cell may be running
     (described,) = describe(name)
     print("\n".join(text(described)))
 

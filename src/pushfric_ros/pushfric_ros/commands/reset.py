@@ -3,7 +3,7 @@
 import typer
 
 from pushfric_ros.commands.options import NamespaceOption
-from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.person import Person
 
 app = typer.Typer(add_completion=False)
@@ -11,5 +11,5 @@ app = typer.Typer(add_completion=False)
 
 @app.command()
 def reset(namespace: NamespaceOption = NAMESPACE) -> None:
-    with Person(namespace) as person:
+    with Person(namespace, enclave(namespace, COMMAND_LINE)) as person:
         print(person.call("actuator/reset"))

@@ -6,7 +6,7 @@ import typer
 
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.commands.options import NamespaceOption
-from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.person import Person, line
 
 app = typer.Typer(add_completion=False)
@@ -15,7 +15,7 @@ app = typer.Typer(add_completion=False)
 @app.command()
 def status(namespace: NamespaceOption = NAMESPACE) -> None:
     """Exit code 1: nothing can move now."""
-    with Person(namespace) as person:
+    with Person(namespace, enclave(namespace, COMMAND_LINE)) as person:
         print(line(person.state()))
         for name, text in person.health().items():
             print(f"{name}: {text}")

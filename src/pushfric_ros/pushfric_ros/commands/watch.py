@@ -17,7 +17,7 @@ from pushfric_core.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.interrupt import end_at_once
 from pushfric_ros.commands.recorded_run import disagreements
-from pushfric_ros.graph.graph import NodeSpec
+from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.node_kit.visit import Visit
@@ -114,7 +114,7 @@ class Monitor:
         self._finished: int | None = None  # when the plan was finished [ns]
         self._plan_leads = steps is None
         make = partial(MonitorNode, self._on_estimate, self._on_progress, starts_player=steps is not None, namespace=namespace)
-        self._visit = Visit(make)
+        self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
 
     def close(self) -> None:
         """Leave the graph."""

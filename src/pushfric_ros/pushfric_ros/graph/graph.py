@@ -21,6 +21,9 @@ PACKAGE = "pushfric_ros"
 
 CLOCK = "/clock"
 
+COMMAND_LINE = "command_line"
+"""Last part of the enclave of the commands that watch, stop and reset a running cell."""
+
 WATCHED = ("tracker", "estimator")
 """Nodes without which the cell does not push."""
 
@@ -189,3 +192,8 @@ def with_own_clock(specs: Sequence[NodeSpec], namespace: str) -> list[NodeSpec]:
     if namespace == NAMESPACE:
         return list(specs)
     return [replace(spec, remappings={CLOCK: f"{namespace}{CLOCK}", **spec.remappings}) for spec in specs]
+
+
+def enclave(namespace: str, name: str) -> str:
+    """Where SROS 2 finds the keys and permissions of a node, if it is switched on."""
+    return f"{namespace}/{name}"

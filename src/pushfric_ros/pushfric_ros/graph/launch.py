@@ -9,7 +9,7 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
-from pushfric_ros.graph.graph import PACKAGE, Launchable, NodeSpec
+from pushfric_ros.graph.graph import PACKAGE, Launchable, NodeSpec, enclave
 from pushfric_ros.graph.lock import lock
 from pushfric_ros.graph.supervisor import RESPAWN_DELAY
 
@@ -43,6 +43,7 @@ def _node(spec: NodeSpec, namespace: str) -> Node:
         parameters=[dict(spec.parameters)],
         remappings=list(spec.remappings.items()),
         additional_env=dict(spec.environment),
+        ros_arguments=["--enclave", enclave(namespace, spec.name)],
         respawn=spec.respawn,
         respawn_delay=RESPAWN_DELAY,
         # the end of a node that is not started again ends the others, as under the supervisor

@@ -17,7 +17,7 @@ from ament_index_python.packages import get_package_prefix
 
 from pushfric_ros.graph import fork_server
 from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
-from pushfric_ros.graph.graph import PACKAGE, NodeSpec
+from pushfric_ros.graph.graph import PACKAGE, NodeSpec, enclave
 from pushfric_ros.graph.lock import lock
 
 PATIENCE = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
@@ -191,6 +191,8 @@ def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
         str(executable),
         "--ros-args",
         *(part for remap in remaps for part in ("-r", remap)),
+        "--enclave",
+        enclave(namespace, spec.name),
         "--params-file",
         str(parameters),
     ]

@@ -59,6 +59,8 @@ class Introspection:
 
     Args:
         namespace: of the nodes.
+    Attributes:
+        every_node: what every node has; also what the middleware alone knows of, such as /rosout.
     """
 
     def __init__(self, namespace: str) -> None:
@@ -66,6 +68,7 @@ class Introspection:
         set_logger_level("", LoggingSeverity.WARN)  # nodes that are only asked have no news
         with Visit(partial(Node, "plain", namespace=namespace)) as plain:
             self._common = {*_endpoints(plain.node, namespace)}
+            self.every_node = _every_node(plain.node, namespace)
             self._common_parameters = plain.node.get_parameters_by_prefix("").keys()
 
     def ask(self, kind: type[Node], parameters: Mapping[str, Any]) -> Told:
@@ -113,6 +116,20 @@ def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
     ):
         made += [Endpoint(role, name, types[0], "action") for name, types in actions]
     return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in made]
+
+
+def _every_node(plain: Node, namespace: str) -> list[Endpoint]:
+    here = plain.get_name(), plain.get_namespace()
+    found = [
+        Endpoint(role, name, types[0], kind)
+        for role, kind, pairs in (
+            ("publishes", "topic", plain.get_publisher_names_and_types_by_node(*here)),
+            ("subscribes", "topic", plain.get_subscriber_names_and_types_by_node(*here)),
+            ("serves", "service", plain.get_service_names_and_types_by_node(*here)),
+        )
+        for name, types in pairs
+    ]
+    return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in found]
 
 
 def _await_graph(node: Node) -> None:

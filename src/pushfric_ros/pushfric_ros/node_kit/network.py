@@ -15,9 +15,13 @@ import pathlib
 import shutil
 from collections.abc import Iterator, Mapping
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from pushfric_core.errors import InvalidInput
 from pushfric_ros.files.node_settings import Discovery
+
+RCLError = rclpy_implementation.RCLError
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
@@ -40,6 +44,13 @@ FREE = 48 * 2**20
 """Least free shared memory [bytes]; if Fast DDS cannot make a segment, it falls back to the network."""
 
 
+def stay_apart() -> None:
+    """From now on, nodes that this process makes find no others, and no others find them."""
+    for name in VARIABLES:
+        os.environ.pop(name, None)
+    os.environ[RANGE] = "OFF"
+
+
 def asked_for(discovery: Discovery) -> dict[str, str]:
     """The environment variables for the nodes of a cell; none if the user has set any of `VARIABLES`."""
     if any(os.environ.get(name) for name in VARIABLES):
@@ -53,12 +64,18 @@ def configured(images: bool = False) -> Iterator[None]:
 
     Args:
         images: the process publishes images.
+    Raises:
+        InvalidInput: SROS 2 is switched on, and the node made within the context has no keys, or the middleware no security.
     """
     wanted = _settings(images)
     before = {name: os.environ.get(name) for name in wanted}
     _set(wanted)
     try:
         yield
+    except RCLError as error:
+        if os.environ.get("ROS_SECURITY_ENABLE", "").lower() != "true":
+            raise
+        raise InvalidInput(f"ROS_SECURITY_ENABLE is true, but {' '.join(str(error).split())[:300]}") from error
     finally:
         _set(before)
 

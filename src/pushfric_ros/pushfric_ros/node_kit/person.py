@@ -42,10 +42,10 @@ def line(state: PusherState) -> str:
 class Person(contextlib.AbstractContextManager["Person"]):
     """A node of their own, for as long as one command takes."""
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, enclave: str) -> None:
         self._context = rclpy.Context()
         with configured():
-            rclpy.init(context=self._context, args=[])
+            rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave])
             self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)

@@ -20,13 +20,14 @@ class Visit(Generic[AnyNode]):
 
     Args:
         make: makes the node; called with the keyword argument `context`.
+        enclave: where SROS 2 finds the keys of this process, if it is switched on.
     """
 
-    def __init__(self, make: Callable[..., AnyNode]) -> None:
+    def __init__(self, make: Callable[..., AnyNode], enclave: str = "/") -> None:
         self._context = rclpy.Context()
         try:
             with configured():
-                rclpy.init(context=self._context, args=[])
+                rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave])
                 self.node = make(context=self._context)
             self._executor = SingleThreadedExecutor(context=self._context)
             self._executor.add_node(self.node)
