@@ -212,5 +212,5 @@ def test_a_node_without_keys_is_refused_in_one_line(unset, monkeypatch, tmp_path
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
     monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
-    with pytest.raises(InvalidInput, match="ROS_SECURITY_ENABLE is true, but [^\\n]+$"):
+    with pytest.raises(InvalidInput, match=r"ROS_SECURITY_ENABLE is true, but [^\n]+$"):
         visit("insecure")
