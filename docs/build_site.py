@@ -1,0 +1,153 @@
+"""The documentation as a site: the pages of this folder, and those that follow from the project itself.
+
+`./pushfric docs` builds it. Every warning is an error; nothing in the site is loaded from elsewhere.
+"""
+
+import argparse
+import inspect
+import pathlib
+import re
+import shutil
+import sys
+import tempfile
+from typing import Any
+
+from sphinx.application import Sphinx
+from sphinx.cmd.build import main as build
+
+import pushfric_core
+from pushfric_ros.commands.cli import COMMANDS, load
+from pushfric_ros.commands.markdown import table
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+
+CONFIGURATION = """\
+import sys
+sys.path.insert(0, {folder!r})
+from build_site import plain_docstring, without_fields
+
+project, author, release = "pushfric", "the pushfric authors", {version!r}
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+myst_heading_anchors = 4
+html_theme, html_title, html_show_copyright = "furo", "pushfric", False
+autodoc_member_order, autodoc_typehints, autodoc_class_signature = "bysource", "description", "mixed"
+python_use_unqualified_type_names, add_module_names = True, False
+autodoc_typehints_description_target = "documented"
+smartquotes = False
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", plain_docstring)
+    app.connect("autodoc-skip-member", without_fields)
+"""
+
+PARTS = {
+    "How to": ("hardware", "safety", "security", "planning", "many"),
+    "Reference": ("files", "cell", "graph", "interfaces", "commands", "python", "conventions"),
+    "Explanation": ("estimation", "derivation", "paper", "architecture"),
+}
+"""The parts of the site and their pages; those of this folder, and those made here."""
+
+
+def front_page() -> str:
+    """The README, with links as they are from this folder, and the tables of contents."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    contents = [
+        f"\n```{{toctree}}\n:caption: {part}\n:hidden:\n\n{chr(10).join(pages)}\n```\n"
+        for part, pages in PARTS.items()
+        if pages
+    ]
+    return text.replace("](docs/", "](") + "".join(contents)
+
+
+def commands() -> str:
+    """Each command with its arguments and options."""
+    return "\n".join(["# Command line\n", *(line for name in COMMANDS for line in section(f"pushfric {name}", load(name)))])
+
+
+def section(name: str, command: Any) -> list[str]:
+    """A command, or a group of commands, one after the other."""
+    rows = [(f"`{' / '.join((*one.opts, *one.secondary_opts))}`", described(one)) for one in command.params]
+    options = [table(("argument or option", "what"), rows)] if rows else []
+    inner = getattr(command, "commands", {}).values()
+    return [
+        f"## {name}\n",
+        f"{command.help}\n",
+        *options,
+        *(line for one in inner for line in section(f"{name} {one.name}", one)),
+    ]
+
+
+def described(option: Any) -> str:
+    """The help of an argument or option, and its default."""
+    shown = option.show_default if isinstance(option.show_default, str) else option.default if option.show_default else None
+    default = "" if shown in (None, "", False, ()) or callable(shown) else f" Default: `{shown}`."
+    return (option.help or "").replace("\\[", "[") + default
+
+
+def python_names() -> str:
+    """Each public name of pushfric_core, by module."""
+    homes: dict[str, list[str]] = {}
+    for name in pushfric_core.__all__:
+        if name in pushfric_core._HOMES:
+            homes.setdefault(pushfric_core._HOMES[name], []).append(name)
+    lines = ["# Python", "", "Every name is imported as in `from pushfric_core import Estimator`."]
+    for module, names in sorted(homes.items()):
+        lines += ["", f"## {module.removeprefix('pushfric_core.')}", "", "```{eval-rst}"]
+        for name in names:
+            value = getattr(pushfric_core, name)
+            kind = "autoclass" if inspect.isclass(value) else "autofunction" if callable(value) else "autodata"
+            lines += [f".. {kind}:: {module}.{name}", *(["   :members:"] if kind == "autoclass" else []), ""]
+        lines.append("```")
+    return "\n".join(lines)
+
+
+def plain_docstring(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Write a docstring, which is plain text with `code`, as the parser wants it; add the comments that describe fields."""
+    pieces = re.split(r"(`[^`]*`)", "\n".join(lines))
+    lines[:] = "".join(f"`{one}`" if k % 2 else re.sub(r"([*|\\])", r"\\\1", one) for k, one in enumerate(pieces)).split("\n")
+    if what == "class":
+        lines += [line for field, comment in fields(obj) for line in (f"* ``{field}``: {comment}", "")]
+
+
+def fields(record: type) -> list[tuple[str, str]]:
+    """The fields of a record that a comment describes, and the comment."""
+    found = re.findall(r"^    (\w+): [^#\n]*?(?:  # (.*))$", inspect.getsource(record), re.MULTILINE)
+    return [(name, re.sub(r"([*|\\`])", r"\\\1", comment)) for name, comment in found]
+
+
+def without_fields(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out what a named tuple says of its fields by itself."""
+    return True if (inspect.getdoc(obj) or "").startswith("Alias for field number") else None
+
+
+def write_sources(folder: pathlib.Path) -> None:
+    """All pages of the site, and what they show."""
+    shutil.copytree(
+        ROOT / "docs", folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "requirements.txt", "api.md")
+    )
+    for page, text in {"index": front_page(), "commands": commands(), "python": python_names()}.items():
+        (folder / f"{page}.md").write_text(text, encoding="utf-8")
+    for page in folder.glob("*.md"):
+        # sources, folders, and other files of the project are not part of the site
+        text = re.sub(r"\[([^\]]*)\]\((?:\.\./[^)]*|CHANGELOG[^)]*|LICENSE|\w+)\)", r"\1", page.read_text(encoding="utf-8"))
+        page.write_text(text.replace("](api.md)", "](python.md)").replace("```csv", "```text"), encoding="utf-8")
+    configuration = CONFIGURATION.format(folder=str(ROOT / "docs"), version=pushfric_core.__version__)
+    (folder / "conf.py").write_text(configuration, encoding="utf-8")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="./pushfric docs", description="Build the documentation as a site.")
+    parser.add_argument("--out", type=pathlib.Path, default=ROOT / "site", help="folder of the site (default: site/)")
+    out = parser.parse_args().out
+    with tempfile.TemporaryDirectory() as folder:
+        sources = pathlib.Path(folder) / "sources"
+        write_sources(sources)
+        code = build(["-q", "-W", "--keep-going", "-b", "html", str(sources), str(out), "-d", f"{folder}/doctrees"])
+    if code == 0:
+        print(f"site: {out / 'index.html'}")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,60 @@
+"""The documentation as a site: it builds without a warning, nothing in it is loaded from elsewhere, and no page is missing."""
+
+import pathlib
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import pytest
+
+import pushfric_core
+from pushfric_ros.commands.cli import COMMANDS
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    out = tmp_path_factory.mktemp("site") / "site"
+    build = [sys.executable, ROOT / "docs/build_site.py", "--out", out]
+    done = subprocess.run(build, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+class Loaded(HTMLParser):
+    """Collects what a browser loads with a page."""
+
+    def __init__(self):
+        super().__init__()
+        self.addresses = []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.addresses += [given[name] for name in ("src", "data") if given.get(name)]
+        if tag == "link":
+            self.addresses.append(given["href"])
+
+
+def test_every_page_is_reached_from_the_front_page(site):
+    front = (site / "index.html").read_text()
+    pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"api"} | {"commands", "python"}
+    assert {name for name in pages if f'href="{name}.html"' not in front} == set()
+
+
+def test_the_reference_has_every_command_and_every_public_name(site):
+    commands, names = ((site / f"{page}.html").read_text() for page in ("commands", "python"))
+    assert [name for name in COMMANDS if f">pushfric {name}<" not in commands] == []
+    public = {name for name in pushfric_core.__all__ if name in pushfric_core._HOMES}
+    assert {name for name in public if not re.search(rf'id="pushfric_core\.[a-z0-9_.]*{name}"', names)} == set()
+
+
+def test_nothing_is_loaded_from_elsewhere(site):
+    loaded = Loaded()
+    for page in site.glob("*.html"):
+        loaded.feed(page.read_text())
+    assert len(loaded.addresses) > 20
+    assert [address for address in loaded.addresses if re.match(r"(https?:)?//", address)] == []
+    styles = "".join(style.read_text() for style in site.glob("_static/**/*.css"))
+    assert re.findall(r"url\(['\"]?https?:[^)]*", styles) == []
