@@ -2,7 +2,7 @@ from glob import glob
 
 from setuptools import find_packages, setup
 
-NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player", "simulated_cell")
+NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player", "view", "simulated_cell")
 
 setup(
     name="pushfric_ros",
@@ -12,7 +12,11 @@ setup(
     maintainer_email="pushfric@users.noreply.github.com",
     license="Apache-2.0",
     packages=find_packages(),
-    package_data={"pushfric_ros.node_kit": ["fastdds_*.xml"], "pushfric_ros.paper": ["report.html.j2"]},
+    package_data={
+        "pushfric_ros.node_kit": ["fastdds_*.xml"],
+        "pushfric_ros.paper": ["report.html.j2"],
+        "pushfric_ros.view": ["page/*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_ros"]),
         ("share/pushfric_ros", ["package.xml"]),

@@ -92,6 +92,10 @@ def test_the_layout_shows_only_topics_and_fields_that_exist(layout, topics):
         assert not fields or kind == "double", path
 
 
+def test_each_panel_of_the_layout_has_a_title(layout):
+    assert all(panel["foxglovePanelTitle"] and "title" not in panel for panel in layout["configById"].values())
+
+
 def test_the_layout_places_each_panel_once(layout):
     def panels(tree):
         return [tree] if isinstance(tree, str) else [*panels(tree["first"]), *panels(tree["second"])]

@@ -26,6 +26,17 @@ def test_the_demo_starts_under_any_name(tmp_path, namespace):
     assert nodes["simulated_cell"].remappings == ({} if namespace == "/cell" else {"/clock": "/left/clock"})
 
 
+@pytest.mark.parametrize(("address", "port"), [("auto", 0), ("9001", 9001)])
+def test_each_launch_file_has_a_view_if_it_is_asked_for(tmp_path, address, port):
+    for launchable, given in (
+        (DEMO, {"bag": str(tmp_path / "bag")}),
+        (CELL, {"cell": str(ROOT / "docs/example_cell/cell.yaml"), "bag": "bag"}),
+        (REPLAY, {"bag": str(ROOT / "bags/rubber_rect4")}),
+    ):
+        assert "view" not in started(launchable, tmp_path, **given)[1]
+        assert started(launchable, tmp_path, view=address, **given)[1]["view"].parameters["port"] == port
+
+
 def test_a_cell_starts_where_its_plan_was_left(tmp_path):
     _, nodes = started(CELL, tmp_path, cell=str(ROOT / "docs/example_cell/cell.yaml"), bag="bag", start="3")
     assert nodes["experiment"].parameters["start"] == 3

@@ -11,7 +11,7 @@ from pushfric_ros.bags import data_points
 from pushfric_ros.bags.bag import Bag
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.node_settings import Discovery, PlanConfig
+from pushfric_ros.files.node_settings import Discovery, PlanConfig, ViewConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import compose
 from pushfric_ros.node_kit import network
@@ -41,7 +41,8 @@ def test_the_composed_graph_carries_out_a_plan(ros, specs, tmp_path):
 
 def test_every_node_of_the_graph_is_an_executable(specs):
     source = data_points.Source("poses", "/cell", ("a", "b"))
-    names = {spec.executable for spec in (*specs, *graph.replay("bag", "object", source, 1.0, EstimatorSettings()))}
+    replay = graph.replay("bag", "object", source, 1.0, EstimatorSettings())
+    names = {spec.executable for spec in (*graph.with_view(specs, "wood_rect4", ViewConfig()), *replay)}
     setup = (pathlib.Path(__file__).parents[3] / "src/pushfric_ros/setup.py").read_text()
     assert names == {
         "simulated_cell_node",
@@ -51,9 +52,23 @@ def test_every_node_of_the_graph_is_an_executable(specs):
         "actuator_node",
         "experiment_node",
         "player_node",
+        "view_node",
     }
     for name in names:
         assert f'"{name.removesuffix("_node")}"' in setup
+
+
+def test_what_leads_a_run_waits_for_the_view(specs):
+    shown = {spec.name: spec for spec in graph.with_view(specs, "wood_rect4", ViewConfig(port=9000))}
+    assert shown["view"].parameters == {"object": "wood_rect4", "host": "127.0.0.1", "port": 9000, "token": ""}
+    assert shown["experiment"].parameters["awaits"] == ["estimator", "recorder", "view"]
+    source = data_points.Source("poses", "/cell", ("a", "b"))
+    replay = graph.with_view(graph.replay("bag", "object", source, 1.0, EstimatorSettings()), "object", ViewConfig())
+    assert {spec.name: spec.parameters.get("awaits") for spec in replay} == {
+        "estimator": None,
+        "player": ["view"],
+        "view": None,
+    }
 
 
 def test_a_refused_node_leaves_no_other_node_behind(ros, specs, tmp_path):

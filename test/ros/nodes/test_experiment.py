@@ -197,6 +197,7 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
     table.wait_for_message("place the object")
     assert table.wait_for_message("waiting for: recorder").phase == PlanProgress.PHASE_WAITING
+    assert not table.call("experiment/next")  # there is no push to give up yet
     wanted, table.object = table.object, AWAY
     ros.wait_for(lambda: table.node._misplaced(wanted) == "it lies 26 cm off")
     table.well.append("/cell/recorder")
@@ -236,6 +237,23 @@ def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
 def test_a_start_beyond_the_plan_is_refused(ros, tmp_path):
     with pytest.raises(InvalidInput, match="parameter start must be at most 3, the pushes of the plan; got 4"):
         Table(ros, tmp_path, actuator="none", start=4)
+
+
+def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, controller, tmp_path, capfd):
+    table = Table(ros, tmp_path, speed=0.02)
+    table.obedient = False
+    table.wait_for_message("push 1 of 3: place the object at")
+    assert table.call("experiment/next")
+    table.wait_for_message("push 2 of 3: place the object at")
+    table.obedient, table.object = True, table.wanted[-1]
+    table.wait_for_message("push 2 of 3")
+    ros.wait_for(lambda: any(state.push_id == 1 and state.position > 0.002 for state in table.states), what="a stroke")
+    assert table.call("experiment/next")
+    table.wait_for_message("bringing the pusher back")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (1, 2)
+    assert pushed(table.states) == [1, 2]
+    assert capfd.readouterr().err.count("a person went on to the next push") == 2
 
 
 def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):

@@ -16,12 +16,12 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.console import console, fail
-from pushfric_ros.commands.options import HeadlessFlag
+from pushfric_ros.commands.options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.recorded_run import RUNS, course_of, telling_what_is_left
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.cell_file import CellFile
-from pushfric_ros.files.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig
+from pushfric_ros.files.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.graph import graph
@@ -40,9 +40,10 @@ FIGURE = "figure.png"
 app = typer.Typer(add_completion=False)
 
 
-@app.command()
+@app.command(cls=WithView)
 def demo(
     headless: HeadlessFlag = False,
+    view: ViewOption = "",
     json: Annotated[
         pathlib.Path | None, typer.Option("--json", help="Write the result to this file as JSON.", show_default=False)
     ] = None,
@@ -67,8 +68,9 @@ def demo(
         raise InvalidInput("give --plan or --choose, not both")
     pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
+    shown = view_at(view, ViewConfig())
     with telling_what_is_left(bag):
-        last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes)
+        last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes, shown)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
     print_summary(console, object_name, last)
@@ -103,12 +105,20 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
 
 
 def run_demo(
-    console: Console, object_name: str, seed: int, bag: pathlib.Path, live: bool, plan: PlanConfig
+    console: Console,
+    object_name: str,
+    seed: int,
+    bag: pathlib.Path,
+    live: bool,
+    plan: PlanConfig,
+    view: ViewConfig | None = None,
 ) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
     with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
         cell = dataclasses.replace(demo_cell(object_name, pathlib.Path(scratch)), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
+        if view is not None:
+            specs = graph.with_view(specs, object_name, view)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
         ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live, recorded=bag)
     return last, ended

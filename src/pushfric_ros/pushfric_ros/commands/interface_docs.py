@@ -100,6 +100,7 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     yield Start("experiment", {"object": name}, {})
     yield Start("recorder", {"bag": str(folder / "new"), "discover": True}, {})
     yield Start("player", {"bag": str(bag)}, {})
+    yield Start("view", {"object": name}, {})
     yield Start("simulated_cell", {"object": name, "port_link": pusher["port"], **camera, **stage}, {})
 
 

@@ -6,19 +6,23 @@ from collections.abc import Mapping, Sequence
 
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.demo import SPEED, demo_cell
+from pushfric_ros.commands.options import AUTO_VIEW, view_at
 from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.files.node_settings import ViewConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import Launchable, NodeSpec
 
 
 def _cell(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
     file = load_cell(pathlib.Path(values["cell"]))
-    return file.namespace, graph.cell(file, values["bag"], int(values["start"]))
+    specs = graph.cell(file, values["bag"], int(values["start"]))
+    return file.namespace, _shown(specs, file.object, values["view"], file.view)
 
 
 def _demo(values: Mapping[str, str], folder: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
     cell = dataclasses.replace(demo_cell(values["object"], folder), namespace=values["namespace"])
-    return cell.namespace, graph.simulated_cell(cell, values["bag"], int(values["seed"]), float(values["speed"]))
+    specs = graph.simulated_cell(cell, values["bag"], int(values["seed"]), float(values["speed"]))
+    return cell.namespace, _shown(specs, cell.object, values["view"], cell.view)
 
 
 def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
@@ -26,7 +30,17 @@ def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[N
     settings = data_points.recorded_settings(bag)
     source = data_points.source_of(bag, settings.with_forces)
     object_name = values["object"] or str(data_points.object_beside(bag))
-    return source.namespace, graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
+    specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
+    return source.namespace, _shown(specs, object_name, values["view"], ViewConfig())
+
+
+def _shown(specs: Sequence[NodeSpec], object_name: str, address: str, settings: ViewConfig) -> Sequence[NodeSpec]:
+    """The same nodes, with a view if one is asked for."""
+    view = view_at(address, settings)
+    return specs if view is None else graph.with_view(specs, object_name, view)
+
+
+VIEW = {"view": ("", f"where a browser sees the run: a port, HOST:PORT, or {AUTO_VIEW}; empty: nowhere")}
 
 
 CELL = Launchable(
@@ -34,6 +48,7 @@ CELL = Launchable(
         "cell": (None, "path of the cell's YAML file"),
         "bag": (None, "folder of the bag to record"),
         "start": ("1", "push of the plan to begin with"),
+        **VIEW,
     },
     _cell,
 )
@@ -46,6 +61,7 @@ DEMO = Launchable(
         "seed": ("0", "of the camera's noise and the operator's hand"),
         "speed": (str(SPEED), "multiple of real time"),
         "namespace": (graph.NAMESPACE, "of the cell"),
+        **VIEW,
     },
     _demo,
 )
@@ -56,6 +72,7 @@ REPLAY = Launchable(
         "bag": (None, "path of the bag"),
         "object": ("", "name of an object of Table 1, or path of an object YAML; empty: the bag's own object.yaml"),
         "rate": ("1.0", "multiple of the recorded speed"),
+        **VIEW,
     },
     _replay,
 )

@@ -1,12 +1,17 @@
 """Arguments and options that several commands have."""
 
+import dataclasses
 import pathlib
-from typing import Annotated
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import typer
+import typer.core
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
+from pushfric_ros.files.node_settings import VIEW_PORT, ViewConfig
 
 Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
 ObjectOption = Annotated[
@@ -29,6 +34,58 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on
 PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag, from which messages are missing.")]
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="Of the cell.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
+
+AUTO_VIEW = "auto"
+"""What stands for the address of a view that is asked for without one."""
+
+
+class WithView(typer.core.TyperCommand):
+    """A command with the option --view, which may stand alone."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Give a lone --view the address that it stands for."""
+        return list(super().parse_args(ctx, [f"--view={AUTO_VIEW}" if lone else arg for arg, lone in _with_lone_view(args)]))
+
+
+def _with_lone_view(args: list[str]) -> Iterator[tuple[str, bool]]:
+    for arg, following in zip(args, [*args[1:], ""], strict=True):
+        yield arg, arg == "--view" and ADDRESS.fullmatch(following) is None
+
+
+ADDRESS = re.compile(r"(?:(?P<host>\[[^\]]+\]|[^:/\s]+):)?(?P<port>[0-9]{1,5})")
+
+ViewOption = Annotated[
+    str,
+    typer.Option(
+        "--view",
+        help=f"Show the run in a browser, on this machine alone unless a HOST is given; at port {VIEW_PORT} unless a PORT is.",
+        metavar="[HOST:]PORT",
+        show_default=False,
+    ),
+]
+
+
+def view_at(address: str, settings: ViewConfig) -> ViewConfig | None:
+    """Where the view is served; None: there is none.
+
+    Args:
+        address: what --view was given; empty: it was not.
+        settings: of the cell, which hold where the address says nothing.
+    Raises:
+        InvalidInput: the address is none.
+    """
+    if not address:
+        return None
+    if address == AUTO_VIEW:
+        return settings
+    found = ADDRESS.fullmatch(address)
+    if found is None:
+        raise InvalidInput(f"--view must be a port or HOST:PORT, got {address!r}")
+    try:
+        view = dataclasses.replace(settings, port=int(found["port"]))
+        return dataclasses.replace(view, host=found["host"].strip("[]")) if found["host"] else view
+    except ValueError as error:
+        raise InvalidInput(f"--view {address}: {error}") from error
 
 
 def _processes(jobs: int) -> int:

@@ -7,11 +7,11 @@ import typer
 
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, fail, warn
-from pushfric_ros.commands.options import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag
+from pushfric_ros.commands.options import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.result import print_result
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
-from pushfric_ros.files.node_settings import PlayerConfig
+from pushfric_ros.files.node_settings import PlayerConfig, ViewConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.offline.inputs import object_of
 from pushfric_ros.report.report import report
@@ -19,7 +19,7 @@ from pushfric_ros.report.report import report
 app = typer.Typer(add_completion=False)
 
 
-@app.command()
+@app.command(cls=WithView)
 def replay(
     bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.", show_default=False)],
     object_name: ObjectOption = "",
@@ -27,12 +27,15 @@ def replay(
     partial: PartialFlag = False,
     json: JsonFlag = False,
     headless: HeadlessFlag = False,
+    view: ViewOption = "",
 ) -> None:
     model, object_file = object_of(bag, object_name)
     settings = data_points.recorded_settings(bag)
     data = data_points.observations(bag, model, settings, warn, partial)
     source = data_points.source_of(bag, settings.with_forces)
     specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial)
+    if (shown := view_at(view, ViewConfig())) is not None:
+        specs = graph.with_view(specs, object_file, shown)
     live = console.is_terminal and not headless
     ended, last = watch(console, specs, source.namespace, f"replaying {bag.name}", live, replayed=data)
     if ended.code:

@@ -8,7 +8,7 @@ import typer
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console, fail
-from pushfric_ros.commands.options import HeadlessFlag
+from pushfric_ros.commands.options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.recorded_run import RUNS, telling_what_is_left
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
@@ -20,7 +20,7 @@ from pushfric_ros.graph import graph
 app = typer.Typer(add_completion=False)
 
 
-@app.command()
+@app.command(cls=WithView)
 def run(
     cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
     bag: Annotated[
@@ -28,13 +28,17 @@ def run(
     ] = None,
     start: Annotated[int, option(ExperimentConfig, "start")] = ExperimentConfig.start,
     headless: HeadlessFlag = False,
+    view: ViewOption = "",
 ) -> None:
     file = load_cell(cell)
     model = load_object(file.object)
     bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
     if (absence := file.driver.absence()) is not None:
         raise InvalidInput(f"{cell}: pusher: {absence}")
+    shown = view_at(view, file.view)
     specs = graph.cell(file, str(bag), start)
+    if shown is not None:
+        specs = graph.with_view(specs, file.object, shown)
 
     def go_on(push: int) -> None:
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}", markup=False)

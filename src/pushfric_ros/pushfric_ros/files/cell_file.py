@@ -23,6 +23,7 @@ from pushfric_ros.files.node_settings import (
     PlanConfig,
     RecorderConfig,
     SimulationConfig,
+    ViewConfig,
 )
 from pushfric_ros.files.object_file import yaml_content
 from pushfric_ros.files.plugins import PUSHERS, chosen_tracker, plugin, tracker_kinds
@@ -52,6 +53,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "plan": (PlanConfig,),
     "estimator": EstimatorSettings.PARTS,
     "recorder": (RecorderConfig,),
+    "view": (ViewConfig,),
     "simulation": (SimulationConfig,),
 }
 """The settings of each section, without those of the camera's tracker and the pusher's driver."""
@@ -80,6 +82,7 @@ class CellFile:
     plan: PlanConfig = field(default_factory=PlanConfig)
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     recorder: RecorderConfig = field(default_factory=RecorderConfig)
+    view: ViewConfig = field(default_factory=ViewConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     namespace: str = CellConfig.namespace
     discovery: Discovery = CellConfig.discovery
@@ -110,7 +113,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    (camera, *trackers), (pusher, driver), (plan,), estimator, (recorder,), (simulation,) = map(section, SECTIONS)
+    (camera, *trackers), (pusher, driver), (plan,), estimator, (recorder,), (view,), (simulation,) = map(section, SECTIONS)
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
@@ -127,6 +130,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         plan,
         EstimatorSettings.of(*estimator),
         recorder,
+        view,
         simulation,
         named.namespace,
         named.discovery,

@@ -13,6 +13,12 @@ from typing import NamedTuple
 from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
 from pushfric_ros.messages.qos import QUALITIES
 
+LOOPBACK = "127.0.0.1"
+"""Only this machine reaches it."""
+
+VIEW_PORT = 8088
+"""Of the live view, unless another is asked for."""
+
 
 class Discovery(enum.Enum):
     """Who can reach the nodes of a cell; the names are those of ROS_AUTOMATIC_DISCOVERY_RANGE."""
@@ -183,6 +189,24 @@ class RecordingConfig:
 
 
 @dataclass(frozen=True)
+class ViewConfig:
+    """Where the live view is served, if it is asked for. Section `view`."""
+
+    host: str = setting(
+        LOOPBACK, f"address that the page is served on; not {LOOPBACK}: other machines reach it too, and need the token"
+    )
+    port: int = setting(0, f"port of the page; 0: {VIEW_PORT}, or a free one where that is taken", 0, 65535)
+    token: str = setting("", f"what a visitor must show; empty: nothing on {LOOPBACK}, a new one for each run elsewhere")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not self.host:
+            raise ValueError(f"host must be an address of this machine, such as {LOOPBACK} or 0.0.0.0, got ''")
+        if self.token and not re.fullmatch("[A-Za-z0-9_-]{8,}", self.token):
+            raise ValueError(f"token must be 8 or more letters, digits, - and _, got {self.token!r}")
+
+
+@dataclass(frozen=True)
 class PlayerConfig:
     """What is played, and how fast. From the command line."""
 
@@ -195,6 +219,7 @@ class PlayerConfig:
     exclude_topics: tuple[str, ...] = setting((), "topics not to play")
     clock: bool = setting(True, "publish the bag's time on /clock, 100 times in a second of the bag")
     wait_for: tuple[str, ...] = setting((), "topics that must have a subscriber before the first message is played")
+    awaits: tuple[str, ...] = setting((), "nodes that must report that they are well before the first message is played")
     paused: bool = setting(False, "start paused, until ~/pause ends the pause")
     exit_when_done: bool = setting(True, "end the process when everything has been played and acknowledged")
 

@@ -10,7 +10,7 @@ from pushfric_core.settings import plain
 from pushfric_ros.files import estimator_settings
 from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.node_settings import NAMESPACE
+from pushfric_ros.files.node_settings import NAMESPACE, ViewConfig
 from pushfric_ros.node_kit import network
 from pushfric_ros.pushers.grbl_config import GrblConfig
 
@@ -177,6 +177,25 @@ def replay(
     player = NodeSpec("player", playing, ends_run=True)
     live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **settings.parameters()})
     return with_own_clock([with_simulated_time(live), player], source.namespace)
+
+
+def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -> list[NodeSpec]:
+    """The same nodes, and one that shows the run to browsers; what happens waits until it can be seen.
+
+    Args:
+        specs: the nodes of a cell or of a replay.
+        object_name: name or file of the object.
+        config: where the view is served.
+    """
+    reached = specs[0].environment
+    view = NodeSpec("view", {"object": object_name, **plain(config)}, respawn=True, environment=reached)
+    return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
+
+
+def _awaiting(spec: NodeSpec, name: str) -> NodeSpec:
+    """The node that leads the run, which begins only when another node is well, too."""
+    awaited = spec.parameters.get("awaits", [])
+    return replace(spec, parameters={**spec.parameters, "awaits": [*awaited, name]})
 
 
 def with_simulated_time(spec: NodeSpec) -> NodeSpec:

@@ -64,6 +64,9 @@ MODE_TO_MSG = {
     ContactMode.SLIDING: PredictPush.Response.SLIDING,
 }
 
+MODE_NAMES = {getattr(PusherState, name): name[5:].lower() for name in dir(PusherState) if name.startswith("MODE_")}
+"""The modes of a pusher, in words."""
+
 
 def stamp_to_msg(nanoseconds: int) -> Time:
     """A time [ns], since the epoch or of the simulation, as a message."""

@@ -1,7 +1,7 @@
 """What a node reports about its health and its topics, once a second, on /diagnostics."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any, NamedTuple
 
@@ -44,6 +44,27 @@ def without_publisher(node: Node) -> list[str]:
     prefix = node.get_namespace()
     own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(prefix))
     return sorted(subscription.topic_name for subscription in own if not subscription.get_publisher_count())
+
+
+class Awaited:
+    """Which nodes of a cell have reported that they are well; those that have also receive the topics they need.
+
+    Args:
+        node: the node that waits.
+        names: of the nodes it waits for, relative to its namespace.
+    """
+
+    def __init__(self, node: Node, names: Iterable[str]) -> None:
+        self._missing = {f"{node.get_namespace()}/{name}".replace("//", "/") for name in names if name}
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+
+    @property
+    def missing(self) -> list[str]:
+        """The names of those that have not, without the namespace."""
+        return sorted(name.rpartition("/")[2] for name in self._missing)
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
 
 
 class Diagnostics:

@@ -20,14 +20,13 @@ from unique_identifier_msgs.msg import UUID
 from pushfric_core.errors import PushfricError
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
+from pushfric_ros.messages.conversions import MODE_NAMES
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
 
 PATIENCE = 5.0
 """For the actuator's answer [s]."""
-
-MODES = {getattr(PusherState, name): name[5:].lower() for name in dir(PusherState) if name.startswith("MODE_")}
 
 
 class NoAnswer(PushfricError):
@@ -36,7 +35,7 @@ class NoAnswer(PushfricError):
 
 def line(state: PusherState) -> str:
     push = "" if state.push_id == PusherState.NO_PUSH else f", push {state.push_id}"
-    return f"{MODES.get(state.mode, state.mode)} at {state.position * 1e3:.3f} mm, {state.speed * 1e3:.2f} mm/s{push}"
+    return f"{MODE_NAMES.get(state.mode, state.mode)} at {state.position * 1e3:.3f} mm, {state.speed * 1e3:.2f} mm/s{push}"
 
 
 class Person(contextlib.AbstractContextManager["Person"]):

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -29,7 +28,7 @@ from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.messages.conversions import pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit import executable
-from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -39,6 +38,7 @@ NANOSECONDS = 1e9
 WITHDRAWN = 1e-3  # a pusher nearer than this to the beginning of its stroke need not be brought back [m]
 
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
+PASSED = "a person went on to the next push"
 
 HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
@@ -72,12 +72,13 @@ class ExperimentNode(Node):
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._heartbeat = Heartbeat(self)
         self._blind = False  # the last push was stopped because the object was not seen
+        self._passed = False  # a person wants the next push instead of this one
         self.create_service(Trigger, "~/withdraw", self._on_withdraw)
+        self.create_service(Trigger, "~/next", self._on_next)
         self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
         self._progress = PlanProgress(count=self._count, push_id=self._first)
-        self._awaited = {f"{self.get_namespace()}/{name}".replace("//", "/") for name in self._config.awaits if name}
-        self._well: set[str] = set()
+        self._awaited = Awaited(self, self._config.awaits)
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
         self._heard = self._seen = -math.inf  # when pusher and object were last seen; these and the next in wall time [s]
@@ -93,7 +94,6 @@ class ExperimentNode(Node):
         if self._config.choose:
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
             topics.subscribe(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self.create_timer(0.05, self._check_condition)
         # in a group of its own, as the plan waits in this callback while others run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
@@ -102,7 +102,7 @@ class ExperimentNode(Node):
         self._start.cancel()
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         for push_id in range(self._first, self._count):
-            self._progress.push_id = push_id
+            self._progress.push_id, self._passed = push_id, False
             push = await self._choose() if self._config.choose else self._plan[push_id]
             if push is None:
                 self.get_logger().warning("the region of p_CF has collapsed: no push would shrink it")
@@ -146,9 +146,15 @@ class ExperimentNode(Node):
         self._placement_out.publish(msg)
         where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {math.degrees(wanted.theta):.0f} degrees"
         prompt = f"{push}: place the object at {where}"
-        while self._misplaced(wanted) is not None or self._unwell() is not None:
-            await self._until_well(lambda: self._misplaced(wanted), PlanProgress.PHASE_PLACING, prompt)
+
+        def misplaced() -> str | None:
+            return None if self._passed else self._misplaced(wanted)
+
+        while misplaced() is not None or self._unwell() is not None:
+            await self._until_well(misplaced, PlanProgress.PHASE_PLACING, prompt)
             await self._others()
+        if self._passed:
+            return PASSED
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         await self._until_well(self._foreign_clock, PlanProgress.PHASE_WAITING, "no push can be measured")
         self._report(PlanProgress.PHASE_PUSHING, push)
@@ -222,6 +228,18 @@ class ExperimentNode(Node):
         response.message = "bringing the pusher back" if response.success else "the pusher does not wait to be brought back"
         return response
 
+    def _on_next(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """A person wants to go on: past this push, or past waiting until the object is seen."""
+        if self._blind:
+            return self._on_withdraw(_, response)
+        response.success = self._progress.phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
+        self._passed = response.success
+        what = self._progress.message or "starting"
+        response.message = (
+            f"push {self._progress.push_id + 1} is given up" if response.success else f"no push to give up: {what}"
+        )
+        return response
+
     def _report(self, phase: int, message: str) -> None:
         self._progress.phase, self._progress.message = phase, message
         self._progress.header.stamp = self.get_clock().now().to_msg()
@@ -251,7 +269,7 @@ class ExperimentNode(Node):
 
     def _unwell(self) -> str | None:
         """The nodes that have not reported OK yet; None if all have."""
-        return ", ".join(sorted(name.rpartition("/")[2] for name in self._awaited - self._well)) or None
+        return ", ".join(self._awaited.missing) or None
 
     def _hindrance(self) -> str | None:
         """Why the pusher cannot move; None if it can."""
@@ -281,6 +299,8 @@ class ExperimentNode(Node):
         """Why the pusher must not go on forward; None if it may."""
         if self._pusher is None or self._pusher.push_id == PusherState.NO_PUSH:
             return None
+        if self._passed:
+            return PASSED
         if self._unseen:
             return f"the object was not seen for {self._config.lost_object:g} s"
         contradiction = self._following.contradiction
@@ -347,9 +367,6 @@ class ExperimentNode(Node):
         if progress.phase == PlanProgress.PHASE_PUSHING and self._unseen:
             return Health(Level.WARN, "the object is not seen", values)
         return Health(Level.OK, progress.message or "starting", values)
-
-    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        self._well |= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
 
     def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
         self._settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)

@@ -22,7 +22,7 @@ from pushfric_ros.bags.contents import BagMessage, Topic
 from pushfric_ros.files.node_settings import PlayerConfig
 from pushfric_ros.messages.qos import Durability, Reliability
 from pushfric_ros.node_kit import executable
-from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
@@ -74,6 +74,7 @@ class PlayerNode(Node):
         if config.clock:
             self._outputs[CLOCK_TOPIC] = self._diagnostics.advertise(ClockMsg, CLOCK_TOPIC, RELIABLE)
         self._awaited = [self._outputs[name] for name in self._names("wait_for", config.wait_for, self._outputs)]
+        self._nodes = Awaited(self, config.awaits)
         self._clock_period_ns = max(CLOCK_PERIOD_NS, round(SHORTEST_CLOCK_PERIOD_NS * config.rate))
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._paused = config.paused
@@ -122,7 +123,7 @@ class PlayerNode(Node):
         return names
 
     def _await_subscribers(self) -> None:
-        if not self._paused and all(output.get_subscription_count() for output in self._awaited):
+        if not self._paused and not self._nodes.missing and all(output.get_subscription_count() for output in self._awaited):
             self._rewind()
             self._call_in(0, self._play)
 

@@ -1,0 +1,156 @@
+"""The view node: shows a run to browsers, and passes on what their visitors ask for."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import Empty, String
+from std_srvs.srv import Trigger
+
+from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
+from pushfric_msgs.srv import ExcludePush
+from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_ros.files.node_settings import ObjectConfig, ViewConfig
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.node_kit import executable
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
+from pushfric_ros.view.server import Answer, Request, Server
+from pushfric_ros.view.story import Change, Story
+
+
+class ViewNode(Node):
+    """Serves a page that shows the run.
+
+    What was estimated is received from the start, for those who come late; images, poses and pusher states only while somebody
+    looks.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("view", **kwargs)
+        model, config = declare(self, ObjectConfig), declare(self, ViewConfig)
+        self._story = Story(load_object(model.object), self.get_namespace())
+        self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this one to do
+        self._wake = self.create_guard_condition(self._do_what_is_asked)
+        self._server = Server(config, self._on_request, self._on_looking)
+        self._server.show(self._story.begin())
+        self._watched: list[Subscription] = []  # what is received only while somebody looks
+        self._looking = False
+        self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
+        triggers = {"stop": "actuator/stop", "reset": "actuator/reset", "next": "experiment/next"}
+        self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
+        self._services_of["exclude"] = self.create_client(ExcludePush, "estimator/exclude_push")
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        story = self._story
+        # from the start, whoever looks: a visitor who comes late is told all of it
+        self._needed = [
+            topics.subscribe(FrictionEstimate, "friction_estimate", self._telling(story.on_estimate), LATCHED_QUEUE),
+            topics.subscribe(Observation, "observation", self._telling(story.on_observation), RELIABLE),
+        ]
+        topics.subscribe(PlanProgress, "plan_progress", self._telling(story.on_plan), LATCHED_QUEUE)
+        topics.subscribe(String, SETTINGS_TOPIC, self._telling(lambda msg: story.on_settings(msg.data)), LATCHED)
+        topics.subscribe(String, "pusher_fault", self._telling(lambda msg: {"fault": msg.data}), LATCHED)
+        self.create_subscription(
+            DiagnosticArray, "/diagnostics", self._telling(lambda msg: story.on_diagnostics(msg.status)), RELIABLE
+        )
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return self._server.url
+
+    def destroy_node(self) -> None:
+        """Take leave of the visitors, too."""
+        self._server.close()
+        super().destroy_node()
+
+    def _telling(self, told: Callable[[Any], Change]) -> Callable[[Any], None]:
+        """A callback that tells the visitors what a message changes."""
+
+        def on_message(msg: Any) -> None:
+            try:
+                change = told(msg)
+            except ValueError as error:
+                self.get_logger().error(f"{type(msg).__name__} not shown: {error}", once=True)
+            else:
+                self._server.show(change)
+
+        return on_message
+
+    def _do_what_is_asked(self) -> None:
+        while self._asked:
+            self._asked.popleft()()
+
+    def _on_request(self, request: Request) -> None:
+        """In the server's thread."""
+        self._asked.append(lambda: self._carry_out(request))
+        self._wake.trigger()
+
+    def _on_looking(self, looking: bool) -> None:
+        """In the server's thread."""
+        self._asked.append(lambda: self._look(looking))
+        self._wake.trigger()
+
+    def _look(self, looking: bool) -> None:
+        """Receive what moves, or do so no longer."""
+        self._looking = looking
+        for subscription in self._watched:
+            self.destroy_subscription(subscription)
+        self._watched = []
+        if looking:
+            story, subscribe = self._story, self.create_subscription
+            self._watched = [
+                subscribe(
+                    CompressedImage, "overlay/compressed", lambda msg: self._server.picture(bytes(msg.data)), SENSOR_DATA
+                ),
+                subscribe(PoseWithCovarianceStamped, "object_pose", self._telling(story.on_pose), SENSOR_DATA),
+                subscribe(PusherState, "pusher_state", self._telling(story.on_pusher), RELIABLE),
+            ]
+
+    def _carry_out(self, request: Request) -> None:
+        """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""
+        client = self._services_of[request.action]
+        if request.action == "stop":
+            self._stop_out.publish(Empty())
+        if not client.service_is_ready():
+            name = self.resolve_service_name(client.srv_name)
+            request.answer(Answer(False, f"no service {name}: nobody there can do it"))
+            return
+        question = ExcludePush.Request(push_id=request.push) if request.action == "exclude" else Trigger.Request()
+
+        def answered(future: Future) -> None:
+            response = future.result()
+            request.answer(Answer(response.success, response.message))
+
+        client.call_async(question).add_done_callback(answered)
+
+    def _health(self) -> Health:
+        silent = [subscription.topic_name for subscription in self._needed if not subscription.get_publisher_count()]
+        values = {"address": self._server.url.partition("?")[0], "somebody looks": self._looking}
+        if silent:
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        return Health(Level.OK, "serving", values)
+
+
+def _announced() -> ViewNode:
+    """The node, once its address is printed for the operator; the supervisor puts the node's name before it."""
+    node = ViewNode()
+    print(node.url, flush=True)
+    return node
+
+
+def main() -> None:
+    run_node(_announced)
+
+
+if __name__ == "__main__":
+    executable.main()

@@ -1,0 +1,163 @@
+// The drawings of the page: SVG in its own pixels, so that text and lines keep their size.
+const SVG = "http://www.w3.org/2000/svg";
+const WIDTH = 640;
+const CHI2_90 = 4.605; // the 90 % ellipse: x' C^-1 x <= this
+
+const number = (value) => (value === "inf" ? Infinity : typeof value === "number" ? value : NaN);
+
+function made(tag, attributes, text) {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  if (text !== undefined) element.textContent = text;
+  return element;
+}
+
+const path = (points, closed) => points.map(([x, y], index) => `${index ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") + (closed ? "Z" : "");
+
+/** A step of 1, 2 or 5 times a power of ten that divides a span into about so many parts. */
+function niceStep(span, parts) {
+  const raw = span / parts, power = 10 ** Math.floor(Math.log10(raw));
+  return power * ([1, 2, 5].find((step) => step * power >= raw) ?? 10);
+}
+
+/** The object in its own frame: w, p_CF with its ellipse, and where the pusher is. */
+export function drawObject(svg, story, rows) {
+  const height = 480, parts = [];
+  const outline = story.object?.outline ?? [];
+  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
+  if (!outline.length) {
+    svg.replaceChildren();
+    return;
+  }
+  const xs = outline.map(([x]) => x), ys = outline.map(([, y]) => y);
+  const middle = [(Math.min(...xs) + Math.max(...xs)) / 2, (Math.min(...ys) + Math.max(...ys)) / 2];
+  const span = [Math.max(...xs) - Math.min(...xs), Math.max(...ys) - Math.min(...ys)];
+  const scale = Math.min((0.72 * WIDTH) / span[0], (0.66 * height) / span[1]); // [px/m]
+  const to = ([x, y]) => [WIDTH / 2 + (x - middle[0]) * scale, height / 2 - 8 - (y - middle[1]) * scale];
+
+  const estimate = story.estimate?.object === story.object.name ? story.estimate : null;
+  parts.push(made("path", { class: "outline", d: path(outline.map(to), true) }));
+
+  for (const row of rows) {
+    if (row.excluded) continue;
+    for (const [x, y, nx, ny] of row.contacts) {
+      const [u, v] = to([x, y]); // a wedge from outside, along the inward normal
+      const side = [-ny, nx];
+      const wedge = [[u, v], [u + 11 * nx + 5 * side[0], v - 11 * ny - 5 * side[1]], [u + 11 * nx - 5 * side[0], v - 11 * ny + 5 * side[1]]];
+      parts.push(made("path", { class: "contact", d: path(wedge, true) }));
+    }
+  }
+  if (estimate) {
+    const area = 0.1 * span[0] * span[1] * scale * scale; // of all discs together
+    estimate.support_points.forEach((point, index) => {
+      const [u, v] = to(point);
+      parts.push(made("circle", { class: "point", cx: u, cy: v, r: 2.5 }));
+      const radius = Math.sqrt((area * number(estimate.w[index])) / Math.PI);
+      if (radius > 0.5) {
+        const disc = made("circle", { class: "weight", cx: u, cy: v, r: radius });
+        disc.append(made("title", {}, `w ${(100 * estimate.w[index]).toFixed(1)} % at (${(1e3 * point[0]).toFixed(1)}, ${(1e3 * point[1]).toFixed(1)}) mm`));
+        parts.push(disc);
+      }
+    });
+  }
+  parts.push(...drawnPusher(story, to, scale));
+  const center = estimate?.center_of_friction.map(number);
+  if (center?.every(Number.isFinite)) {
+    const [u, v] = to(center);
+    const spread = estimate.center_of_friction_covariance;
+    if (spread) parts.push(drawnEllipse(spread, u, v, scale));
+    parts.push(made("path", { class: "center", d: `M${u - 11} ${v}H${u + 11}M${u} ${v - 11}V${v + 11}` }));
+  }
+  const bar = niceStep(WIDTH / scale, 6);
+  parts.push(made("path", { class: "scale", d: `M20 ${height - 26}v8h${bar * scale}v-8` }));
+  parts.push(made("text", { x: 20 + (bar * scale) / 2, y: height - 24, "text-anchor": "middle" }, `${+(bar * 1e3).toPrecision(3)} mm`));
+  svg.replaceChildren(...parts);
+}
+
+function drawnEllipse([[xx, xy], [, yy]], u, v, scale) {
+  const mean = (xx + yy) / 2, half = Math.hypot((xx - yy) / 2, xy);
+  const radii = [mean + half, Math.max(0, mean - half)].map((variance) => Math.max(1, Math.sqrt(CHI2_90 * variance) * scale));
+  const turned = (-Math.atan2(2 * xy, xx - yy) / 2) * (180 / Math.PI);
+  return made("ellipse", { class: "ellipse", cx: u, cy: v, rx: radii[0], ry: radii[1], transform: `rotate(${turned} ${u} ${v})` });
+}
+
+/** The pushing line and the tip, from the table into the object's frame. */
+function drawnPusher({ pose, pusher }, to, scale) {
+  if (!pose || !pusher) return [];
+  const [x, y, theta] = pose, [cos, sin] = [Math.cos(theta), Math.sin(theta)];
+  const turned = ([a, b]) => [cos * a + sin * b, -sin * a + cos * b];
+  const tip = turned([pusher.tip[0] - x, pusher.tip[1] - y]), along = turned(pusher.direction);
+  const reach = WIDTH / scale;
+  const ends = [-reach, reach].map((far) => to([tip[0] + far * along[0], tip[1] + far * along[1]]));
+  const [u, v] = to(tip);
+  return [
+    made("path", { class: "line", d: path(ends) }),
+    made("circle", { class: "tip", cx: u, cy: v, r: Math.max(4, pusher.radius * scale) }),
+  ];
+}
+
+/** The lower bounds on mu_c as a histogram, with the 90 % and 100 % marks, and its value with the interval. */
+export function drawFriction(svg, estimate) {
+  const height = 200, left = 24, right = WIDTH - 24, base = height - 34, top = 46;
+  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
+  const { counts = [], bin_width: bin = 0.05 } = estimate?.histogram ?? {};
+  const mu = estimate?.mu_c;
+  const finite = (mu ? [mu.max, mu.value, ...(mu.interval ?? [])] : []).map(number).filter(Number.isFinite);
+  const end = Math.min(2.05, Math.max(1, 1.15 * Math.max(0, ...finite)));
+  const to = (value) => left + (Math.min(value, end) / end) * (right - left);
+  const parts = [];
+  const step = niceStep(end, 6);
+  for (let tick = 0; tick <= end + 1e-9; tick += step) {
+    parts.push(made("path", { class: "grid", d: `M${to(tick)} ${top}V${base}` }));
+    parts.push(made("text", { x: to(tick), y: height - 12, "text-anchor": "middle" }, `${+tick.toFixed(2)}`));
+  }
+  const highest = Math.max(1, ...counts);
+  counts.forEach((count, index) => {
+    if (count && index * bin < end) {
+      const tall = ((base - top) * count) / highest;
+      parts.push(made("rect", { class: "count", x: to(index * bin) + 1, y: base - tall, width: Math.max(1, to((index + 1) * bin) - to(index * bin) - 2), height: tall }));
+    }
+  });
+  parts.push(made("path", { class: "axis", d: `M${left} ${base}H${right}` }));
+  if (mu) {
+    for (const [value, label] of [[mu.p90, "90 %"], [mu.max, "100 %"]]) {
+      const u = to(number(value));
+      parts.push(made("path", { class: "bound", d: `M${u} ${base}V${top - 4}` }));
+      parts.push(made("text", { x: u, y: label === "90 %" ? top - 28 : top - 10, "text-anchor": u > right - 40 ? "end" : "middle", class: "strong" }, `${label}: ${number(value) === Infinity ? "∞" : number(value).toFixed(2)}`));
+    }
+    const [low, high] = (mu.interval ?? []).map(number);
+    if (Number.isFinite(low)) {
+      const open = !Number.isFinite(high), v = base - 14;
+      parts.push(made("path", { class: "interval", d: `M${to(low)} ${v}H${open ? right : to(high)}` }));
+      if (open) parts.push(made("path", { class: "center", d: `M${right - 8} ${v - 9}L${right + 3} ${v}L${right - 8} ${v + 9}` }));
+      if (Number.isFinite(number(mu.value))) parts.push(made("circle", { class: "value", cx: to(number(mu.value)), cy: v, r: 7 }));
+    }
+  }
+  svg.replaceChildren(...parts);
+}
+
+/** The fit error per data point after each push. */
+export function drawError(svg, rows) {
+  const height = 200, left = 58, right = WIDTH - 8, base = height - 34, top = 14;
+  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
+  const shown = rows.filter((row) => row.after);
+  const values = shown.map(({ after }) => (1e3 * number(after.objective)) / after.data_points);
+  const highest = Math.max(1e-3, ...values.filter(Number.isFinite));
+  const step = niceStep(highest, 3), end = step * Math.ceil(highest / step);
+  const parts = [];
+  for (let tick = 0; tick <= end + step / 2; tick += step) {
+    const v = base - ((base - top) * tick) / end;
+    parts.push(made("path", { class: "grid", d: `M${left} ${v}H${right}` }));
+    parts.push(made("text", { x: left - 8, y: v + 5, "text-anchor": "end" }, `${+tick.toPrecision(3)}`));
+  }
+  const wide = (right - left) / Math.max(8, shown.length);
+  const every = Math.ceil(shown.length / 20);
+  shown.forEach((row, index) => {
+    const tall = Number.isFinite(values[index]) ? ((base - top) * values[index]) / end : 0;
+    const u = left + index * wide;
+    parts.push(made("rect", { class: row.excluded ? "bar out" : "bar", x: u + 0.18 * wide, y: base - tall, width: 0.64 * wide, height: tall, rx: 2 }));
+    if (index % every === 0) parts.push(made("text", { x: u + wide / 2, y: height - 12, "text-anchor": "middle" }, `${row.push + 1}`));
+  });
+  parts.push(made("path", { class: "axis", d: `M${left} ${base}H${right}` }));
+  svg.replaceChildren(...parts);
+}

@@ -1,0 +1,243 @@
+// Shows the story of a run, which comes as one flat dict, first whole and then in changes; pushfric_ros/view/story.py lists its keys.
+import { drawError, drawFriction, drawObject } from "./drawings.js";
+
+const RETRY_MS = 2000;
+const STALE_MS = 3000; // an image older than this is no longer what the camera sees
+const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
+
+const token = new URLSearchParams(location.search).get("token") ?? "";
+const at = (id) => document.getElementById(id);
+let story = {};
+let picture = null; // address of the image shown
+let pictureAt = -Infinity;
+let drawing = false; // a redraw is due
+let connection = "connecting"; // or live, lost, ended, refused
+
+// Numbers, as JSON has them and as people read them
+
+const number = (value) => (value === "inf" ? Infinity : typeof value === "number" ? value : NaN);
+const known = (value) => value !== undefined && value !== null;
+const mm = (metres, digits = 2) => (Number.isFinite(number(metres)) ? (number(metres) * 1e3).toFixed(digits).replace(/^-(0\.?0*)$/, "$1") : "–");
+const plain = (value, digits = 2) => (number(value) === Infinity ? "∞" : Number.isFinite(number(value)) ? number(value).toFixed(digits) : "–");
+const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
+const rowsOf = () => Object.keys(story).filter((key) => key.startsWith("push/")).map((key) => story[key]).sort((a, b) => a.push - b.push);
+
+// Connection
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const socket = new WebSocket(`${scheme}://${location.host}/live?token=${encodeURIComponent(token)}`);
+  socket.binaryType = "blob";
+  const look = () => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify({ looks: !document.hidden }));
+  document.addEventListener("visibilitychange", look);
+  socket.onopen = () => { if (document.hidden) look(); };
+  socket.onmessage = ({ data }) => {
+    if (data instanceof Blob) {
+      show(data);
+      return;
+    }
+    const { all, some } = JSON.parse(data);
+    if (all) story = {};
+    for (const [key, value] of Object.entries(all ?? some)) {
+      if (value === null) delete story[key];
+      else story[key] = value;
+    }
+    connection = "live";
+    redraw();
+  };
+  socket.onclose = ({ code }) => {
+    document.removeEventListener("visibilitychange", look);
+    if (code === WITHOUT_TOKEN) connection = "refused";
+    else if (connection !== "refused" && connection !== "ended") connection = code === RUN_ENDED ? "ended" : "lost";
+    redraw();
+    setTimeout(connect, RETRY_MS);
+  };
+}
+
+function show(blob) {
+  const before = picture;
+  picture = URL.createObjectURL(blob);
+  pictureAt = performance.now();
+  at("overlay").src = picture;
+  if (before) URL.revokeObjectURL(before);
+  redraw();
+}
+
+async function ask(what) {
+  try {
+    const answered = await fetch(what, { method: "POST", headers: token ? { Authorization: `Bearer ${token}` } : {} });
+    const { done, message } = await answered.json();
+    say(`${what.replace("/", " ")}: ${message}`, !done);
+  } catch {
+    say(`${what}: nobody answers; use the switch at the pusher`, true);
+  }
+}
+
+let silence;
+function say(text, failed) {
+  at("answer").textContent = text[0].toUpperCase() + text.slice(1);
+  at("answer").classList.toggle("failed", failed);
+  at("answer").hidden = false;
+  clearTimeout(silence);
+  silence = setTimeout(() => { at("answer").hidden = true; }, failed ? 20000 : 8000);
+}
+
+// The page
+
+function redraw() {
+  if (drawing) return;
+  drawing = true;
+  requestAnimationFrame(() => {
+    drawing = false;
+    drawHeader();
+    drawNow();
+    drawNumbers();
+    drawCamera();
+    drawObject(at("drawing"), story, rowsOf());
+    drawFriction(at("friction_chart"), story.estimate);
+    drawError(at("error_chart"), rowsOf());
+    drawTable();
+    drawNodes();
+  });
+}
+
+function drawHeader() {
+  at("object").textContent = story.object?.name ?? "pushfric";
+  at("cell").textContent = story.cell ?? "";
+  const said = { connecting: "connecting …", live: "", lost: "no connection, trying again …", ended: "the run has ended", refused: "" };
+  at("connection").textContent = said[connection];
+  at("connection").className = connection === "lost" ? "lost" : "";
+  document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
+  const live = connection === "live";
+  const pushes = live && known(story["node/actuator"]);
+  at("stop").disabled = !(pushes || connection === "refused");
+  at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
+  at("next").disabled = !(live && ["placing", "pushing", "waiting"].includes(story.plan?.phase));
+}
+
+function drawNow() {
+  const { plan, fault, estimate } = story;
+  let prompt = plan?.message || (estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
+  if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
+  if (fault === "stopped") prompt = "The pusher is stopped: press Reset to let it move again";
+  else if (plan && known(fault) && fault !== "none") prompt += ` (fault: ${fault})`;
+  at("prompt").textContent = prompt[0].toUpperCase() + prompt.slice(1);
+  at("now").className = connection === "live" ? plan?.phase ?? "" : "lost";
+  at("progress").parentElement.hidden = !plan;
+  if (plan) {
+    const done = plan.completed + plan.aborted;
+    at("progress").max = Math.max(1, plan.count);
+    at("progress").value = plan.phase === "finished" ? plan.count : plan.push;
+    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}`;
+  }
+  const verdict = estimate?.verdict;
+  at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${verdict.reasons.join("; ")}`;
+}
+
+function drawNumbers() {
+  const { estimate } = story;
+  const [x, y] = estimate?.center_of_friction ?? [];
+  unit("center", estimate ? `${mm(x)}, ${mm(y)}` : "–", "mm");
+  at("confidence").textContent = known(estimate?.confidence) ? `off by at most ${mm(estimate.confidence)} mm, with 90 %` : "";
+  const mu = estimate?.mu_c;
+  const measured = known(mu?.value);
+  at("mu").textContent = !mu ? "–" : measured ? plain(mu.value) : `≥ ${plain(mu.p90)}`;
+  at("mu_kind").textContent = !mu ? "" : measured ? `${plain(mu.interval[0])} to ${plain(mu.interval[1])} with 90 %, from ${mu.kind}` : "a lower bound (90 % of the data points)";
+  unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
+  at("certified").textContent = estimate ? `${estimate.status}; certified to ${(number(estimate.gap) * 1e3).toExponential(0)} mm` : "";
+  at("points").textContent = estimate ? counted(estimate.data_points, "data point") : "–";
+  at("pushes").textContent = estimate ? `of ${estimate.pushes} ${estimate.pushes === 1 ? "push" : "pushes"}` : "";
+}
+
+function unit(id, text, what) {
+  const name = document.createElement("span");
+  name.className = "unit";
+  name.textContent = ` ${what}`;
+  at(id).replaceChildren(text, ...(text === "–" ? [] : [name]));
+}
+
+function drawCamera() {
+  const tracker = story["node/tracker"];
+  const old = performance.now() - pictureAt > STALE_MS;
+  at("overlay").hidden = !picture;
+  at("overlay").classList.toggle("old", old);
+  at("no_image").hidden = Boolean(picture);
+  at("no_image").textContent = known(story["node/player"]) ? "A bag holds no images" : "No image yet";
+  const unseen = tracker && tracker.level !== "ok";
+  at("seen").textContent = !tracker ? "" : unseen ? `✗ ${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
+  at("seen").classList.toggle("problem", Boolean(unseen));
+}
+
+function drawTable() {
+  const rows = rowsOf();
+  at("no_rows").hidden = rows.length > 0;
+  const body = at("rows");
+  for (const kept of [...body.children]) if (!story[`push/${kept.dataset.push}`]) kept.remove();
+  rows.forEach((row, index) => {
+    let line = body.querySelector(`tr[data-push="${row.push}"]`);
+    if (!line) {
+      line = document.createElement("tr");
+      line.dataset.push = row.push;
+      for (const label of ["push", "data points", "p_CF x [mm]", "p_CF y [mm]", "μ_c 90 %", "fit error [mm]", "verdict", ""]) {
+        const cell = line.insertCell();
+        if (label) cell.dataset.label = label;
+      }
+      const button = document.createElement("button");
+      button.addEventListener("click", () => ask(`exclude/${row.push}`));
+      line.lastChild.append(button);
+      body.insertBefore(line, body.children[index] ?? null);
+    }
+    const { after } = row;
+    const [verdict, bad] = judged(row);
+    const texts = [row.push + 1, row.contacts.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
+    texts.forEach((text, column) => { line.cells[column].textContent = text; });
+    line.cells[6].className = bad ? "bad" : "";
+    line.className = row.excluded ? "out" : "";
+    const button = line.lastChild.firstChild;
+    button.textContent = row.excluded ? "Excluded" : "Exclude";
+    button.ariaLabel = `Exclude push ${row.push + 1}`;
+    button.disabled = row.excluded || connection !== "live" || !row.contacts.length;
+  });
+}
+
+function judged(row) {
+  if (row.excluded) return ["excluded", false];
+  if (row.aborted) return ["✗ aborted", true];
+  if (!row.contacts.length) return ["no data point yet", false];
+  return ["✓ counts", false];
+}
+
+function drawNodes() {
+  const signs = { ok: "✓", warning: "!", error: "✗", stale: "?" };
+  const list = at("nodes");
+  for (const name of Object.keys(story).filter((key) => key.startsWith("node/")).sort()) {
+    const { level, message, values } = story[name];
+    let details = list.querySelector(`[data-node="${name}"]`);
+    if (!details) {
+      details = document.createElement("details");
+      details.dataset.node = name;
+      details.innerHTML = '<summary><span class="level"></span><span class="node"></span><span class="message"></span></summary><dl></dl>';
+      list.insertBefore(details, [...list.children].find((other) => other.dataset.node > name) ?? null);
+    }
+    details.className = level;
+    details.querySelector(".level").textContent = signs[level];
+    details.querySelector(".level").ariaLabel = level;
+    details.querySelector(".node").textContent = name.slice("node/".length);
+    details.querySelector(".message").textContent = message;
+    if (details.open) {
+      details.querySelector("dl").replaceChildren(...Object.entries(values).flatMap(([key, value]) => [made("dt", key), made("dd", value)]));
+    }
+  }
+  for (const kept of [...list.children]) if (!story[kept.dataset.node]) kept.remove();
+}
+
+function made(tag, text) {
+  const element = document.createElement(tag);
+  element.textContent = text;
+  return element;
+}
+
+for (const what of ["stop", "reset", "next"]) at(what).addEventListener("click", () => ask(what));
+at("nodes").addEventListener("toggle", redraw, true);
+setInterval(redraw, 1000); // an image grows old without news
+connect();

@@ -1,0 +1,58 @@
+"""The option --view of run, demo and replay."""
+
+import pytest
+import typer.main
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands import replay, run
+from pushfric_ros.commands.options import AUTO_VIEW, view_at
+from pushfric_ros.files.node_settings import ViewConfig
+
+CELL = ViewConfig(host="10.0.0.5", port=9000, token="a-secret-word")
+
+
+@pytest.mark.parametrize(
+    ("address", "settings", "expected"),
+    [
+        ("", CELL, None),
+        (AUTO_VIEW, CELL, CELL),
+        (AUTO_VIEW, ViewConfig(), ViewConfig()),
+        ("8000", ViewConfig(), ViewConfig(port=8000)),
+        ("8000", CELL, ViewConfig("10.0.0.5", 8000, "a-secret-word")),
+        ("0.0.0.0:8000", ViewConfig(), ViewConfig("0.0.0.0", 8000)),
+        ("[::1]:8000", ViewConfig(), ViewConfig("::1", 8000)),
+        ("robot.local:0", ViewConfig(), ViewConfig("robot.local", 0)),
+    ],
+)
+def test_an_address_stands_for_settings(address, settings, expected):
+    assert view_at(address, settings) == expected
+
+
+@pytest.mark.parametrize("address", ["yes", "1.2.3.4", "http://robot:80", "robot:", ":80", "8000 "])
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(InvalidInput, match=r"^--view must be a port or HOST:PORT, got "):
+        view_at(address, CELL)
+
+
+def test_a_port_out_of_range_is_refused():
+    with pytest.raises(InvalidInput, match=r"^--view 65536: port must lie in \[0, 65535\], got 65536$"):
+        view_at("65536", CELL)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["x", "--view"], AUTO_VIEW),
+        (["--view", "x"], AUTO_VIEW),
+        (["--view", "8000", "x"], "8000"),
+        (["x", "--view", "0.0.0.0:80"], "0.0.0.0:80"),
+        (["x", "--view=8000"], "8000"),
+        (["--view", "--headless", "x"], AUTO_VIEW),
+        (["x"], ""),
+    ],
+)
+@pytest.mark.parametrize("command", [run, replay])
+def test_the_option_may_stand_alone_anywhere(command, arguments, expected):
+    context = typer.main.get_command(command.app).make_context("command", arguments)
+    assert context.params["view"] == expected
+    assert str(context.params["cell" if command is run else "bag"]) == "x"

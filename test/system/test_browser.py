@@ -1,0 +1,190 @@
+"""The live view in a browser, on a simulated cell of real processes; one run for all tests of this module, in order."""
+
+import contextlib
+import dataclasses
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import threading
+import time
+
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.files.node_settings import PlanConfig, ViewConfig
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.supervisor import Supervisor
+from pushfric_ros.node_kit.qos import RELIABLE
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+PATIENCE = 120.0  # [s]
+OBJECT = "wood_rect4"
+STROKE = 0.05  # of each push [m]
+PUSHES = 80
+"""More than the tests last for."""
+
+
+expect.set_options(timeout=PATIENCE * 1e3)
+
+
+def usable_browser() -> str | None:
+    """A browser of the distribution that runs here; on some, the package is only a pointer to another store."""
+    for name in BROWSERS:
+        found = shutil.which(name)
+        if found is None:
+            continue
+        answer = subprocess.run([found, "--version"], capture_output=True, text=True, timeout=60, check=False)
+        if answer.returncode == 0 and "Chrom" in answer.stdout:
+            return found
+    return None
+
+
+@pytest.fixture(scope="module")
+def browser():
+    found = usable_browser()
+    if found is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} runs here; apt-get install chromium brings one")
+    with sync_playwright() as playwright:
+        # the sandbox of Chromium does not work for root
+        browser = playwright.chromium.launch(executable_path=found, chromium_sandbox=os.geteuid() != 0)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def url(browser, tmp_path_factory):
+    """Where a run with a view is shown: slow pushes, so that one can be stopped on its way."""
+    folder = tmp_path_factory.mktemp("cell")
+    pushes = ("{edge: 0, offset: 0.03}", "{edge: 2, offset: -0.02}")
+    (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
+    plan = PlanConfig(str(folder / "plan.yaml"), distance=STROKE, speed=0.01)
+    cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan)
+    specs = graph.simulated_cell(cell, str(folder / "bag"), seed=1, speed=2.0)
+    said, served = [], threading.Event()
+
+    def say(name: str, line: str) -> None:
+        print(f"{name}: {line}")  # pytest shows it if a test fails
+        said.append((name, line))
+        if name == "view":
+            served.set()
+
+    over = threading.Event()
+
+    def supervise() -> None:
+        while not over.wait(0.05):
+            ended = supervisor.poll()
+            if ended is not None:
+                print(ended)
+                return
+
+    with Supervisor(graph.with_view(specs, OBJECT, ViewConfig()), graph.NAMESPACE, say) as supervisor:
+        thread = threading.Thread(target=supervise)
+        thread.start()
+        try:
+            assert served.wait(PATIENCE), said
+            (url,) = [line for name, line in said if name == "view"]
+            assert url.startswith("http://127.0.0.1:")
+            yield url
+        finally:
+            over.set()
+            thread.join()
+
+
+@contextlib.contextmanager
+def visit(browser: Browser, url: str, **kwargs):
+    """A page of a new visitor, on which nothing fails."""
+    context = browser.new_context(**kwargs)
+    page = context.new_page()
+    failures: list[str] = []
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.on("requestfailed", lambda request: failures.append(request.url))
+    page.on("request", lambda request: failures.extend([request.url] * (not request.url.startswith((url, "blob:", "data:")))))
+    page.goto(url)
+    yield page
+    context.close()
+    assert failures == []
+
+
+def first_row(page: Page) -> list[str]:
+    """The table's line of the first push, once the second has begun."""
+    expect(page.locator("#rows tr")).not_to_have_count(1)
+    return page.locator("#rows tr").first.locator("td").all_inner_texts()
+
+
+def test_the_page_shows_the_run(browser, url):
+    with visit(browser, url) as page:
+        expect(page.locator("#object")).to_have_text(OBJECT)
+        expect(page.locator("#prompt")).to_contain_text(f"of {PUSHES}")
+        expect(page.locator("#points")).to_contain_text("data point")
+        expect(page.locator("#center")).to_contain_text("mm")
+        expect(page.locator("#overlay")).to_be_visible()
+        assert page.locator("#overlay").evaluate("image => image.decode().then(() => image.naturalWidth)") == 640
+        expect(page.locator("#drawing .weight")).not_to_have_count(0)
+        expect(page.locator("#drawing .tip")).to_have_count(1)
+        for node in ("tracker", "actuator", "estimator", "experiment", "recorder", "view"):
+            expect(page.locator(f'#nodes [data-node="node/{node}"]')).to_have_count(1)
+
+
+def test_a_reload_and_another_visitor_see_everything_so_far(browser, url):
+    with visit(browser, url) as page, visit(browser, url) as other:
+        seen = first_row(page)
+        assert int(seen[1]) > 0
+        page.reload()
+        assert first_row(page) == seen
+        assert first_row(other) == seen
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_it_without_scrolling_sideways(browser, url, scheme):
+    with visit(browser, url, viewport={"width": 360, "height": 740}, color_scheme=scheme, is_mobile=True) as page:
+        first_row(page)
+        assert page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]") == [360, 360]
+        expect(page.locator("#stop")).to_be_in_viewport()
+
+
+def test_a_click_stops_a_push(browser, url, ros):
+    states: list[PusherState] = []
+    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    with visit(browser, url) as page:
+        expect(page.locator("#stop")).to_be_enabled()
+        ros.wait_for(lambda: states and states[-1].push_id != PusherState.NO_PUSH, PATIENCE, "a push")
+        pushed = states[-1].push_id
+        page.locator("#stop").click()
+        ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
+        expect(page.locator("#answer")).to_contain_text("nothing moves until")
+        expect(page.locator("#prompt")).to_contain_text("press Reset")
+        at_rest = states[-1].position
+        assert 0 < at_rest < STROKE
+        expect(page.locator(f'#rows tr[data-push="{pushed}"]')).to_contain_text("aborted")
+        count = len(states)
+        ros.wait_for(lambda: len(states) > count + 20, PATIENCE, "more states")
+        assert {state.position for state in states[count:]} == {at_rest}
+        page.locator("#reset").click()
+        expect(page.locator("#answer")).to_contain_text("released")
+        ros.wait_for(lambda: states[-1].push_id > pushed, PATIENCE, "the next push")
+
+
+def test_a_push_is_excluded_and_another_given_up(browser, url):
+    with visit(browser, url) as page, visit(browser, url) as other:
+        page.locator("#rows tr").first.get_by_role("button").click()
+        for one in (page, other):
+            expect(one.locator("#rows tr").first).to_contain_text("excluded")
+        expect(page.locator("#answer")).to_contain_text("are left")
+        deadline = time.monotonic() + PATIENCE
+        while "is given up" not in page.locator("#answer").inner_text():  # between two pushes there is none to give up
+            assert time.monotonic() < deadline
+            expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
+            with page.expect_response("**/next"):
+                page.locator("#next").click()
+
+
+@pytest.mark.skipif(
+    "PUSHFRIC_PICTURES" not in os.environ, reason="PUSHFRIC_PICTURES names no folder for the pictures of the docs"
+)
+def test_pictures_for_the_docs(browser, tmp_path):
+    folder = pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
+    assert folder.is_dir()
