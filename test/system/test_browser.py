@@ -101,8 +101,9 @@ def visit(browser: Browser, url: str, **kwargs):
     page = context.new_page()
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
-    page.on("requestfailed", lambda request: failures.append(request.url))
-    page.on("request", lambda request: failures.extend([request.url] * (not request.url.startswith((url, "blob:", "data:")))))
+    # an image in the page's own memory may be given up for the next one
+    page.on("requestfailed", lambda request: failures.extend([request.url] * (not request.url.startswith("blob:"))))
+    page.on("request", lambda request: failures.extend([request.url] * (not request.url.startswith((url, "blob:")))))
     page.goto(url)
     yield page
     context.close()

@@ -55,6 +55,7 @@ function connect() {
 }
 
 function show(blob) {
+  if (picture && !at("overlay").complete) return; // the one before is not even drawn
   const before = picture;
   picture = URL.createObjectURL(blob);
   pictureAt = performance.now();
