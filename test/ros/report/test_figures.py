@@ -65,6 +65,25 @@ def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, est
     assert labels(axes)[:2] == [f"90 %: {last.mu_c_p90:.2f}", f"100 %: {last.mu_c_max:.2f}"]
 
 
+@pytest.mark.parametrize("truth", [KNOWN, None])
+def test_no_curve_is_clipped_and_the_spread_is_drawn(drawn, estimates, tmp_path, truth):
+    assert estimates[-1].spread is not None
+    summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates, DATA, truth)
+    axes = panel(drawn[0], "p_{CF}" if truth else "Centre of friction")
+    low, high = axes.get_ylim()
+    for line in axes.lines:
+        values = line.get_ydata()[np.isfinite(line.get_ydata())]
+        assert (values >= low).all()
+        assert (values <= high).all()
+    assert len(axes.collections) == (0 if truth else 2)
+    friction = panel(drawn[0], "Support friction")
+    (ellipse,) = friction.patches
+    # the ellipse reaches as far along x and y as the covariance says
+    corners = friction.transData.inverted().transform(ellipse.get_verts()) - ellipse.get_center()
+    half = 1e3 * np.sqrt(-2 * np.log(0.1) * np.diag(estimates[-1].spread.covariance))
+    np.testing.assert_allclose(np.abs(corners).max(axis=0), half, rtol=0.02)
+
+
 @pytest.mark.parametrize("count", [1, 2, 12])
 def test_data_points_are_counted_in_whole_numbers(drawn, estimates, tmp_path, count):
     summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates[:count], DATA[:count], None)

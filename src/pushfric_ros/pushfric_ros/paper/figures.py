@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from pushfric_core.planar import Array, Pose, transform
 from pushfric_core.table_1 import ORIENTATIONS, TABLE_1
 from pushfric_ros.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS
-from pushfric_ros.report.figures import BLUE, GREY, INK, RED
+from pushfric_ros.report.figures import ESTIMATE, GREY, INK, TRUTH
 
-GREEN, OCHRE = "#2f7d4f", "#b8860b"
+PAPER, GREEN = "#e69f00", "#009e73"  # also of Okabe and Ito
 
 CENTIMETRE = 100.0
 
@@ -100,10 +100,12 @@ def _grids(numbers: Experiments, seeds: Sequence[Experiments]) -> Figure:
             _outline(axes, known.outline.vertices * CENTIMETRE)
             axes.plot(*(known.outline.grid(*grid) * CENTIMETRE).T, ".", color=GREY, ms=4, label="support points")
             centers = [seed["numbers"]["table2"][name][f"grid_{size}"] for seed in seeds]
-            axes.plot([c["x"] for c in centers], [c["y"] for c in centers], ".", color=BLUE, ms=5, alpha=0.5, label="each seed")
+            axes.plot(
+                [c["x"] for c in centers], [c["y"] for c in centers], ".", color=ESTIMATE, ms=5, alpha=0.5, label="each seed"
+            )
             paper = numbers[name][f"grid_{size}"]
-            axes.plot(paper["x"]["paper"], paper["y"]["paper"], "D", color=OCHRE, ms=5, label="the paper")
-            axes.plot(*(known.support.center_of_friction * CENTIMETRE), "o", mfc="none", color=RED, ms=8, label="truth")
+            axes.plot(paper["x"]["paper"], paper["y"]["paper"], "D", color=PAPER, ms=5, label="the paper")
+            axes.plot(*(known.support.center_of_friction * CENTIMETRE), "o", mfc="none", color=TRUTH, ms=8, label="truth")
             axes.set(aspect="equal", title=f"{size} points")
         row[0].set_ylabel(f"{name}\ny [cm]")
     for axes in panels[-1]:
@@ -122,8 +124,8 @@ def _trajectories(rows: list[list[float]]) -> Figure:
         for age, row in enumerate(course):
             pose = Pose(*row[8:11])
             strength = 0.25 + 0.75 * (age + 1) / len(course)
-            _outline(axes, transform(pose, vertices) * CENTIMETRE, color=BLUE, alpha=strength)
-            axes.plot(*(transform(pose, np.array(row[:2])) * CENTIMETRE), "o", color=RED, ms=4, alpha=strength)
+            _outline(axes, transform(pose, vertices) * CENTIMETRE, color=ESTIMATE, alpha=strength)
+            axes.plot(*(transform(pose, np.array(row[:2])) * CENTIMETRE), "o", color=TRUTH, ms=4, alpha=strength)
         axes.axvline(0, color=GREY, lw=0.8, ls=":", zorder=0)
         axes.set(title=f"Pushed {title}", xlabel="x [cm]", aspect="equal")
     panels[0].set_ylabel("y [cm]")
@@ -134,7 +136,7 @@ def _dots(axes: Any, points: Array, w: Array, **style: Any) -> None:
     """w as dots of proportional area, with an x where it is zero."""
     zero = np.abs(w) < 1e-6
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
-    colors = np.where(w[~zero] > 0, BLUE, RED)
+    colors = np.where(w[~zero] > 0, ESTIMATE, TRUTH)
     axes.scatter(*points[~zero].T, **({"s": DOT * np.abs(w[~zero]), "c": colors, "alpha": 0.85, "lw": 0} | style))
     axes.set(aspect="equal", xlabel="x [cm]")
 
@@ -151,7 +153,7 @@ def _on_object(axes: Any, name: str, points: Array, w: Array, title: str, **styl
 def _explain(figure: Figure, **more: Any) -> None:
     """A legend of the marks on an object."""
     marks = {
-        "$w_j$, by area": Line2D([], [], color=BLUE, marker="o", ls="", ms=9, mew=0),
+        "$w_j$, by area": Line2D([], [], color=ESTIMATE, marker="o", ls="", ms=9, mew=0),
         **more,
         "$w_j = 0$": Line2D([], [], color=GREY, marker="x", ls="", ms=5),
         "$p_{CF}$": Line2D([], [], color=INK, marker="+", ls="", ms=10),
@@ -176,10 +178,10 @@ def _feet_off_the_grid(w: list[float]) -> Figure:
     _on_object(actual, "delrin_square3", known.support.points, known.support.weights, "Actual")
     _on_object(estimated, "delrin_square3", known.support_points, np.array(w), "Estimated")
     estimated.scatter(
-        *(known.support.points * CENTIMETRE).T, s=DOT * known.support.weights, facecolors="none", edgecolors=RED, lw=1.2
+        *(known.support.points * CENTIMETRE).T, s=DOT * known.support.weights, facecolors="none", edgecolors=TRUTH, lw=1.2
     )
     actual.set_ylabel("y [cm]")
-    _explain(figure, **{"feet": Line2D([], [], color=RED, marker="o", mfc="none", ls="", ms=9)})
+    _explain(figure, **{"feet": Line2D([], [], color=TRUTH, marker="o", mfc="none", ls="", ms=9)})
     return figure
 
 
@@ -189,11 +191,11 @@ def _histograms(bounds: Mapping[str, list[float]], shown: Mapping[str, str], num
     finite = [value for case in shown for value in bounds[case] if np.isfinite(value)]
     edges = np.arange(0, max(finite) + 0.1, 0.05)
     for axes, (case, title) in zip(figure.subplots(1, 2, sharex=True), shown.items(), strict=True):
-        axes.hist([value for value in bounds[case] if np.isfinite(value)], bins=edges, color=BLUE, alpha=0.85)
+        axes.hist([value for value in bounds[case] if np.isfinite(value)], bins=edges, color=ESTIMATE, alpha=0.85)
         largest = numbers[case]["high" if "high" in numbers[case] else "p100"]["paper"]
         truth = TABLE_1[case.removesuffix("_all_data").removesuffix("_slipping")].mu_c
-        axes.axvline(truth, color=RED, lw=1.2, label=f"simulated $\\mu_c$: {truth:.1f}")
-        axes.axvline(largest, color=OCHRE, lw=1.2, ls="--", label=f"largest bound of the paper: {largest:.2f}")
+        axes.axvline(truth, color=TRUTH, lw=1.2, label=f"simulated $\\mu_c$: {truth:.1f}")
+        axes.axvline(largest, color=PAPER, lw=1.2, ls="--", label=f"largest bound of the paper: {largest:.2f}")
         axes.set(title=title, xlabel="lower bound on $\\mu_c$", ylabel="data points")
         axes.legend(loc="upper left", bbox_to_anchor=(0, -0.25), fontsize=8, ncols=2)
     return figure
@@ -203,7 +205,7 @@ def _orientations(name: str, numbers: Experiments) -> Figure:
     figure = _new(9.0, 3.1)
     titles = {"supports": "(a) Hypothesised supports only", "supports_and_center": "(b) With the centre of friction"}
     for axes, (case, title) in zip(figure.subplots(1, 2, sharey=True), titles.items(), strict=True):
-        for turn, color in zip(ORIENTATIONS[name], (BLUE, RED, OCHRE, GREEN), strict=False):
+        for turn, color in zip(ORIENTATIONS[name], (ESTIMATE, TRUTH, PAPER, GREEN), strict=False):
             leaves = [numbers[case][f"half_width_{half_width}_mm"][f"error_{turn}"] for half_width in HALF_WIDTHS]
             low, high = zip(*(leaf["quartiles"] for leaf in leaves), strict=True)
             label = f"turned by {turn}°" if turn else "true orientation"
@@ -218,7 +220,7 @@ def _orientations(name: str, numbers: Experiments) -> Figure:
 def _subsets(numbers: Experiments) -> Figure:
     figure = _new(9.0, 3.0)
     errors, found = figure.subplots(1, 2)
-    for axis, color in (("x", BLUE), ("y", RED)):
+    for axis, color in (("x", ESTIMATE), ("y", TRUTH)):
         leaves = [numbers[f"points_{size}"][f"percent_{axis}"] for size in SUBSETS]
         low, high = zip(*(leaf["quartiles"] for leaf in leaves), strict=True)
         errors.plot(SUBSETS, [leaf["median"] for leaf in leaves], "o-", ms=4, color=color, label=axis)
@@ -240,7 +242,7 @@ def _rods(rods: Experiments) -> Figure:
         section = np.array(rods[name]["section"])
         reachable = np.array(rods[name]["reachable"])
         _outline(axes, section, color=GREY, lw=1.2)
-        axes.plot(*reachable.T, color=BLUE, lw=3, solid_capstyle="butt")
+        axes.plot(*reachable.T, color=ESTIMATE, lw=3, solid_capstyle="butt")
         axes.set(title=title, xlabel="$f_y$ [support friction]", aspect="equal")
     figure.axes[0].set_ylabel("$m$ [support friction by half length]")
     return figure
@@ -266,7 +268,7 @@ def _least_squares(weights: Mapping[str, list[float]]) -> Figure:
         axes.set_xlabel(f"x [cm]        weights from {low} to {high}")
     for axes in figure.axes[::2]:
         axes.set_ylabel("y [cm]")
-    _explain(figure, **{"$w_j < 0$": Line2D([], [], color=RED, marker="o", ls="", ms=9, mew=0)})
+    _explain(figure, **{"$w_j < 0$": Line2D([], [], color=TRUTH, marker="o", ls="", ms=9, mew=0)})
     return figure
 
 
@@ -278,10 +280,10 @@ def _test_pushes(drawing: Experiments) -> Figure:
     regions = drawing["regions"]
     for age, region in enumerate(regions):
         if region:
-            axes.fill(*(np.array(region) * CENTIMETRE).T, color=BLUE, alpha=0.04 + 0.2 * (age + 1) / len(regions), lw=0)
+            axes.fill(*(np.array(region) * CENTIMETRE).T, color=ESTIMATE, alpha=0.04 + 0.2 * (age + 1) / len(regions), lw=0)
     axes.plot(*(np.array(drawing["center"]) * CENTIMETRE), "+", color=INK, ms=10, label="centroid of the region")
     truth = known.support.center_of_friction * CENTIMETRE
-    axes.plot(*truth, "o", mfc="none", color=RED, ms=7, label="true $p_{CF}$")
+    axes.plot(*truth, "o", mfc="none", color=TRUTH, ms=7, label="true $p_{CF}$")
     axes.set(aspect="equal", xlabel="x [cm]", ylabel="y [cm]", title="Where $p_{CF}$ can lie: the darker, the more pushes")
     axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure

@@ -1,5 +1,6 @@
 """Figures of a run and of a limit surface, in the style of the paper's."""
 
+import math
 import pathlib
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
@@ -8,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 
 from pushfric_core.errors import InvalidInput
@@ -20,7 +22,9 @@ from pushfric_core.table_1 import TableObject
 from pushfric_ros.messages.conversions import BIN_WIDTH, BINS, histogram
 
 MILLIMETRE = 1e3
-INK, BLUE, RED, GREY, OCHRE = "#222222", "#2563a8", "#c2410c", "#9a9a9a", "#d9a404"
+INK, GREY = "#222222", "#8c8c8c"
+ESTIMATE, TRUTH, SLIPPING = "#0072b2", "#d55e00", "#cc79a7"
+"""One meaning for each colour; those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers tell apart."""
 
 STYLE = {
     "font.size": 9,
@@ -33,6 +37,9 @@ STYLE = {
 
 MERIDIANS = 8
 """Number of sections through the moment axis that show the limit surface in space."""
+
+WITHIN_90 = -2 * math.log(0.1)
+"""A point of a normal distribution in the plane lies within x' C^-1 x <= this with 90 %."""
 
 PANELS = 12
 """Most objects whose centres are drawn in one figure."""
@@ -95,7 +102,7 @@ def limit_surface_figure(
             section = surface.cross_section(force, moment).points @ (force, moment) * scale
             space.plot(*_closed(section).T, color=GREY, lw=0.6)
         for wrenches in reached:
-            space.plot(*wrenches.T, color=BLUE, lw=2, marker="o" if len(wrenches) == 1 else None, ms=3)
+            space.plot(*wrenches.T, color=ESTIMATE, lw=2, marker="o" if len(wrenches) == 1 else None, ms=3)
         space.set_box_aspect(None, zoom=1.1)
         space.set(title="Limit surface, what pushes reach in blue", xlabel="$f_x$", ylabel="$f_y$", zlabel="$m$ [mm]")
         section = figure.add_subplot(1, 2, 2)
@@ -106,7 +113,7 @@ def limit_surface_figure(
             form = ellipsoid.form[1:, 1:]
             # the inverse of a square root of the form takes the circle to the ellipse
             ellipse = np.column_stack((np.cos(angles), np.sin(angles))) @ np.linalg.inv(np.linalg.cholesky(form))
-            section.plot(*(ellipse * scale[1:]).T, ls=style, color=RED, lw=1.2, label=f"ellipsoid, {name}")
+            section.plot(*(ellipse * scale[1:]).T, ls=style, color=TRUTH, lw=1.2, label=f"ellipsoid, {name}")
         section.set(title="Section $f_x = 0$", xlabel="$f_y$", ylabel="$m$ [mm]")
         section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
         _save(figure, path)
@@ -137,8 +144,8 @@ def centers_figure(path: pathlib.Path, objects: Sequence[Centers]) -> None:
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for axes, (name, points, labels) in zip(panels, shown, strict=False):
             differs = np.array([bool(label) for label in labels])
-            axes.plot(*(MILLIMETRE * points[~differs].T), "o", ms=4, mfc="none", color=BLUE, label="p_CF")
-            axes.plot(*(MILLIMETRE * points[differs].T), "x", ms=6, color=RED, label="differs from the others")
+            axes.plot(*(MILLIMETRE * points[~differs].T), "o", ms=4, mfc="none", color=ESTIMATE, label="p_CF")
+            axes.plot(*(MILLIMETRE * points[differs].T), "x", ms=6, color=TRUTH, label="differs from the others")
             for (x, y), label in zip(MILLIMETRE * points, labels, strict=True):
                 axes.annotate(label, (x, y), (4, 4), textcoords="offset points", fontsize=7, color=INK)
             axes.set(title=f"{name}: {len(points)}", xlabel="x [mm]", ylabel="y [mm]")
@@ -172,21 +179,21 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
     pushes = sorted({o.push_id for o in data if o.pose is not None})
     shown = [pushes[index] for index in sorted({len(pushes) // 5, len(pushes) - 1 - len(pushes) // 5})] if pushes else []
     shift = 0.0
-    for color, push in zip((BLUE, RED), shown, strict=False):
+    for push in shown:
         course = [o for o in data if o.push_id == push and o.pose is not None]
         left = min(transform(o.pose, outline.vertices)[:, 0].min() for o in course if o.pose)
         right = max(transform(o.pose, outline.vertices)[:, 0].max() for o in course if o.pose)
         for age, o in enumerate(course):
             assert o.pose is not None
             corners = transform(o.pose, _closed(outline.vertices)) + (shift - left, 0)
-            axes.plot(*(corners.T * MILLIMETRE), color=color, lw=1, alpha=0.3 + 0.7 * (age + 1) / len(course))
+            axes.plot(*(corners.T * MILLIMETRE), color=GREY, lw=1, alpha=0.3 + 0.7 * (age + 1) / len(course))
             contact = transform(o.pose, o.contact_point) + (shift - left, 0)
             axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
         shift += right - left + 0.02
     title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point"
     if not shown:
         axes.plot(*(_closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
-        axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=BLUE, ms=3.5, alpha=0.6)
+        axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=ESTIMATE, ms=3.5, alpha=0.6)
         title = "Object and contact of each data point"
     axes.set(title=title, xlabel="mm", ylabel="mm")
     axes.set_aspect("equal")
@@ -199,22 +206,30 @@ def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, trut
     points = estimate.support_points * MILLIMETRE
     zero = estimate.w < 1e-3
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
-    axes.scatter(*points[~zero].T, s=1500 * estimate.w[~zero], color=BLUE, alpha=0.8, lw=0, label="estimated $w$")
+    axes.scatter(*points[~zero].T, s=1500 * estimate.w[~zero], color=ESTIMATE, alpha=0.8, lw=0, label="estimated $w$")
     if truth is not None and len(truth.support.points) <= 10:
         axes.scatter(
             *(truth.support.points * MILLIMETRE).T,
             s=1500 * truth.support.weights,
             facecolors="none",
-            edgecolors=RED,
+            edgecolors=TRUTH,
             lw=1.2,
             label="true $w$",
         )
-    axes.plot(*(estimate.center_of_friction * MILLIMETRE), "+", color=BLUE, ms=12, mew=2, label="estimated $p_{CF}$")
+    x, y = estimate.center_of_friction * MILLIMETRE
+    axes.plot(x, y, "+", color=ESTIMATE, ms=12, mew=2, label="estimated $p_{CF}$")
+    if estimate.spread is not None:
+        sizes, directions = np.linalg.eigh(estimate.spread.covariance)
+        width, height = 2 * MILLIMETRE * np.sqrt(WITHIN_90 * np.maximum(sizes, 0))
+        turn = np.degrees(np.arctan2(*directions[::-1, 0]))
+        axes.add_patch(Ellipse((x, y), width, height, angle=turn, fill=False, ec=ESTIMATE, lw=1, label="90 % ellipse"))
     if truth is not None:
-        axes.plot(*(truth.support.center_of_friction * MILLIMETRE), "o", mfc="none", color=RED, ms=7, label="true $p_{CF}$")
+        axes.plot(*(truth.support.center_of_friction * MILLIMETRE), "o", mfc="none", color=TRUTH, ms=7, label="true $p_{CF}$")
     axes.set(title="Support friction distribution", xlabel="x [mm]", ylabel="y [mm]")
     axes.set_aspect("equal")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, columnspacing=1.2, handletextpad=0.3, markerscale=0.5)
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=5, fontsize=8, columnspacing=1, handletextpad=0.2, markerscale=0.5
+    )
 
 
 def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[bool], truth: TableObject | None) -> None:
@@ -222,14 +237,14 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
     bounds, slips = estimate.contact_friction, np.asarray(slipping)
     end = (BINS - 1) * BIN_WIDTH
     left = np.arange(BINS) * BIN_WIDTH
-    axes.bar(left, histogram(bounds), BIN_WIDTH, align="edge", color=BLUE, alpha=0.8)
+    axes.bar(left, histogram(bounds), BIN_WIDTH, align="edge", color=ESTIMATE, alpha=0.8)
     if slips.any():
-        axes.bar(left, histogram(bounds[slips]), BIN_WIDTH, align="edge", color=OCHRE, label="slipping")
+        axes.bar(left, histogram(bounds[slips]), BIN_WIDTH, align="edge", color=SLIPPING, label="slipping")
     marks = [
         ("90 %", estimate.mu_c_p90, {"color": INK, "ls": "--", "lw": 1}),
         ("100 %", estimate.mu_c_max, {"color": INK, "lw": 1}),
     ]
-    marks += [("true", truth.mu_c, {"color": RED, "lw": 1.2})] if truth is not None else []
+    marks += [("true", truth.mu_c, {"color": TRUTH, "lw": 1.2})] if truth is not None else []
     for name, value, style in marks:
         axes.axvline(min(value, end + BIN_WIDTH / 2), label=f"{name}: {value:.2f}", **style)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
@@ -246,15 +261,30 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     """p_CF against the number of data points: its error in percent of the sides, or without a truth its coordinates."""
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
-    if truth is None:
-        for course, color, label in zip(centers.T * MILLIMETRE, (BLUE, RED), ("x", "y"), strict=True):
-            axes.plot(counts, course, color=color, label=label)
-        axes.set(title="Centre of friction", xlabel="data points", ylabel="mm")
+    half: Array = np.array([_half_extents(estimate) for estimate in estimates])
+    known = truth is not None
+    unit = 100 / outline.size if known else np.full(2, MILLIMETRE)
+    for k, (label, style) in enumerate((("x", "-"), ("y", "--"))):
+        course = np.abs(centers[:, k] - truth.support.center_of_friction[k]) if truth is not None else centers[:, k]
+        axes.plot(counts, unit[k] * course, style, color=ESTIMATE, label=label)
+        if known:
+            axes.plot(counts, unit[k] * half[:, k], style, color=GREY, lw=1, label=f"{label}, at most with 90 %")
+        else:
+            low, high = (unit[k] * (centers[:, k] + sign * half[:, k]) for sign in (-1, 1))
+            axes.fill_between(counts, low, high, color=ESTIMATE, alpha=0.15, lw=0)
+    if known:
+        # linear below a hundredth of a percent: an error may be zero
+        axes.set_yscale("symlog", linthresh=0.01)
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set(title="Error of $p_{CF}$", xlabel="data points", ylabel="% of the side", ylim=(0, None))
     else:
-        percent = 100 * np.abs(centers - truth.support.center_of_friction) / outline.size
-        for side, color, label in zip(percent.T, (BLUE, RED), ("x", "y"), strict=True):
-            axes.plot(counts, side, color=color, label=label)
-        axes.axhline(2, color=GREY, ls=":", lw=1)
-        axes.set(title="Error of $p_{CF}$", xlabel="data points", ylabel="% of the side", yscale="log", ylim=(0.01, None))
+        axes.set(title="Centre of friction, with 90 % intervals", xlabel="data points", ylabel="mm")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    axes.legend()
+    axes.legend(ncols=2)
+
+
+def _half_extents(estimate: Estimate) -> Array:
+    """Half the sizes of the 90 % ellipse of p_CF along x and y [m]; NaN where it is not told."""
+    if estimate.spread is None:
+        return np.full(2, np.nan)
+    return np.sqrt(WITHIN_90 * np.diag(estimate.spread.covariance))
