@@ -42,7 +42,7 @@ def setup(app):
 """
 
 PARTS = {
-    "How to": ("hardware", "safety", "security", "planning", "many"),
+    "How to": ("hardware", "view", "safety", "security", "planning", "many"),
     "Reference": ("files", "cell", "graph", "interfaces", "commands", "python", "conventions"),
     "Explanation": ("estimation", "derivation", "paper", "architecture"),
 }
