@@ -1,6 +1,5 @@
 """The whole graph as its user runs it: real processes, real middleware, one demo for all tests of this module."""
 
-import contextlib
 import json
 import os
 import pathlib
@@ -8,8 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
-import time
 
 import numpy as np
 import pytest
@@ -17,6 +14,8 @@ from rosbags.highlevel import AnyReader
 
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.report.report import truth
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 KEYS = {
     "object",
@@ -35,36 +34,12 @@ KEYS = {
     "pushes",
     "status",
 }
-NODES = (
-    "tracker_node",
-    "actuator_node",
-    "estimator_node",
-    "experiment_node",
-    "recorder_node",
-    "player_node",
-    "simulated_cell_node",
-    "pushfric_ros.graph.fork_server",
-)
 
 
 def pushfric(*arguments, **options):
     """Run the command line in a process of its own; return its result and output."""
     command = [sys.executable, "-m", "pushfric_ros", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=240, stdin=subprocess.DEVNULL, **options)
-
-
-def nodes_alive(marker):
-    """Processes of the project's nodes whose environment holds a marker."""
-    alive = []
-    for folder in pathlib.Path("/proc").glob("[0-9]*"):
-        try:
-            command = (folder / "cmdline").read_bytes().decode(errors="replace")
-            environment = (folder / "environ").read_bytes().decode(errors="replace")
-        except OSError:
-            continue  # it has ended meanwhile
-        if any(node in command for node in NODES) and marker in environment:
-            alive.append((int(folder.name), command.replace("\0", " ")))
-    return alive
 
 
 @pytest.fixture(scope="module")
@@ -145,75 +120,23 @@ def test_a_bag_of_observations_alone_is_replayed_too(demo, tmp_path):
     assert json.loads(run.stdout)["w"] == demo[1]["w"]
 
 
-class RunningDemo:
-    """A demo in a process of its own, and its output."""
-
-    def __init__(self, folder):
-        self.marker = f"PUSHFRIC_TEST={folder.name}"
-        command = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(folder / "bag")]
-        environment = os.environ | dict([self.marker.split("=")])
-        self.process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        self._lines = []
-        self._listener = threading.Thread(target=self._listen)
-        self._listener.start()
-
-    def _listen(self):
-        for line in self.process.stdout:
-            self._lines.append(line)
-
-    @property
-    def output(self):
-        return "".join(self._lines)
-
-    def wait_for(self, predicate, what, timeout=120.0):
-        deadline = time.monotonic() + timeout
-        while not predicate():
-            assert time.monotonic() < deadline, f"{what} did not come within {timeout} s, only: {self.output}"
-            time.sleep(0.05)
-
-    def ended(self):
-        return self.process.poll() is not None
-
-    def await_first_push(self):
-        self.wait_for(lambda: self.ended() or "\npush" in self.output, "the first push")
-        assert not self.ended(), self.output
-
-    def await_end(self):
-        """Wait for the end of the demo; return its exit code."""
-        self.wait_for(self.ended, "the end")
-        self._listener.join(10.0)
-        return self.process.returncode
-
-    def nodes_alive(self):
-        return nodes_alive(self.marker)
-
-    def pid_of(self, node):
-        return next(pid for pid, command in self.nodes_alive() if node in command)
-
-    def clear_away(self):
-        """Kill what a failed test has left; after a demo that ended well, nothing is alive."""
-        self.process.kill()
-        self.process.wait()
-        for pid, _ in self.nodes_alive():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        self._listener.join(10.0)
-        self.process.stdout.close()
-
-
 @pytest.fixture
-def running(tmp_path):
-    demo = RunningDemo(tmp_path)
-    yield demo
-    demo.clear_away()
+def running(tmp_path, monkeypatch):
+    """A demo of which the first push is over."""
+    monkeypatch.syspath_prepend(ROOT)
+    from faults.cell_run import CellRun, demo
+
+    with CellRun(demo(tmp_path), tmp_path) as run:
+        run.wait_for_push()
+        assert not run.ended, run.output
+        yield run
 
 
 def test_ctrl_c_leaves_no_process_behind_but_a_bag(running, tmp_path):
-    running.await_first_push()
     assert len(running.nodes_alive()) == 7  # with what forks them
     running.process.send_signal(signal.SIGINT)
-    assert running.await_end() == 130
-    assert running.nodes_alive() == []
+    assert running.wait_for_end() == 130
+    assert running.nodes_alive() == {}
     said = re.search(
         rf"^bag left in {tmp_path}/bag \(pushes: (\d+)\); ./pushfric (estimate {tmp_path}/bag) reads it$", running.output, re.M
     )
@@ -223,30 +146,26 @@ def test_ctrl_c_leaves_no_process_behind_but_a_bag(running, tmp_path):
 
 
 def test_the_nodes_end_with_a_killed_command_line(running):
-    running.await_first_push()
     running.process.kill()
-    running.wait_for(lambda: running.nodes_alive() == [], "the end of all nodes")
+    running.wait_for(lambda: running.nodes_alive() == {}, "the end of all nodes")
 
 
-@pytest.mark.parametrize("node", ["estimator_node", "simulated_cell_node", "experiment_node", "recorder_node", "actuator_node"])
+@pytest.mark.parametrize("node", ["estimator", "simulated_cell", "experiment", "actuator"])
 def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(running, node):
-    running.await_first_push()
     os.kill(running.pid_of(node), signal.SIGKILL)
-    assert running.await_end() == 1
-    assert f"error: {node.removesuffix('_node')} was killed by SIGKILL" in running.output
-    assert running.nodes_alive() == []
+    assert running.wait_for_end() == 1
+    assert f"error: {node} was killed by SIGKILL" in running.output
+    assert running.nodes_alive() == {}
 
 
 def test_the_death_of_what_starts_the_nodes_ends_the_run(running):
-    running.await_first_push()
     os.kill(running.pid_of("fork_server"), signal.SIGKILL)
-    assert running.await_end() == 1
+    assert running.wait_for_end() == 1
     assert "error: the process that starts the nodes was killed by SIGKILL" in running.output
-    assert running.nodes_alive() == []
+    assert running.nodes_alive() == {}
 
 
 def test_a_second_cell_of_the_same_name_is_refused(running, tmp_path):
-    running.await_first_push()
     second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
     assert second.returncode == 2
     assert "a cell named /cell runs already on ROS domain" in second.stderr
@@ -254,10 +173,9 @@ def test_a_second_cell_of_the_same_name_is_refused(running, tmp_path):
 
 
 def test_a_node_without_state_is_started_again(running):
-    running.await_first_push()
-    os.kill(running.pid_of("tracker_node"), signal.SIGKILL)
+    os.kill(running.pid_of("tracker"), signal.SIGKILL)
     # a push that it did not see, or whose first poses did not reach the estimator, is said to be missing
     missing = r"^error: (.*; )?(no data point came of push|the live estimate missed messages|\d+ of 14 pushes were aborted)"
-    assert running.await_end() == bool(re.search(missing, running.output, re.M)), running.output
+    assert running.wait_for_end() == bool(re.search(missing, running.output, re.M)), running.output
     assert "tracker was killed by SIGKILL; starting it again" in running.output
-    assert running.nodes_alive() == []
+    assert running.nodes_alive() == {}

@@ -1,0 +1,193 @@
+"""Something between camera and tracker that goes wrong in the middle of a push.
+
+`python -m faults.camera FAULT FOLDER` runs a simulated cell in real time, with this in it, and records `bag` in the folder.
+"""
+
+import array
+import pathlib
+import sys
+import tempfile
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+
+from pushfric_core.errors import InvalidInput
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.commands.console import console, fail
+from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.commands.watch import watch
+from pushfric_ros.files.node_settings import PlanConfig
+from pushfric_ros.graph import graph
+from pushfric_ros.messages.conversions import stamp_from_msg, stamp_to_msg
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
+
+NAMESPACE = "/cell"
+TRUE, SHOWN = "camera/image_raw", "image_raw"
+"""What the camera sees, and what the tracker is given."""
+
+BEGIN = 0.015
+"""The fault begins when the pusher has come this far [m]: in the middle of the first push."""
+
+PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2}]"
+
+HOUR = 3600 * 10**9
+
+Picture = npt.NDArray[np.uint8]
+
+
+class Frame(NamedTuple):
+    """An image."""
+
+    picture: Picture  # (height, width)
+    stamp: int  # [ns]
+
+
+@dataclass
+class Seen:
+    """What the camera has seen since the fault began."""
+
+    first: list[Frame] = field(default_factory=list)  # up to two
+    last: deque[Frame] = field(default_factory=lambda: deque(maxlen=8))
+    count: int = 0
+
+    def add(self, frame: Frame) -> None:
+        """Take the newest frame."""
+        self.first = [*self.first, frame][:2]
+        self.last.append(frame)
+        self.count += 1
+
+    @property
+    def now(self) -> Frame:
+        """The newest frame."""
+        return self.last[-1]
+
+
+def _shows(picture: Callable[[Seen], Picture]) -> Callable[[Seen], list[Frame]]:
+    """A fault of the pictures alone."""
+    return lambda seen: [Frame(picture(seen), seen.now.stamp)]
+
+
+def _one_pixel(seen: Seen) -> Picture:
+    picture = seen.first[0].picture.copy()
+    picture[3, seen.count % 600] ^= 1
+    return picture
+
+
+def _without_object(seen: Seen) -> Picture:
+    picture = seen.now.picture
+    return np.minimum(picture, 2 * np.median(picture)).astype(np.uint8)
+
+
+def _half(seen: Seen) -> Picture:
+    picture, columns = seen.now.picture.copy(), np.flatnonzero((seen.now.picture > 128).any(axis=0))
+    if len(columns):
+        picture[:, : int(columns.mean())] = np.median(picture)
+    return picture
+
+
+def _turn(seen: Seen) -> list[Frame]:
+    """Each two frames in the wrong order."""
+    return [seen.last[-1], seen.last[-2]] if seen.count % 2 == 0 else []
+
+
+FAULTS: dict[str, Callable[[Seen], list[Frame]]] = {
+    "unplugged": lambda seen: [],
+    "frozen": _shows(lambda seen: seen.first[0].picture),
+    "frozen except for one pixel": _shows(_one_pixel),
+    "two images that alternate": _shows(lambda seen: seen.first[seen.count % len(seen.first)].picture),
+    "image shifted by 40 px": _shows(lambda seen: np.roll(seen.now.picture, 40, axis=1)),
+    "black": _shows(lambda seen: np.zeros_like(seen.now.picture)),
+    "white": _shows(lambda seen: np.full_like(seen.now.picture, 255)),
+    "object taken away": _shows(_without_object),
+    "two objects": _shows(lambda seen: np.maximum(seen.now.picture, np.roll(seen.now.picture, -130, axis=0))),
+    "half an object": _shows(_half),
+    "torn: the lower half is older": _shows(lambda seen: np.vstack((seen.now.picture[:240], seen.last[0].picture[240:]))),
+    "frames in the wrong order": _turn,
+    "every frame twice": lambda seen: [seen.now, seen.now],
+    "stamps of a foreign clock": lambda seen: [seen.now._replace(stamp=seen.now.stamp + HOUR)],
+    "clock set back by an hour": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR)],
+    "clock set back for a second": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR * (seen.count < 14))],
+}
+"""What is shown of what was seen, by the name of the fault."""
+
+
+class FaultyCamera(Node):
+    """Passes images on, and from the middle of the first push on, what the fault makes of them."""
+
+    def __init__(self, fault: str, context: rclpy.Context) -> None:
+        super().__init__("faulty_camera", namespace=NAMESPACE, context=context)
+        self._shown_of, self._seen = FAULTS[fault], Seen()
+        self._begun = "foreign" in fault  # this one is there from the start
+        self._out = self.create_publisher(Image, SHOWN, SENSOR_DATA)
+        self.create_subscription(Image, TRUE, self._on_image, SENSOR_DATA)
+        self.create_subscription(PusherState, "pusher_state", self._on_state, RELIABLE)
+
+    def _on_state(self, msg: PusherState) -> None:
+        self._begun = self._begun or (msg.push_id != PusherState.NO_PUSH and msg.position > BEGIN)
+
+    def _on_image(self, msg: Image) -> None:
+        if not self._begun:
+            self._out.publish(msg)
+            return
+        self._seen.add(
+            Frame(np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width), stamp_from_msg(msg.header.stamp))
+        )
+        for frame in self._shown_of(self._seen):
+            shown = Image(header=msg.header, height=msg.height, width=msg.width, encoding=msg.encoding, step=msg.step)
+            shown.header.stamp = stamp_to_msg(frame.stamp)
+            shown.data = array.array("B", frame.picture.tobytes())
+            self._out.publish(shown)
+
+
+def run(fault: str, folder: pathlib.Path) -> None:
+    """Run a cell with this fault, with the tolerances of a real one."""
+    (folder / "plan.yaml").write_text(PLAN)
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[])
+    executor = SingleThreadedExecutor(context=context)
+    with tempfile.TemporaryDirectory(prefix="pushfric-") as scratch:
+        plan = PlanConfig(plan=str(folder / "plan.yaml"))
+        cell = replace(demo_cell("wood_rect4", pathlib.Path(scratch)), plan=plan)
+        specs = graph.simulated_cell(cell, str(folder / "bag"), seed=0, speed=1.0)
+        tolerances = {name: getattr(plan, name) for name in ("clock_tolerance", "follow_tolerance", "lost_object")}
+        changed = {
+            "simulated_cell": lambda spec: replace(spec, remappings={**spec.remappings, SHOWN: TRUE}),
+            "experiment": lambda spec: replace(spec, parameters={**spec.parameters, **tolerances}),
+        }
+        specs = [changed.get(spec.name, lambda spec: spec)(spec) for spec in specs]
+        executor.add_node(FaultyCamera(fault, context))
+        over = threading.Event()
+
+        def spin() -> None:
+            while not over.is_set():
+                executor.spin_once(timeout_sec=0.1)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        try:
+            ended, _ = watch(console, specs, NAMESPACE, fault, live=False, unfinished=lambda _: None, recorded=folder / "bag")
+        finally:
+            over.set()
+            thread.join()
+            executor.shutdown()
+            rclpy.try_shutdown(context=context)
+    if ended.code:
+        fail(ended.reason, ended.code)
+
+
+if __name__ == "__main__":
+    try:
+        run(sys.argv[1], pathlib.Path(sys.argv[2]))
+    except InvalidInput as error:
+        fail(str(error), 2)
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -1,0 +1,123 @@
+"""Runs cases, judges what follows, and writes the table."""
+
+import json
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+from faults.cases import Case
+from faults.cell_run import CellRun, demo
+
+NODES_END = 60.0
+"""The nodes of a command line that was killed end within this time [s]."""
+
+
+class Outcome(NamedTuple):
+    """What followed a fault."""
+
+    case: Case
+    seen: str  # exit code and time
+    message: str  # the line that says what happened
+    problems: tuple[str, ...]  # how it differs from what was asked
+
+
+def attempt(case: Case) -> Outcome:
+    """Run a cell, do what the case says, and judge what follows."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-faults-") as folder:
+        here = pathlib.Path(folder)
+        command = [sys.executable, "-m", "faults.camera", case.camera, folder] if case.camera else demo(here)
+        with CellRun(command, here) as run:
+            try:
+                return _outcome(case, run)
+            except (AssertionError, StopIteration) as problem:
+                seen = f"exit code {run.process.returncode}" if run.ended else "did not end"
+                return Outcome(case, seen, _last(run.output), (_shortened(str(problem)),))
+
+
+def _outcome(case: Case, run: CellRun) -> Outcome:
+    if not (case.camera or case.at_once):
+        run.wait_for_push()
+    begin = time.monotonic()
+    case.strike(run)
+    if case.interrupt:
+        run.wait_for_output(case.says)
+        run.process.send_signal(signal.SIGINT)
+    code = run.wait_for_end()
+    seconds = time.monotonic() - begin
+    problems = list(_problems(case, run, code))
+    return Outcome(case, f"exit code {code} after {seconds:.0f} s", _message(case, run.output), tuple(problems))
+
+
+def _problems(case: Case, run: CellRun, code: int) -> Iterable[str]:
+    if code not in case.codes:
+        yield f"exit code {code} is none of {', '.join(map(str, case.codes))}"
+    if not re.search(case.says, run.output):
+        yield f"nothing said matches {case.says!r}"
+    if "Traceback" in run.output:
+        yield "a traceback"
+    deadline = time.monotonic() + NODES_END
+    while (alive := run.nodes_alive()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    if alive:
+        yield f"left running: {', '.join(alive.values())}"
+    if code == 1 and "error: " not in run.output:
+        yield "exit code 1 without a line that says why"
+    if not any(run.bag.glob("*.mcap")):
+        return
+    read = subprocess.run(
+        [sys.executable, "-m", "pushfric_ros", "estimate", str(run.bag), "--json"], capture_output=True, text=True, timeout=300
+    )
+    if "Traceback" in read.stderr:
+        yield "the bag gives a traceback"
+    if code == 0:
+        if read.returncode:
+            yield f"the bag of a run that ended well cannot be read: {read.stderr.strip()}"
+        elif (live := re.findall(r"^push +\d+ +(\d+) data points", run.output, re.M)) and int(live[-1]) != (
+            found := json.loads(read.stdout)["data_points"]
+        ):
+            yield f"the live estimate had {live[-1]} data points, the bag {found}, and the run ended with 0"
+
+
+def _message(case: Case, output: str) -> str:
+    """The line that matches, or the last one that is an error or a warning."""
+    lines = [line for line in output.splitlines() if case.says and re.search(case.says, line)]
+    return _shortened(lines[0]) if lines else _last(output)
+
+
+def _last(output: str) -> str:
+    told = [line for line in output.splitlines() if re.search(r"error|WARN|ERROR|warning", line)]
+    return _shortened(told[-1]) if told else ""
+
+
+def _shortened(line: str) -> str:
+    line = re.sub(r"\[(WARN|ERROR|INFO)\] \[[\d.]+\] ", "", line)
+    line = re.sub(r"/\S*pushfric-faults-\w+", "...", line)
+    return line if len(line) <= 200 else line[:197] + "..."
+
+
+def campaign(cases: Sequence[Case], times: int, say: Callable[[str], None]) -> list[list[Outcome]]:
+    """The outcomes of each case, as often as it is tried."""
+    outcomes = []
+    for number, case in enumerate(cases, 1):
+        tried = [attempt(case) for _ in range(times)]
+        outcomes.append(tried)
+        problems = [problem for outcome in tried for problem in outcome.problems]
+        say(f"{number}/{len(cases)} {case.fault}: {tried[-1].seen}; {'; '.join(problems) or 'as asked'}")
+    return outcomes
+
+
+def table(outcomes: Sequence[Sequence[Outcome]]) -> str:
+    """A Markdown table with a row for each case."""
+    rows = ["| fault | asked | seen | message | as asked |", "|---|---|---|---|---|"]
+    for tried in outcomes:
+        case, good = tried[0].case, sum(not outcome.problems for outcome in tried)
+        last = next((outcome for outcome in tried if outcome.problems), tried[-1])
+        cells = (case.fault, case.asked, "; ".join((last.seen, *last.problems)), last.message, f"{good} of {len(tried)}")
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(rows)

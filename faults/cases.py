@@ -1,0 +1,218 @@
+"""The table of faults: each case says what is done, what must follow, and how that is recognised."""
+
+import contextlib
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from faults.camera import FAULTS
+from faults.cell_run import CellRun
+
+NODES = ("tracker", "estimator", "recorder", "actuator", "experiment", "simulated_cell")
+
+MOMENTS = 20
+"""Number of moments at which Ctrl-C is tried."""
+
+LONGEST = 20.0
+"""Ctrl-C comes within this time after the start [s]."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault.
+
+    Attributes:
+        fault: what is done.
+        asked: what must follow.
+        strike: does it to a run whose first push is over, or which has just begun if `at_once`.
+        codes: the exit codes with which the run may end; of one that is interrupted, 130.
+        says: a regular expression that matches in what the run prints.
+        camera: the fault of the camera, one of `camera.FAULTS`, instead of a strike.
+        interrupt: the run waits for a person, so that Ctrl-C ends it, once it has said what the matter is.
+        at_once: strike right after the start.
+        quick: part of the quick campaign.
+    """
+
+    fault: str
+    asked: str
+    codes: tuple[int, ...]
+    says: str = ""
+    strike: Callable[[CellRun], None] = lambda run: None
+    camera: str = ""
+    interrupt: bool = False
+    at_once: bool = False
+    quick: bool = False
+
+
+def _signal(node: str, number: signal.Signals, run: CellRun) -> None:
+    run.signal(node, number)
+
+
+def _stall(node: str, run: CellRun) -> None:
+    pid = run.pid_of(node)
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(5.0)
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGCONT)
+
+
+def _limit_the_recorder(more: int, run: CellRun) -> None:
+    """Let its files grow by this many bytes; the next write fails, as on a full disk."""
+    limit = sum(file.stat().st_size for file in run.bag.glob("*.mcap")) + more
+    resource.prlimit(run.pid_of("recorder"), resource.RLIMIT_FSIZE, (limit, limit))
+
+
+def _second_recorder(run: CellRun) -> None:
+    """It must refuse the folder, and the run must not notice."""
+    topic = "/cell/observation pushfric_msgs/msg/Observation reliable"
+    program = "import sys; sys.argv[0] = 'recorder_node'; from pushfric_ros.node_kit.executable import main; main()"
+    parameters = ["--ros-args", "-p", f"bag:={run.bag}", "-p", f"topics:=['{topic}']"]
+    second = subprocess.run([sys.executable, "-c", program, *parameters], capture_output=True, text=True, timeout=300)
+    assert second.returncode == 2, second
+    assert "already holds files" in second.stderr, second
+
+
+def _second_cell(run: CellRun) -> None:
+    command = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(run.folder / "second")]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert second.returncode == 2, second
+    assert "runs already" in second.stderr, second
+
+
+def _interrupt(after: float, run: CellRun) -> None:
+    time.sleep(after)
+    run.process.send_signal(signal.SIGINT)
+
+
+ANY = (0, 1)
+STARTED_AGAIN = ("tracker",)
+
+NODE_CASES = [
+    *(
+        Case(
+            f"kill -9 of {node}",
+            "started again, or the run ends and says which node"
+            if node in STARTED_AGAIN
+            else "the run ends and says which node",
+            ANY if node in STARTED_AGAIN else (1,),
+            f"{node} was killed by SIGKILL",
+            partial(_signal, node, signal.SIGKILL),
+            quick=node == "recorder",
+        )
+        for node in NODES
+    ),
+    *(
+        Case(
+            f"SIGTERM to {node}",
+            "the run has failed and says which node",
+            (1,),
+            f"error: {node} (has finished, but the plan has not|ended with exit code 0)",
+            partial(_signal, node, signal.SIGTERM),
+            quick=node == "experiment",
+        )
+        for node in NODES
+    ),
+    *(
+        Case(
+            f"{node} stopped for 5 s",
+            "nothing is lost, or the run says what and ends with 1; no hang",
+            ANY,
+            "",
+            partial(_stall, node),
+            quick=node == "estimator",
+        )
+        for node in NODES
+    ),
+    *(
+        Case(
+            f"{node} stopped for good",
+            "it is ended after 10 s, as if it had died",
+            ANY if node in STARTED_AGAIN else (1,),
+            rf"{node} was stopped \(SIGSTOP\) for 10 s and is ended",
+            partial(_signal, node, signal.SIGSTOP),
+        )
+        for node in NODES
+    ),
+]
+
+SEEN = "the push is stopped, with the reason; the run waits for a person"
+WAITS = {
+    "unplugged": "the object was not seen for 1 s",
+    "frozen": "the object was not seen for 1 s",
+    "frozen except for one pixel": "the object does not follow the pusher",
+    "two images that alternate": "the object does not follow the pusher|the object was not seen",
+    "image shifted by 40 px": "the object leaps by 2[0-9] mm|the object was not seen",
+    "black": "the object was not seen for 1 s",
+    "white": "the object was not seen for 1 s",
+    "object taken away": "the object was not seen for 1 s",
+    "two objects": "the object was not seen for 1 s",
+    "half an object": "the object was not seen for 1 s",
+    "torn: the lower half is older": "the object was not seen for 1 s|the object does not follow",
+    "stamps of a foreign clock": "the clock of the camera is 3600 s ahead of this computer's",
+    "clock set back by an hour": "the clock of the camera is 3600 s behind this computer's",
+}
+GOES_ON = {
+    "frames in the wrong order": "nothing happens, or the run says what and ends with 1",
+    "every frame twice": "nothing happens",
+    "clock set back for a second": "nothing is believed meanwhile; what is missing is said",
+}
+CAMERA_CASES = [
+    *(Case(f"camera: {name}", SEEN, (130,), says, camera=name, interrupt=True, quick=name == "frozen except for one pixel")
+      for name, says in WAITS.items()),
+    *(Case(f"camera: {name}", asked, (0,) if name == "every frame twice" else ANY, camera=name)
+      for name, asked in GOES_ON.items()),
+]  # fmt: skip
+assert {case.camera for case in CAMERA_CASES} == set(FAULTS)
+
+FILE_CASES = [
+    *(
+        Case(
+            f"the recorder's disk is full after {more} more bytes",
+            "the run ends and says so; what was written can be read",
+            (1, 2),
+            "File too large",
+            partial(_limit_the_recorder, more),
+        )
+        for more in (0, 1, 100, 5000, 20_000)
+    ),
+    Case(
+        "the bag's folder is removed",
+        "the run ends and says so",
+        (1, 2),
+        "was removed or moved while it was recorded",
+        lambda run: shutil.rmtree(run.bag),
+    ),
+    Case("a second recorder into the same folder", "it is refused; the run goes on", (0,), "", _second_recorder),
+    Case("a second cell of the same name", "it is refused; the run goes on", (0,), "", _second_cell),
+]
+
+ENDINGS = [
+    *(
+        Case(
+            f"Ctrl-C {LONGEST * (number + 0.5) / MOMENTS:.1f} s after the start",
+            "exit code 130, or 0 where the run was over; no process is left, and the bag can be read",
+            (130, 0),
+            "",
+            partial(_interrupt, LONGEST * (number + 0.5) / MOMENTS),
+            at_once=True,
+        )
+        for number in range(MOMENTS)
+    ),
+    Case("the command line is killed", "all nodes end, and the bag can be read", (-9,), "", lambda run: run.process.kill()),
+    Case(
+        "the terminal closes (SIGHUP)",
+        "all nodes end, and the bag can be read",
+        (-1, 129),
+        "",
+        lambda run: run.process.send_signal(signal.SIGHUP),
+    ),
+]
+
+CASES = (*NODE_CASES, *CAMERA_CASES, *FILE_CASES, *ENDINGS)

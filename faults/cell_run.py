@@ -1,0 +1,139 @@
+"""A cell that runs in a process of its own, as its user starts it, with its output and its nodes."""
+
+import contextlib
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player", "simulated_cell")
+
+PROCESSES = {"pushfric_ros.graph.fork_server": "fork_server", **{f"{node}_node": node for node in NODES}}
+"""What the command lines of a run's processes contain, and what these are called here."""
+
+PATIENCE = 300.0
+"""How long an awaited event may take [s], on a machine that is ten times slower than usual."""
+
+MARKER = "PUSHFRIC_RUN"
+"""Environment variable that all processes of a run inherit."""
+
+
+class DidNotHappen(AssertionError):
+    """An awaited event did not come."""
+
+
+def demo(folder: pathlib.Path, *options: str) -> list[str]:
+    """The command that records a demo into a folder's `bag`."""
+    return [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(folder / "bag"), *options]
+
+
+def nodes_alive(marker: str) -> dict[int, str]:
+    """The processes of nodes, and what starts them, whose environment holds a marker: their names, by process id."""
+    alive = {}
+    for process in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            command = (process / "cmdline").read_bytes().decode(errors="replace")
+            environment = (process / "environ").read_bytes().decode(errors="replace")
+        except OSError:
+            continue  # it has ended meanwhile
+        for part, name in PROCESSES.items():
+            if part in command and marker in environment:
+                alive[int(process.name)] = name
+    return alive
+
+
+class CellRun:
+    """A command that runs a cell; a context manager that leaves no process behind.
+
+    Args:
+        command: what to run.
+        folder: where the bag is made, as `bag`; its name must be unique, as it marks the run's processes.
+    """
+
+    def __init__(self, command: Sequence[str], folder: pathlib.Path) -> None:
+        self.folder, self.bag = folder, folder / "bag"
+        self._marker = f"{MARKER}={folder}"
+        environment = os.environ | dict([self._marker.split("=", 1)])
+        self.process = subprocess.Popen(
+            command,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=pathlib.Path(__file__).resolve().parents[1],
+        )
+        self._lines: list[str] = []
+        self._listener = threading.Thread(target=self._listen)
+        self._listener.start()
+
+    def _listen(self) -> None:
+        assert self.process.stdout is not None
+        with contextlib.suppress(ValueError):  # a fault may be that nobody reads any more
+            self._lines.extend(iter(self.process.stdout.readline, ""))
+
+    @property
+    def output(self) -> str:
+        """What it has printed."""
+        return "".join(self._lines)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return self.process.poll() is not None
+
+    def wait_for(self, predicate: Callable[[], object], what: str) -> None:
+        """Wait until a predicate holds.
+
+        Raises:
+            DidNotHappen: it does not within PATIENCE.
+        """
+        deadline = time.monotonic() + PATIENCE
+        while not predicate():
+            if time.monotonic() > deadline:
+                raise DidNotHappen(f"{what} did not come within {PATIENCE:g} s, only: {self.output}")
+            time.sleep(0.05)
+
+    def wait_for_push(self) -> None:
+        """Wait until the first push is over and the second under way, or the run has ended."""
+        self.wait_for(lambda: self.ended or "\npush" in self.output, "the first push")
+
+    def wait_for_output(self, pattern: str) -> None:
+        """Wait until it has printed what a regular expression matches, or has ended."""
+        self.wait_for(lambda: self.ended or re.search(pattern, self.output), pattern)
+
+    def wait_for_end(self) -> int:
+        """Wait until it has ended; returns its exit code."""
+        self.wait_for(lambda: self.ended, "the end")
+        self._listener.join(10.0)
+        return self.process.returncode
+
+    def nodes_alive(self) -> dict[int, str]:
+        """Names of its nodes that are alive, by process id."""
+        return nodes_alive(self._marker)
+
+    def pid_of(self, node: str) -> int:
+        """The process of a node."""
+        return next(pid for pid, name in self.nodes_alive().items() if name == node)
+
+    def signal(self, node: str, number: signal.Signals) -> None:
+        """Send a signal to a node."""
+        os.kill(self.pid_of(node), number)
+
+    def __enter__(self) -> "CellRun":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
+        for pid in self.nodes_alive():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self._listener.join(10.0)
+        if self.process.stdout is not None:
+            self.process.stdout.close()
