@@ -2,7 +2,6 @@
 
 import dataclasses
 import pathlib
-import tempfile
 import time
 from typing import Annotated
 
@@ -25,6 +24,7 @@ from pushfric_ros.files.node_settings import CameraConfig, PlanConfig, Simulated
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.graph import graph
+from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.graph.supervisor import Ended
 from pushfric_ros.pushers.grbl_config import GrblConfig
 from pushfric_ros.pushers.pusher import PusherConfig
@@ -114,8 +114,8 @@ def run_demo(
     view: ViewConfig | None = None,
 ) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
-    with tempfile.TemporaryDirectory(prefix="pushfric-demo-") as scratch:
-        cell = dataclasses.replace(demo_cell(object_name, pathlib.Path(scratch)), plan=plan)
+    with scratch_folder() as scratch:
+        cell = dataclasses.replace(demo_cell(object_name, scratch), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
         if view is not None:
             specs = graph.with_view(specs, object_name, view)

@@ -2,8 +2,7 @@
 
 import atexit
 import contextlib
-import pathlib
-import tempfile
+import os
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
@@ -11,7 +10,9 @@ from launch_ros.actions import Node
 
 from pushfric_ros.graph.graph import PACKAGE, Launchable, NodeSpec, enclave
 from pushfric_ros.graph.lock import lock
+from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.graph.supervisor import RESPAWN_DELAY
+from pushfric_ros.node_kit.executable import PARENT
 
 
 def launch_description(launchable: Launchable) -> LaunchDescription:
@@ -20,7 +21,7 @@ def launch_description(launchable: Launchable) -> LaunchDescription:
     def nodes(context: LaunchContext) -> list[Node]:
         leaving = contextlib.ExitStack()
         atexit.register(leaving.close)  # at exit, as the launch ends after its processes
-        folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
+        folder = leaving.enter_context(scratch_folder())
         namespace, specs = launchable.graph(
             {name: context.launch_configurations[name] for name in launchable.arguments}, folder
         )
@@ -42,7 +43,7 @@ def _node(spec: NodeSpec, namespace: str) -> Node:
         namespace=namespace,
         parameters=[dict(spec.parameters)],
         remappings=list(spec.remappings.items()),
-        additional_env=dict(spec.environment),
+        additional_env={**spec.environment, PARENT: str(os.getpid())},
         ros_arguments=["--enclave", enclave(namespace, spec.name)],
         respawn=spec.respawn,
         respawn_delay=RESPAWN_DELAY,

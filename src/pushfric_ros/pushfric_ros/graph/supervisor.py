@@ -6,7 +6,6 @@ import os
 import pathlib
 import signal
 import sys
-import tempfile
 import threading
 import time
 from collections import deque
@@ -19,6 +18,7 @@ from pushfric_ros.graph import fork_server
 from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec, enclave
 from pushfric_ros.graph.lock import lock
+from pushfric_ros.graph.scratch import scratch_folder
 
 PATIENCE = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 """The signals that ask a process to end, and how long to wait after each [s]; SIGINT would print what it interrupts."""
@@ -70,7 +70,7 @@ class Supervisor:
             for caught in (signal.SIGINT, signal.SIGTERM):
                 leaving.callback(signal.signal, caught, signal.signal(caught, self._on_signal))
             leaving.enter_context(lock(self._namespace))
-            self._folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-")))
+            self._folder = leaving.enter_context(scratch_folder())
             self._server = leaving.enter_context(contextlib.closing(fork_server.prepared()))
             leaving.callback(self._end_all)
             while not self._server.ready(0.1):

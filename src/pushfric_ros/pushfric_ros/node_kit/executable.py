@@ -1,9 +1,18 @@
 """What the executables of the nodes run: they end quietly even if they are told to while they are still loading."""
 
+import ctypes
 import importlib
 import os
 import signal
 import sys
+
+PARENT = "PUSHFRIC_PARENT"
+"""Environment variable that names the process with whose end a node is to end, too: the one that started it.
+
+`ros2 launch` leaves its nodes, and so the pusher, running when it is killed.
+"""
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main() -> None:
@@ -13,6 +22,10 @@ def main() -> None:
     name = os.path.basename(sys.argv[0]).removesuffix(".py").removesuffix("_node")
     for number in (signal.SIGINT, signal.SIGTERM):  # `run_node` replaces these handlers
         signal.signal(number, lambda *_: os._exit(0))
+    if parent := os.environ.get(PARENT):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != int(parent):  # it has ended already
+            sys.exit()
     if {"-h", "--help"} & set(sys.argv[1:]):
         importlib.import_module("pushfric_ros.commands.node_help").print_help(name)
         sys.exit()
