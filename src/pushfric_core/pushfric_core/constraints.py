@@ -190,7 +190,7 @@ def functional_rows(functional: Array, forces: SupportForces, above: float, belo
     """
     products = functional * forces.directions
     a = products[:, 0] + products[:, 1]
-    if not forces.free.any() or above == below == 0:
+    if above == below == 0 or not np.count_nonzero(forces.free):
         return ConstraintRows(a[None], np.array((above,)), np.array((below,)))
     reach = np.hypot(functional[..., 0], functional[..., 1]) * forces.free
     # by how much the free supports can lower a cost above, and one below

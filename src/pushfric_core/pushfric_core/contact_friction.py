@@ -42,8 +42,9 @@ class ContactForces(NamedTuple):
 
 def contact_forces(observation: Observation, forces: SupportForces) -> ContactForces:
     """The forces of one data point's supports, m = 1."""
-    normal = np.asarray(observation.contact_normal)
-    return ContactForces((forces.directions @ normal)[None], (forces.directions @ tangent(normal))[None], forces.free[None])
+    x, y = observation.contact_normal
+    normal, along = np.array((x, y)), np.array((-y, x))
+    return ContactForces((forces.directions @ normal)[None], (forces.directions @ along)[None], forces.free[None])
 
 
 def lower_bounds(forces: ContactForces, weights: Array) -> Array:
@@ -123,9 +124,11 @@ class MuC(NamedTuple):
 
 def tip_at(observation: Observation) -> tuple[float, float, float, float]:
     """One data point's row of `Tip`."""
+    slip = mismatch = sensed = math.nan
+    if observation.tip_velocity is None and observation.force is None:
+        return slip, mismatch, sensed, float(observation.push_id)
     normal = np.asarray(observation.contact_normal)
     along = tangent(normal)
-    slip = mismatch = sensed = math.nan
     if observation.tip_velocity is not None and any(observation.tip_velocity):
         tip = np.asarray(observation.tip_velocity)
         relative = (tip - velocity_at(observation.twist, np.asarray(observation.contact_point))) / math.hypot(*tip)

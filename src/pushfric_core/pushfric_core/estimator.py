@@ -172,6 +172,8 @@ class Estimator:
         self._size = float(np.ptp(self.support_points, axis=0).max())
         exact = (self.config.loss, self.config.solver) == (Loss.L1, Solver.SIMPLEX)
         self._open = self.config.confidence and exact and not self._center_given
+        config = self.config
+        self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
         self._tilts = DIRECTIONS @ (self.support_points - self.support_points.mean(axis=0)).T
         self._forget()
         if center_of_friction is not None:
@@ -240,8 +242,6 @@ class Estimator:
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         stamp = self._observations[next(reversed(self._observations))].stamp if self._observations else 0
         data_points, pushes = len(self._observations), len(self._pushes)
-        config = self.config
-        plain = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
         lack = self._variety.lack if pushes >= FEWEST_PUSHES else None
         told = self._open and lack is None and pushes >= FEWEST_PUSHES and solution.status is Status.OPTIMAL
         return Estimate(
@@ -256,23 +256,27 @@ class Estimator:
             self._spread(solution) if told else None,
             lack,
             self._contacts.tip,
-            solution.objective / data_points if plain and data_points else None,
+            solution.objective / data_points if self._moments_alone and data_points else None,
         )
 
     def verdict(self, estimate: Estimate) -> Verdict:
         """Whether the last estimate may be used."""
+        for observation in self._unchecked:
+            self._input.add(observation)
+        self._unchecked.clear()
         return self._input.verdict(estimate)
 
     def _forget(self) -> None:
         """Begin to look at the data points from the first one on."""
         self._variety, self._input = Variety(self._size), InputCheck(self.support_points)
+        self._unchecked: list[Observation] = []  # that the input check has not seen yet: only a verdict needs it
         self._effects: Effects | None = None
         self._extremes: Array | None = None
         self._measured = 0  # data points that the extremes rest on
 
     def _look_at(self, observation: Observation) -> None:
         self._variety.add(observation.push_id, observation.contact_point, observation.contact_normal)
-        self._input.add(observation)
+        self._unchecked.append(observation)
 
     def _spread(self, solution: Optimum) -> Spread | None:
         """What the data leave open; None where the extremes of the set were not found."""
@@ -307,31 +311,34 @@ class _Contacts:
     """The contact forces of the present data points, in arrays with room to grow; arrays that were returned never change."""
 
     def __init__(self, n: int) -> None:
-        self._room = np.empty((3, 64, n))
-        self._tips = np.empty((4, 64))
         self._count = 0
+        self._hold(np.empty((3, 0, n)), np.empty((4, 0)), 64)
 
     @property
     def tip(self) -> Tip:
-        view = self._tips[:, : self._count]
-        view.setflags(write=False)
-        return Tip(*view)
+        return Tip(*self._shown_tips[:, : self._count])
 
     @property
     def forces(self) -> ContactForces:
-        view = self._room[:, : self._count]
-        view.setflags(write=False)
-        return ContactForces(*view)
+        return ContactForces(*self._shown[:, : self._count])
 
     def append(self, forces: ContactForces, tip: tuple[float, float, float, float]) -> None:
-        if self._count == self._room.shape[1]:
-            self._room = np.concatenate((self._room, np.empty_like(self._room)), axis=1)
-            self._tips = np.concatenate((self._tips, np.empty_like(self._tips)), axis=1)
-        self._tips[:, self._count] = tip
-        self._room[:, self._count] = np.concatenate(forces)
+        row = self._count
+        if row == self._room.shape[1]:
+            self._hold(self._room, self._tips, row)
+        self._tips[:, row] = tip
+        self._room[0, row], self._room[1, row], self._room[2, row] = forces.normal, forces.along, forces.free
         self._count += 1
 
     def keep(self, which: npt.NDArray[np.bool_]) -> None:
         kept, tips = self._room[:, : self._count][:, which], self._tips[:, : self._count][:, which]
-        self._tips = np.concatenate((tips, np.empty((4, 64))), axis=1)
-        self._room, self._count = np.concatenate((kept, np.empty((3, 64, kept.shape[2]))), axis=1), kept.shape[1]
+        self._count = kept.shape[1]
+        self._hold(kept, tips, 64)
+
+    def _hold(self, forces: Array, tips: Array, more: int) -> None:
+        """Hold these from now on, with room for some more."""
+        self._room = np.concatenate((forces, np.empty((3, more, forces.shape[2]))), axis=1)
+        self._tips = np.concatenate((tips, np.empty((4, more))), axis=1)
+        self._shown, self._shown_tips = self._room.view(), self._tips.view()
+        self._shown.setflags(write=False)
+        self._shown_tips.setflags(write=False)

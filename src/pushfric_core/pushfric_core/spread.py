@@ -181,6 +181,7 @@ class Variety:
         self._places: list[Array] = []
         self._normals: list[Array] = []
         self._last: int | None = None
+        self.lack: str | None = self._lack()  # what the pushes lack, in words; None if they vary enough
 
     def add(self, push_id: int, contact: tuple[float, float], normal: tuple[float, float]) -> None:
         """Take a data point; the first one of each push says where it is."""
@@ -190,10 +191,9 @@ class Variety:
         if all(math.dist(contact, place) > self._apart for place in self._places):
             self._places.append(np.asarray(contact))
             self._normals.append(np.asarray(normal))
+            self.lack = self._lack()
 
-    @property
-    def lack(self) -> str | None:
-        """What the pushes lack, in words; None if they vary enough."""
+    def _lack(self) -> str | None:
         if len(self._places) < FEWEST_PLACES:
             where = "one place" if len(self._places) == 1 else f"{len(self._places)} places"
             return f"all pushes are at {where} and say the same: push at least {FEWEST_PLACES} places, on more than one side"

@@ -114,16 +114,15 @@ def support_forces(support_points: Array, twist: Twist, radii: FreeRadii = NOT_F
     speeds = _lengths(velocities)
     # |v_j| = |omega| * distance to the centre of rotation
     reach = abs(twist.omega) * radii.partly
-    if radii.partly == 0 or not np.minimum.reduce(speeds) <= reach:
+    slowest = np.minimum.reduce(speeds)
+    if radii.partly == 0 or not slowest <= reach:
         return SupportForces(
             support_points, _opposite(twist, velocities, speeds, support_points), np.zeros(len(support_points))
         )
-    near = speeds <= reach
-    distances = speeds[near] / abs(twist.omega)
-    free = np.zeros(len(support_points))
     width = radii.partly - radii.wholly
-    free[near] = np.minimum((radii.partly - distances) / width, 1.0) if width > 0 else 1.0
-    known = np.where(free < 1, speeds, 1.0)  # no division by zero if a support is wholly free
+    share = np.minimum((radii.partly - speeds / abs(twist.omega)) / width, 1.0) if width > 0 else 1.0
+    free = np.where(speeds <= reach, share, 0.0)
+    known = speeds if slowest > 0 else np.where(free < 1, speeds, 1.0)  # no division by zero if a support is wholly free
     return SupportForces(support_points, -((1 - free) / known)[:, None] * velocities, free)
 
 
