@@ -174,8 +174,23 @@ def test_the_script_refuses_a_sourced_ros_with_old_libraries(script, old, monkey
     with pytest.raises(
         script.SetupError, match=r"^the sourced ROS 2's python3: missing or too old: pydantic>=2.5 \(1.10.14\), rich"
     ) as refusal:
-        script.check_libraries("run")
+        script.check_libraries("run", os.environ["AMENT_PREFIX_PATH"])
     assert "\n" not in str(refusal.value)
+
+
+def test_the_script_looks_at_the_libraries_again_when_one_is_installed(script, old, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", f"{old}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    monkeypatch.setattr(script, "BUILT", tmp_path / "built")
+    script.overlay("here").mkdir(parents=True)
+    for name in ("pydantic-1.10.14.dist-info", "rich-9.0.dist-info"):
+        (old / name).rename(tmp_path / "built" / name)
+    script.check_libraries("run", "here")
+    with monkeypatch.context() as patched:
+        patched.delattr(script.subprocess, "run")
+        script.check_libraries("run", "here")
+    (tmp_path / "built/rich-9.0.dist-info").rename(old / "rich-9.0.dist-info")
+    with pytest.raises(script.SetupError, match=r"missing or too old: rich>=13.7 \(9.0\)"):
+        script.check_libraries("run", "here")
 
 
 def test_the_command_line_ends_with_one_line_where_a_library_is_too_old(old):

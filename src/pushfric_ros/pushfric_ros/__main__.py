@@ -3,7 +3,6 @@
 import signal
 import sys
 
-from pushfric_ros.commands import dependencies
 from pushfric_ros.commands.interrupt import end_at_once
 
 
@@ -16,6 +15,8 @@ def main() -> None:
         signal.signal(signal.SIGINT, before)
         cli.main()
     except (ImportError, AttributeError, TypeError):
+        from pushfric_ros.commands import dependencies
+
         # An old library lacks what is asked of it; where none is old, it is our own mistake.
         if (complaint := dependencies.complaint(dependencies.declared())) is None:
             raise

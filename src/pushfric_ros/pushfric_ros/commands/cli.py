@@ -90,6 +90,7 @@ def options() -> None:
 def main() -> None:
     """Entry point. Unusable input ends with one line and exit code 2."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # the search for some reads the metadata of every package
     try:
         sys.exit(app(prog_name="pushfric", standalone_mode=False))
     except UsageError as error:

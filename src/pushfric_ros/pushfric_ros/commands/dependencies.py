@@ -2,8 +2,8 @@
 
 The requirements are written once, as install_requires in src/*/setup.cfg. pip reads them there, and so does the script
 `pushfric` before anything is built; later they are in the metadata of the installed packages. Run as a script with
-requirements as arguments, this prints those that are not met. It imports nothing of pushfric, as the packages may not be built
-yet.
+requirements as arguments, this prints a line on those that are not met, which is empty if all are, and then the folders in
+which it has looked. It imports nothing of pushfric, as the packages may not be built yet.
 """
 
 import importlib
@@ -82,5 +82,4 @@ def advice(lacking: Iterable[Unmet]) -> str:
 
 
 if __name__ == "__main__":
-    if line := complaint(sys.argv[1:]):
-        print(line)
+    print(complaint(sys.argv[1:]) or "", *sys.path, sep="\n")
