@@ -45,7 +45,7 @@ def start(server, tmp_path):
 
     yield start
     for process in started:
-        if process.running:
+        with contextlib.suppress(ProcessLookupError):  # it may have ended without having been reported yet
             os.killpg(process.pid, signal.SIGKILL)
         process.output.close()
 
