@@ -2,15 +2,18 @@
 
 import contextlib
 import dataclasses
+import io
 import os
 import pathlib
 import re
 import shutil
 import subprocess
+import sys
 import threading
 import time
 
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from pushfric_msgs.msg import PusherState
@@ -27,6 +30,15 @@ STROKE = 0.05  # of each push [m]
 PUSHES = 80
 """More than the tests last for."""
 
+
+SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 860}
+"""Of the pictures of the docs [px]."""
+
+LAST_PUSH = 14
+"""Of the demo."""
+
+FRAME_MS = 600
+"""Time between two images of the moving picture."""
 
 expect.set_options(timeout=PATIENCE * 1e3)
 
@@ -183,9 +195,35 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
                 page.locator("#next").click()
 
 
-@pytest.mark.skipif(
-    "PUSHFRIC_PICTURES" not in os.environ, reason="PUSHFRIC_PICTURES names no folder for the pictures of the docs"
-)
+@pytest.mark.skipif("PUSHFRIC_PICTURES" not in os.environ, reason="PUSHFRIC_PICTURES names no folder for the docs' pictures")
+@pytest.mark.timeout(900)
 def test_pictures_for_the_docs(browser, tmp_path):
+    """The pictures of README and docs, from a whole demo: the page on a screen and on a phone, and what moves on it."""
     folder = pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
-    assert folder.is_dir()
+    command = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(tmp_path / "bag"), "--view", "0"]
+    frames: list[Image.Image] = []
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as demo, contextlib.ExitStack() as visits:
+        assert demo.stderr is not None
+        url = next(line.split()[1] for line in demo.stderr if line.startswith("view: http"))
+        threading.Thread(target=demo.stderr.read).start()  # so that it is never full
+        screen = visits.enter_context(visit(browser, url, viewport=SCREEN))
+        phone = visits.enter_context(
+            visit(browser, url, viewport=PHONE, device_scale_factor=2, is_mobile=True, color_scheme="dark")
+        )
+        expect(screen.locator("#overlay")).to_be_visible()
+        while not screen.locator("#now.finished, #now.lost").count():
+            frames.append(Image.open(io.BytesIO(screen.screenshot(clip={"x": 0, "y": 0, **MOVING}))).convert("RGB"))
+            if screen.locator("#rows tr").count() == LAST_PUSH:
+                screen.screenshot(path=folder / "view.png")
+                phone.screenshot(path=folder / "view_phone.png")
+            screen.wait_for_timeout(FRAME_MS)
+        assert demo.wait(PATIENCE) == 0
+    for name in ("view.png", "view_phone.png"):
+        Image.open(folder / name).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(folder / name, optimize=True)
+        assert (folder / name).stat().st_size < 200_000
+    size = (720, round(720 * MOVING["height"] / MOVING["width"]))
+    first, *others = [frame.resize(size, Image.Resampling.LANCZOS) for frame in frames]
+    shown = [FRAME_MS // 3] * len(others) + [4000]  # ms; the end stays for a while
+    options = {"loop": 0, "quality": 60, "method": 3}
+    first.save(folder / "demo.webp", save_all=True, append_images=others, duration=shown, **options)
+    assert (folder / "demo.webp").stat().st_size < 1_000_000

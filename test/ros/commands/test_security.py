@@ -41,7 +41,7 @@ def holders(allowed, *permission):
 
 def test_only_the_experiment_may_push(allowed):
     assert set(allowed) == {
-        f"/left/{name}" for name in ("recorder", "estimator", "tracker", "actuator", "experiment", "command_line")
+        f"/left/{name}" for name in ("recorder", "estimator", "tracker", "actuator", "experiment", "view", "command_line")
     }
     assert holders(allowed, "calls", "action", "/left/push") == {"/left/experiment"}
     assert holders(allowed, "serves", "action", "/left/push") == {"/left/actuator"}
@@ -49,9 +49,10 @@ def test_only_the_experiment_may_push(allowed):
 
 
 def test_a_person_may_stop_and_reset(allowed):
-    assert holders(allowed, "publishes", "topic", "/left/stop") == {"/left/command_line"}
+    by_hand = {"/left/command_line", "/left/view"}
+    assert holders(allowed, "publishes", "topic", "/left/stop") == by_hand
     assert holders(allowed, "subscribes", "topic", "/left/stop") == {"/left/actuator"}
-    assert holders(allowed, "calls", "service", "/left/actuator/reset") == {"/left/command_line"}
+    assert holders(allowed, "calls", "service", "/left/actuator/reset") == by_hand
     assert holders(allowed, "serves", "service", "/left/actuator/reset") == {"/left/actuator"}
     offered = {one.name for wanted in allowed.values() for one in wanted if (one.role, one.kind) == ("serves", "service")}
     assert {
@@ -66,6 +67,7 @@ def test_what_a_node_does_with_the_settings_of_the_cell_is_allowed(allowed):
         "/left/estimator",
         "/left/experiment",
         "/left/recorder",
+        "/left/view",
     }
     assert holders(allowed, "publishes", "topic", "/left/actuator/transition_event") == {"/left/actuator"}
     assert holders(allowed, "publishes", "topic", "/rosout") == set(allowed)

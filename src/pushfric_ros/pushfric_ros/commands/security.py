@@ -1,5 +1,6 @@
 """The command `security`: what the nodes of a cell may do, as a policy for SROS 2."""
 
+import dataclasses
 import pathlib
 import tempfile
 import xml.etree.ElementTree as ElementTree
@@ -13,6 +14,7 @@ import typer
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console
 from pushfric_ros.files.cell_file import CellFile, load_cell
+from pushfric_ros.files.node_settings import LOOPBACK
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
@@ -89,7 +91,8 @@ def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
     asked = Introspection(namespace)
     allowed = {}
     with tempfile.TemporaryDirectory(prefix="pushfric-security-") as folder:
-        for spec in graph.cell(file, str(pathlib.Path(folder) / "bag")):
+        shown = dataclasses.replace(file.view, host=LOOPBACK, port=0)
+        for spec in graph.with_view(graph.cell(file, str(pathlib.Path(folder) / "bag")), file.object, shown):
             told = asked.ask(node_class(spec.name), _harmless(spec, pathlib.Path(folder)))
             endpoints = {*asked.every_node, *told.endpoints}
             if any(endpoint.name == "~/change_state" for endpoint in endpoints):  # only the middleware knows of this topic

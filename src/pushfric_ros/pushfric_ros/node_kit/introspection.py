@@ -109,6 +109,12 @@ def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
     made += [Endpoint("publishes", one.topic, TRANSFORMS, _qos(one.qos)) for one in broadcasters]
     services = [(node.resolve_service_name(service.srv_name), service.srv_type) for service in node.services]
     made += [Endpoint("serves", name, _type_name(kind), "service") for name, kind in services]
+    calls = [(node.resolve_service_name(client.srv_name), client.srv_type) for client in node.clients]
+    made += [Endpoint("calls", name, _type_name(kind), "service") for name, kind in calls]
+    at_times = getattr(node, "AT_TIMES", {}).items()
+    made += [
+        Endpoint("subscribes", node.resolve_topic_name(name), _type_name(kind), _qos(qos)) for name, (kind, qos) in at_times
+    ]
     _await_graph(node)
     for role, actions in (
         ("serves", get_action_server_names_and_types_by_node(node, *here)),

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -34,6 +34,13 @@ class ViewNode(Node):
     What was estimated is received from the start, for those who come late; images, poses and pusher states only while somebody
     looks.
     """
+
+    AT_TIMES: ClassVar = {
+        "overlay/compressed": (CompressedImage, SENSOR_DATA),
+        "object_pose": (PoseWithCovarianceStamped, SENSOR_DATA),
+        "pusher_state": (PusherState, RELIABLE),
+    }
+    """What is received only while somebody looks, with type and quality of service."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("view", **kwargs)
@@ -107,13 +114,13 @@ class ViewNode(Node):
             self.destroy_subscription(subscription)
         self._watched = []
         if looking:
-            story, subscribe = self._story, self.create_subscription
+            callbacks: dict[str, Callable[[Any], None]] = {
+                "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
+                "object_pose": self._telling(self._story.on_pose),
+                "pusher_state": self._telling(self._story.on_pusher),
+            }
             self._watched = [
-                subscribe(
-                    CompressedImage, "overlay/compressed", lambda msg: self._server.picture(bytes(msg.data)), SENSOR_DATA
-                ),
-                subscribe(PoseWithCovarianceStamped, "object_pose", self._telling(story.on_pose), SENSOR_DATA),
-                subscribe(PusherState, "pusher_state", self._telling(story.on_pusher), RELIABLE),
+                self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
             ]
 
     def _carry_out(self, request: Request) -> None:
