@@ -31,7 +31,7 @@ PUSHES = 80
 """More than the tests last for."""
 
 
-SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 860}
+SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 910}
 """Of the pictures of the docs [px]."""
 
 LAST_PUSH = 14
@@ -207,9 +207,7 @@ def test_pictures_for_the_docs(browser, tmp_path):
         url = next(line.split()[1] for line in demo.stderr if line.startswith("view: http"))
         threading.Thread(target=demo.stderr.read).start()  # so that it is never full
         screen = visits.enter_context(visit(browser, url, viewport=SCREEN))
-        phone = visits.enter_context(
-            visit(browser, url, viewport=PHONE, device_scale_factor=2, is_mobile=True, color_scheme="dark")
-        )
+        phone = visits.enter_context(visit(browser, url, viewport=PHONE, is_mobile=True, color_scheme="dark"))
         expect(screen.locator("#overlay")).to_be_visible()
         while not screen.locator("#now.finished, #now.lost").count():
             frames.append(Image.open(io.BytesIO(screen.screenshot(clip={"x": 0, "y": 0, **MOVING}))).convert("RGB"))

@@ -133,6 +133,7 @@ function drawNow() {
   }
   const verdict = estimate?.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${verdict.reasons.join("; ")}`;
+  if (known(estimate?.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.change.since_push + 1}.`;
 }
 
 function drawNumbers() {
@@ -203,6 +204,8 @@ function drawTable() {
 
 function judged(row) {
   if (row.excluded) return ["excluded", false];
+  const rejected = story.estimate?.rejected?.find((one) => (one.push_id ?? one.push) === row.push);
+  if (rejected) return [`✗ left out: ${rejected.reason}`, true];
   if (row.aborted) return ["✗ aborted", true];
   if (!row.contacts.length) return ["no data point yet", false];
   return ["✓ counts", false];
