@@ -21,7 +21,7 @@ from pushfric_ros.node_kit.visit import Visit
 LARGEST = 2**62
 """Integer ranges end here where they have no end."""
 
-GRAPH_PATIENCE = 20.0
+GRAPH_PATIENCE = 120.0
 """How long the middleware may take to know all of a node of this process [s]."""
 
 ROLES = ("publishes", "subscribes", "serves", "calls")
