@@ -150,7 +150,7 @@ def test_the_nodes_end_with_a_killed_command_line(running):
     running.wait_for(lambda: running.nodes_alive() == {}, "the end of all nodes")
 
 
-@pytest.mark.parametrize("node", ["estimator", "simulated_cell", "experiment", "actuator"])
+@pytest.mark.parametrize("node", ["simulated_cell", "experiment", "actuator"])
 def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(running, node):
     os.kill(running.pid_of(node), signal.SIGKILL)
     assert running.wait_for_end() == 1
@@ -179,3 +179,19 @@ def test_a_node_without_state_is_started_again(running):
     assert running.wait_for_end() == bool(re.search(missing, running.output, re.M)), running.output
     assert "tracker was killed by SIGKILL; starting it again" in running.output
     assert running.nodes_alive() == {}
+
+
+def test_an_estimator_that_is_killed_goes_on_from_the_bag(running, tmp_path):
+    os.kill(running.pid_of("estimator"), signal.SIGKILL)
+    assert running.wait_for_end() == 0, running.output
+    assert "estimator was killed by SIGKILL; starting it again" in running.output
+    assert running.nodes_alive() == {}
+    read = pushfric("estimate", tmp_path / "bag", "--json")
+    offline = json.loads(read.stdout)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        told = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cell/friction_estimate"]
+        points = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cell/observation"]
+    assert offline["pushes"] == 14
+    assert list(told[-1].support_friction.weights) == offline["w"]
+    stamps = [(point.push_id, point.header.stamp.sec, point.header.stamp.nanosec) for point in points]
+    assert len(stamps) == len(set(stamps)) == offline["data_points"]

@@ -11,6 +11,7 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from pushfric_core.errors import InvalidInput
+from pushfric_ros.bags.contents import mcap_file
 from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.bags.rosbag2_metadata import METADATA, VERSION
 from pushfric_ros.messages.types import definition, type_hash
@@ -41,7 +42,7 @@ class BagWriter:
             if any(self.folder.iterdir()):
                 raise InvalidInput(f"{self.folder}: already holds files, expected a new or empty folder")
             # exclusively, because of two writers that both saw an empty folder one must fail
-            self._file = (self.folder / f"{self.folder.name}_0.mcap").open("xb")
+            self._file = mcap_file(self.folder).open("xb")
         except OSError as error:
             raise InvalidInput(f"{self.folder}: cannot record there ({error.strerror}), expected a new folder") from error
         self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.ZSTD, enable_data_crcs=True)

@@ -1,5 +1,6 @@
 """What a bag holds: messages, topics, and a summary of them."""
 
+import pathlib
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -39,3 +40,9 @@ class Summary:
     @property
     def message_count(self) -> int:
         return sum(topic.message_count for topic in self.topics)
+
+
+def mcap_file(folder: pathlib.Path) -> pathlib.Path:
+    """The file that is recorded in a bag's folder."""
+    resolved = folder.resolve()
+    return resolved / f"{resolved.name}_0.mcap"

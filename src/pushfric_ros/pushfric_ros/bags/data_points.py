@@ -18,7 +18,8 @@ from pushfric_ros.bags.contents import BagMessage
 from pushfric_ros.bags.rosbag2_metadata import METADATA
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel
+from pushfric_ros.files.model_file import prior
+from pushfric_ros.files.object_file import OBJECT_FILE, PRIOR_FILE, ObjectModel
 from pushfric_ros.files.observation_file import read_observations
 from pushfric_ros.messages.conversions import (
     force_sample_from_msg,
@@ -85,6 +86,12 @@ def object_beside(path: pathlib.Path) -> pathlib.Path | None:
     return file if path.suffix != ".csv" and file.is_file() else None
 
 
+def prior_beside(path: pathlib.Path) -> pathlib.Path | None:
+    """The model in a bag's folder that the recorded run went on from, if there is one."""
+    file = (path if path.is_dir() else path.parent) / PRIOR_FILE
+    return file if path.suffix != ".csv" and file.is_file() else None
+
+
 def source_of(path: pathlib.Path, with_forces: bool = False) -> Source:
     """The source of a bag's data points: poses if there are any, so that they are made as in a live run.
 
@@ -144,6 +151,8 @@ def observations(
 ) -> list[Observation]:
     """The data points of a CSV file or a bag, in order, without those of excluded pushes.
 
+    Those of the model that the recorded run went on from come first.
+
     Args:
         path: the file or the bag.
         model: the object.
@@ -170,6 +179,8 @@ def observations(
             found = list(_recorded(bag, source, model, warn))
         if not found:
             raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
+        if (earlier := prior_beside(path)) is not None:
+            found = prior(earlier, model) + found
     for push_id in settings.excluded:
         if all(observation.push_id != push_id for observation in found):
             raise InvalidInput(f"{path}: no data point of push {push_id}, which is to be left out")

@@ -362,6 +362,54 @@ class McapFile:
                 yield Message(log_time, channel_id, content[begin + _MESSAGE_HEAD.size : begin + length])
 
 
+class GrowingFile:
+    """A file that its writer has not finished: what was flushed so far, read on from where the last reading ended.
+
+    Args:
+        path: the file; it need not exist yet.
+    """
+
+    def __init__(self, path: pathlib.Path) -> None:
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self._position = len(MAGIC)
+
+    def read_on(self) -> list[Message]:
+        """The messages that have come since the last call, in the order of the file; a record still being written comes later.
+
+        Raises:
+            OSError: it cannot be read.
+            ValueError: its bytes do not follow the format.
+        """
+        found: list[Message] = []
+        if not self.path.exists():
+            return found
+        size = self.path.stat().st_size
+        try:
+            with self.path.open("rb") as stream:
+                while True:
+                    try:
+                        code, length = _sound_record(stream, self._position, size)
+                    except _CutShort:
+                        return found
+                    begin = self._position + _RECORD_HEAD.size
+                    content = _chunk(stream, self._position, begin + length) if code == CHUNK else b""
+                    if code == CHANNEL:
+                        stream.seek(begin)
+                        number, channel = _channel(stream.read(length))
+                        self.channels.setdefault(number, channel)
+                    for inner, at, size_of in _records(content):
+                        if inner == CHANNEL:
+                            number, channel = _channel(content[at : at + size_of])
+                            self.channels.setdefault(number, channel)
+                        elif inner == MESSAGE:
+                            channel_id, _, log_time, _ = _message_head(content, at, size_of)
+                            found.append(Message(log_time, channel_id, content[at + _MESSAGE_HEAD.size : at + size_of]))
+                    self._position = begin + length
+        except _Unsound as error:
+            raise ValueError(f"{self.path}: {error}") from error
+
+
 # --- records ---
 
 

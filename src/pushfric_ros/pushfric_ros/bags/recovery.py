@@ -7,7 +7,7 @@ import shutil
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.bags.bag import Bag
 from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.files.object_file import OBJECT_FILE
+from pushfric_ros.files.object_file import OBJECT_FILE, PRIOR_FILE
 
 PathLike = str | os.PathLike[str]
 
@@ -17,7 +17,7 @@ def recover(path: PathLike, out: PathLike) -> Bag:
 
     Args:
         path: folder of a bag, or one of its files.
-        out: folder of the new bag; object.yaml is copied into it.
+        out: folder of the new bag; object.yaml and prior.yaml are copied into it.
     Raises:
         InvalidInput: it is not a bag, or the new bag cannot be written.
     """
@@ -26,10 +26,11 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     except InvalidInput:  # perhaps only its metadata is damaged
         damaged = Bag(path, ignore_metadata=True)
     with BagWriter(out) as writer:
-        object_file = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / OBJECT_FILE
-        if object_file.is_file():
-            with writer.writing():
-                shutil.copyfile(object_file, pathlib.Path(out) / OBJECT_FILE)
+        for name in (OBJECT_FILE, PRIOR_FILE):
+            beside = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / name
+            if beside.is_file():
+                with writer.writing():
+                    shutil.copyfile(beside, pathlib.Path(out) / name)
         channels = {}
         for topic in damaged.summary.topics:
             text = topic.definition

@@ -33,7 +33,8 @@ def replay(
     settings = data_points.recorded_settings(bag)
     data = data_points.observations(bag, model, settings, warn, partial)
     source = data_points.source_of(bag, settings.with_forces)
-    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial)
+    model_file = str(data_points.prior_beside(bag) or "")
+    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file)
     if (shown := view_at(view, ViewConfig())) is not None:
         specs = graph.with_view(specs, object_file, shown)
     live = console.is_terminal and not headless

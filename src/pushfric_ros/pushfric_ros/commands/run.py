@@ -2,6 +2,7 @@
 
 import pathlib
 import time
+from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -29,8 +30,17 @@ def run(
     start: Annotated[int, option(ExperimentConfig, "start")] = ExperimentConfig.start,
     headless: HeadlessFlag = False,
     view: ViewOption = "",
+    model_file: Annotated[
+        pathlib.Path | None, typer.Option("--model", help="Model to go on from.", show_default="estimator.model of the cell")
+    ] = None,
+    save: Annotated[
+        pathlib.Path | None,
+        typer.Option(help="Write a model to keep there (.yaml).", show_default="estimator.save of the cell"),
+    ] = None,
 ) -> None:
     file = load_cell(cell)
+    given = {"model": model_file, "save": save}
+    file = replace(file, model=replace(file.model, **{name: str(path) for name, path in given.items() if path is not None}))
     model = load_object(file.object)
     bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
     if (absence := file.driver.absence()) is not None:

@@ -19,6 +19,7 @@ from pushfric_ros.files.node_settings import (
     CameraConfig,
     Discovery,
     FrameConfig,
+    ModelConfig,
     ObjectConfig,
     PlanConfig,
     RecorderConfig,
@@ -51,7 +52,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "camera": (CameraConfig,),
     "pusher": (PusherConfig,),
     "plan": (PlanConfig,),
-    "estimator": EstimatorSettings.PARTS,
+    "estimator": (*EstimatorSettings.PARTS, ModelConfig),
     "recorder": (RecorderConfig,),
     "view": (ViewConfig,),
     "simulation": (SimulationConfig,),
@@ -87,6 +88,7 @@ class CellFile:
     namespace: str = CellConfig.namespace
     discovery: Discovery = CellConfig.discovery
     frames: FrameConfig = field(default_factory=FrameConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
 
 
 def load_cell(path: pathlib.Path) -> CellFile:
@@ -113,7 +115,9 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    (camera, *trackers), (pusher, driver), (plan,), estimator, (recorder,), (view,), (simulation,) = map(section, SECTIONS)
+    (camera, *trackers), (pusher, driver), (plan,), (*estimator, model), (recorder,), (view,), (simulation,) = map(
+        section, SECTIONS
+    )
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
@@ -135,6 +139,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         named.namespace,
         named.discovery,
         frames,
+        model,
     )
 
 

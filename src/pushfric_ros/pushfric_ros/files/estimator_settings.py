@@ -13,6 +13,8 @@ from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros.files.file_errors import shortened
 
 TOPIC = "estimator_settings"
+START_TOPIC = "estimation_start"
+"""The topics on which an estimator says how it estimates, and what since when."""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import os
 import pathlib
 import platform
 import tempfile
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import yaml
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
-from pushfric_core.observation import Observation
+from pushfric_core.observation import PUSH_IDS, Observation
 from pushfric_core.planar import Array, Pose, Twist
 from pushfric_core.prediction import FrictionModel, model_of
 from pushfric_ros.files.estimator_settings import EstimatorSettings
@@ -213,6 +214,27 @@ def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
     except (ValueError, PushfricError) as error:
         raise InvalidInput(f"{path}: data_points: {error}") from error
     return file, model
+
+
+def prior(path: pathlib.Path, pushed: ObjectModel) -> list[Observation]:
+    """The data points of a model, for an estimate of the same object that goes on from it.
+
+    Its pushes get the last of all numbers, so that they differ from those that follow.
+
+    Raises:
+        InvalidInput: as for `load_model`, or it is of an object of another name or outline, or has no data points.
+    """
+    file, model = load_model(path)
+    if model.name != pushed.name:
+        raise InvalidInput(f"{path}: is the model of {model.name}, expected one of {pushed.name}")
+    if model.outline != pushed.outline:
+        raise InvalidInput(f"{path}: has another outline of {model.name} than the pushed object")
+    data = file.observations()
+    if not data:
+        raise InvalidInput(f"{path}: has no data_points, expected those that the estimate is to go on from")
+    pushes = list(dict.fromkeys(observation.push_id for observation in data))
+    numbers = {push_id: PUSH_IDS - len(pushes) + number for number, push_id in enumerate(pushes)}
+    return [replace(observation, push_id=numbers[observation.push_id]) for observation in data]
 
 
 def check_name(path: pathlib.Path) -> None:

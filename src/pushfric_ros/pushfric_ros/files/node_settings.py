@@ -182,6 +182,7 @@ class RecordingConfig:
 
     bag: str = setting(REQUIRED, "folder of the bag, new or empty")
     object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
+    model: str = setting("", "copied into the bag's folder: path of the model that the estimator goes on from")
 
     def __post_init__(self) -> None:
         if not self.bag:
@@ -237,12 +238,23 @@ class DataPointSource(enum.Enum):
 
 
 @dataclass(frozen=True)
+class ModelConfig:
+    """The model to go on from, and the one to keep. Section `estimator`."""
+
+    model: str = setting(
+        "", "path of a model of the object (estimate --save), whose data points come first; empty: none", path=True
+    )
+    save: str = setting("", "path of the model (.yaml) that the estimator writes at its end; empty: none")
+
+
+@dataclass(frozen=True)
 class EstimatorNodeConfig:
     """Where the data points come from. From the graph."""
 
     source: DataPointSource = setting(
         DataPointSource.POSES, "poses: data points from object_pose and pusher_state; observations: from that topic"
     )
+    bag: str = setting("", "folder of the run's bag, from which an estimator goes on that is started again; empty: none")
 
 
 @dataclass(frozen=True)

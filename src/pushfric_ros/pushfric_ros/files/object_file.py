@@ -21,6 +21,9 @@ from pushfric_ros.files.file_errors import reading, shortened, text_of
 
 Length = Annotated[float, pydantic.Field(ge=-FARTHEST, le=FARTHEST)]
 Point = tuple[Length, Length]
+PRIOR_FILE = "prior.yaml"
+"""Name of the model in a bag's folder that the recorded run went on from."""
+
 OBJECT_FILE = "object.yaml"
 """Name of the file in a bag's folder that describes its object."""
 

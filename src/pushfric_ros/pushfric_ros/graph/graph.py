@@ -73,6 +73,7 @@ TOPICS = (
     Topic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
     Topic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
     Topic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
+    Topic(estimator_settings.START_TOPIC, "pushfric_msgs/msg/EstimationStart", "latched"),
     Topic("limit_surface", "pushfric_msgs/msg/LimitSurface", "latched"),
     Topic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
     Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
@@ -101,9 +102,10 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         raise InvalidInput(f"recorder: {error}") from error
     pusher = replace(file.pusher, requires=file.pusher.requires or WATCHED)
     frames = plain(file.frames)
+    estimation = {"object": file.object, "bag": bag, **frames, **plain(file.model), **file.estimator.parameters()}
     specs = [
-        NodeSpec("recorder", {"bag": bag, "object": file.object, **plain(recorder)}),
-        NodeSpec("estimator", {"object": file.object, **frames, **file.estimator.parameters()}),
+        NodeSpec("recorder", {"bag": bag, "object": file.object, "model": file.model.model, **plain(recorder)}),
+        NodeSpec("estimator", estimation, respawn=True),  # a new estimator goes on from the bag
         NodeSpec("tracker", {"object": file.object, **frames, **plain(file.camera), **plain(file.tracker)}, respawn=True),
         # a new actuator does not know where the pusher stands, unless it homes
         NodeSpec("actuator", {**frames, **plain(pusher), **plain(file.driver)}, respawn=file.pusher.home),
@@ -160,6 +162,7 @@ def replay(
     settings: EstimatorSettings,
     paused: bool = False,
     partial: bool = False,
+    model: str = "",
 ) -> list[NodeSpec]:
     """The nodes that play a bag into a live estimator.
 
@@ -171,11 +174,12 @@ def replay(
         settings: of the estimator.
         paused: the player waits until it is resumed.
         partial: play a damaged bag, too.
+        model: path of the model that the recorded run went on from; empty: none.
     """
     topics = list(source.topics)
     playing = {"bag": bag, "partial": partial, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}
     player = NodeSpec("player", playing, ends_run=True)
-    live = NodeSpec("estimator", {"object": object_name, "source": source.kind, **settings.parameters()})
+    live = NodeSpec("estimator", {"object": object_name, "source": source.kind, "model": model, **settings.parameters()})
     return with_own_clock([with_simulated_time(live), player], source.namespace)
 
 

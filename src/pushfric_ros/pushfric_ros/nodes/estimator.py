@@ -1,6 +1,7 @@
 """The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
 
-from typing import Any
+import pathlib
+from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
@@ -16,7 +17,7 @@ from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.prediction import FrictionModel, model_of, predict, stability
 from pushfric_core.push_choice import next_pushes
-from pushfric_core.recognition import Recognizer
+from pushfric_core.recognition import Ranking, Recognizer
 from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.sensed_force import SensedForce
 from pushfric_core.trajectory import Trajectory
@@ -24,6 +25,7 @@ from pushfric_core.verdict import Verdict
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
+    EstimationStart,
     EstimatorProgress,
     FrictionEstimate,
     LimitSurface,
@@ -35,9 +37,11 @@ from pushfric_msgs.msg import (
     Observation as ObservationMsg,
 )
 from pushfric_msgs.srv import ExcludePush, PredictPush, SelectObject, StablePushes
+from pushfric_ros.bags.contents import mcap_file
+from pushfric_ros.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ObjectConfig
+from pushfric_ros.files.model_file import check_name, make_model, prior, save_model
+from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
 from pushfric_ros.messages.conversions import (
     estimate_to_msg,
@@ -53,6 +57,7 @@ from pushfric_ros.messages.conversions import (
     recognition_to_msg,
     region_to_msg,
     stability_to_msg,
+    stamp_from_msg,
     stamp_to_msg,
     turns_from_msg,
 )
@@ -66,8 +71,14 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
 
+if TYPE_CHECKING:
+    from pushfric_ros.bags.handover import Handover
+
 PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, in wall time [s]."""
+
+HANDOVER_PERIOD = 0.2
+"""Time between two looks into the bag, while an estimator that was started again goes on from it, in wall time [s]."""
 
 QUIET = 0.5
 """The limit surface is published when the estimate has stood for this long [s] of wall time."""
@@ -79,9 +90,15 @@ class EstimatorNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("estimator", **kwargs)
         model, config = declare(self, ObjectConfig), declare(self, EstimatorNodeConfig)
+        self._models = declare(self, ModelConfig)
         prefix = declare(self, FrameConfig).within(self.get_namespace())
         self._settings = EstimatorSettings.of(*[declare(self, part) for part in EstimatorSettings.PARTS])
-        self._select(load_object(model.object))
+        if self._models.save:
+            check_name(pathlib.Path(self._models.save))
+        self._initial, self._bag = model.object, config.bag
+        self._prior = prior(pathlib.Path(self._models.model), load_object(model.object)) if self._models.model else []
+        self._handover, self._caught_up = self._interrupted(), False
+        self._begin(model.object if self._handover is None else self._handover.start.object)
         self._estimator.estimate()  # loads the compiled solver now instead of with the first data point
         self._observations_out = None
         self._diagnostics = topics = Diagnostics(self, self._health, prefix)
@@ -106,8 +123,14 @@ class EstimatorNode(Node):
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
         self._told: tuple[int, int] | None = None  # what the last report said [ns]
         self.create_timer(PROGRESS_PERIOD, self._publish_progress, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._publish_settings()
-        self._publish_region()
+        self._start_out = topics.advertise(EstimationStart, START_TOPIC, LATCHED)
+        self._publish_start()
+        if self._handover is None:
+            self._publish_settings()
+        else:
+            self.get_logger().warning(f"goes on from {self._bag}")
+            self._look = self.create_timer(HANDOVER_PERIOD, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._publish_all()
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
@@ -120,11 +143,75 @@ class EstimatorNode(Node):
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
 
+    def destroy_node(self) -> None:
+        """Write the model that is to be kept, and destroy the node.
+
+        Raises:
+            InvalidInput: it cannot be written.
+        """
+        try:
+            if self._models.save and self._estimate is not None and self._estimate.contradiction is None:
+                made_from = self._bag or self.get_fully_qualified_name()
+                settings = self._settings.without(self._excluded)
+                model = make_model(self._object, self._estimate, self._estimator.observations, made_from, settings)
+                save_model(model, pathlib.Path(self._models.save))
+        finally:
+            super().destroy_node()
+
+    def _interrupted(self) -> "Handover | None":
+        """What an estimator that died in this run has left; None if this is the first one."""
+        if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
+            return None
+        from pushfric_ros.bags.handover import Handover  # imported late: few estimators need to read bags
+
+        inputs = ("object_pose", "pusher_state", *["wrench"] * self._settings.with_forces)
+        try:
+            handover = Handover(pathlib.Path(self._bag), self.get_namespace(), inputs)
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
+        return None if handover.start is None else handover
+
+    def _go_on(self) -> None:
+        """Take what the bag holds, and, once it holds all that came before, what came by topic."""
+        assert self._handover is not None
+        try:
+            found = self._handover.read_on()
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
+        before = self._estimate
+        if found is None:
+            return
+        if not self._caught_up:  # with the other estimator, whose last words are known only now
+            self._caught_up = True
+            self._begin(self._handover.start.object)
+            self._publish_settings()
+            self._publish_start()
+        for topic, msg, _ in found:
+            self._take_input(topic, msg)
+        held = self._handover.held
+        for topic, msg, _ in held or ():
+            self._take_input(topic, msg)
+        if self._estimate is not before:
+            self._publish_all()
+        if held is not None:
+            self._look.cancel()
+            self._handover = None
+            self.get_logger().info("has gone on from the bag; the topics lead from here")
+
+    def _begin(self, chosen: str) -> None:
+        """Start a new estimate of an object, given by its name or file."""
+        self._select(load_object(chosen))
+        self._chosen = chosen
+        for observation in self._prior if chosen == self._initial else ():
+            if observation.push_id not in self._excluded:
+                self._learn(observation)
+
     def _select(self, model: ObjectModel) -> None:
-        """Start a new estimate of an object."""
         settings = self._settings
         self._object = model
-        self._excluded = set(settings.excluded)
+        last = self._handover.settings if self._handover is not None else None
+        self._excluded = set(settings.excluded if last is None else last.excluded)
+        self._ranking: Ranking | None = None
         self._trajectory = Trajectory(model.outline, settings.trajectory)
         self._sensed_force = SensedForce() if self._settings.with_forces else None
         self._estimator = Estimator(model.support_points, settings.estimator)
@@ -138,30 +225,34 @@ class EstimatorNode(Node):
         self._refused = 0
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        try:
-            observed = self._trajectory.add_pose(pose_sample_from_msg(msg))
-        except ValueError as error:
-            self._refuse("object_pose", error)
-        else:
-            self._transforms.broadcast(object_transform(msg))
-            self._take_observed(observed)
+        self._on_input("object_pose", msg)
 
     def _on_pusher_state(self, msg: PusherState) -> None:
-        try:
-            observed = self._trajectory.add_pusher(pusher_sample_from_msg(msg))
-        except ValueError as error:
-            self._refuse("pusher_state", error)
-        else:
-            self._take_observed(observed)
+        self._on_input("pusher_state", msg)
 
     def _on_wrench(self, msg: WrenchStamped) -> None:
-        assert self._sensed_force is not None
+        self._on_input("wrench", msg)
+
+    def _on_input(self, topic: str, msg: Any) -> None:
+        if self._handover is not None:
+            self._handover.hold(topic, msg)
+        elif self._take_input(topic, msg) and topic == "object_pose":
+            self._transforms.broadcast(object_transform(msg))
+
+    def _take_input(self, topic: str, msg: Any) -> bool:
+        """Make data points of a message, be it from a topic or from the bag; return whether it made sense."""
         try:
-            complete = self._sensed_force.add_force(force_sample_from_msg(msg))
+            if topic == "wrench":
+                assert self._sensed_force is not None
+                self._take(self._sensed_force.add_force(force_sample_from_msg(msg)))
+            elif topic == "object_pose":
+                self._take_observed(self._trajectory.add_pose(pose_sample_from_msg(msg)))
+            else:
+                self._take_observed(self._trajectory.add_pusher(pusher_sample_from_msg(msg)))
         except ValueError as error:
-            self._refuse("wrench", error)
-        else:
-            self._take(complete)
+            self._refuse(topic, error)
+            return False
+        return True
 
     def _on_observation(self, msg: ObservationMsg) -> None:
         try:
@@ -182,30 +273,67 @@ class EstimatorNode(Node):
 
     def _take(self, observations: list[Observation]) -> None:
         for observation in observations:
-            if self._observations_out is not None:
-                self._observations_out.publish(observation_to_msg(observation, self._object.name))
+            if self._handover is None or (observation.push_id, observation.stamp) not in self._handover.told:
+                self._tell(observation)
             if observation.push_id in self._excluded:
                 continue
-            try:
-                self._estimate = self._estimator.add(observation)
-            except PushfricError as error:
-                self._refuse("observation", error)
+            if self._handover is not None:
+                self._learn(observation)
                 continue
+            if not self._add(observation):
+                continue
+            assert self._estimate is not None
             msg = self._publish(self._estimate)
             self._narrow(observation)
             self._publish_region()
             self._draw(msg)
+            if self._recognize(observation):
+                self._publish_ranking()
+
+    def _tell(self, observation: Observation) -> None:
+        """Publish a data point that was made here."""
+        if self._observations_out is not None:
+            self._observations_out.publish(observation_to_msg(observation, self._object.name))
+
+    def _learn(self, observation: Observation) -> None:
+        """Take a data point without a word."""
+        if self._add(observation):
+            self._narrow(observation)
             self._recognize(observation)
 
-    def _recognize(self, observation: Observation) -> None:
-        if self._recognizer is None:
-            return
+    def _add(self, observation: Observation) -> bool:
+        """Estimate again, with one more data point; return whether it could be used."""
         try:
-            ranking = self._recognizer.add(observation)
+            self._estimate = self._estimator.add(observation)
+        except PushfricError as error:
+            self._refuse("observation", error)
+            return False
+        return True
+
+    def _recognize(self, observation: Observation) -> bool:
+        """Rank again; return whether there is another ranking."""
+        if self._recognizer is None:
+            return False
+        try:
+            self._ranking = self._recognizer.add(observation)
         except PushfricError as error:
             self._refuse("observation, for recognition,", error)
-        else:
-            self._recognition_out.publish(recognition_to_msg(ranking))
+            return False
+        return True
+
+    def _publish_ranking(self) -> None:
+        ranking = self._ranking
+        self._recognition_out.publish(
+            Recognition() if ranking is None or not ranking.data_points else recognition_to_msg(ranking)
+        )
+
+    def _publish_all(self) -> None:
+        """Publish all that is known."""
+        self._publish_region()
+        if self._estimate is not None:
+            self._draw(self._publish(self._estimate))
+        if self._ranking is not None:
+            self._publish_ranking()
 
     def _narrow(self, observation: Observation) -> None:
         try:
@@ -258,11 +386,25 @@ class EstimatorNode(Node):
     def _publish_settings(self) -> None:
         self._settings_out.publish(String(data=self._settings.without(self._excluded).to_text()))
 
-    def _start_afresh(self, model: ObjectModel) -> None:
-        self._select(model)
+    def _publish_start(self) -> None:
+        msg = EstimationStart(object=self._chosen)
+        msg.header.stamp, msg.header.frame_id = self.get_clock().now().to_msg(), OBJECT
+        if self._handover is not None:
+            msg.header.stamp = stamp_to_msg(stamp_from_msg(self._handover.start.header.stamp))
+            msg.continuation = self._handover.continuation
+        self._start_out.publish(msg)
+
+    def _start_afresh(self, chosen: str) -> None:
+        load_object(chosen)  # what cannot be loaded changes nothing
+        if self._handover is not None:  # what it was to bring does not count any longer
+            self._look.cancel()
+            self._handover = None
+        self._begin(chosen)
         self._publish_settings()
-        self._take_back()
-        self._publish_region()
+        self._publish_start()
+        if self._estimate is None:
+            self._take_back()
+        self._publish_all()
 
     def _refuse(self, what: str, error: Exception) -> None:
         """Log once, not at camera rate, that input was refused; the estimate stays as it was."""
@@ -272,13 +414,13 @@ class EstimatorNode(Node):
         self._problem = str(error)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._start_afresh(self._object)
+        self._start_afresh(self._chosen)
         response.success, response.message = True, f"estimation of {self._object.name} starts again"
         return response
 
     def _on_select_object(self, request: SelectObject.Request, response: SelectObject.Response) -> SelectObject.Response:
         try:
-            self._start_afresh(load_object(request.object))
+            self._start_afresh(request.object)
         except InvalidInput as error:
             response.message = str(error)
         else:
@@ -306,8 +448,8 @@ class EstimatorNode(Node):
             self._draw(self._publish(self._estimate))
         # recognition may have refused all data points of that push
         if self._recognizer is not None and any(o.push_id == request.push_id for o in self._recognizer.observations):
-            ranking = self._recognizer.exclude(request.push_id)
-            self._recognition_out.publish(recognition_to_msg(ranking) if ranking.data_points else Recognition())
+            self._ranking = self._recognizer.exclude(request.push_id)
+            self._publish_ranking()
         return response
 
     def _friction(self) -> tuple[Estimate, FrictionModel]:
@@ -353,7 +495,7 @@ class EstimatorNode(Node):
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
-        self._start_afresh(self._object)
+        self._start_afresh(self._chosen)
 
     def _publish_progress(self) -> None:
         """Publish up to when all poses have become data points, if that has changed."""
@@ -381,6 +523,8 @@ class EstimatorNode(Node):
             }
         if self._sensed_force is not None:
             values["data points without their force yet"] = self._sensed_force.waiting
+        if self._handover is not None:
+            return Health(Level.WARN, f"goes on from {self._bag}", values)
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:

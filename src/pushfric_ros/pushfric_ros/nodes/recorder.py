@@ -1,6 +1,7 @@
 """The recorder node: writes the bytes of every message on the chosen topics to a bag."""
 
 import pathlib
+import shutil
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +17,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, RecordingConfig
-from pushfric_ros.files.object_file import OBJECT_FILE, load_object, save_object
+from pushfric_ros.files.object_file import OBJECT_FILE, PRIOR_FILE, load_object, save_object
 from pushfric_ros.messages.qos import QUALITIES
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit import executable
@@ -52,12 +53,14 @@ class RecorderNode(Node):
             message_class(topic.type_name)
         model = load_object(recording.object) if recording.object else None
         self._bag = BagWriter(recording.bag)
-        if model is not None:
-            file = pathlib.Path(recording.bag) / OBJECT_FILE
-            try:
-                save_object(model, file)
-            except OSError as error:
-                raise InvalidInput(f"{file}: cannot be written: {error.strerror}") from error
+        folder = pathlib.Path(recording.bag)
+        try:
+            if model is not None:
+                save_object(model, folder / OBJECT_FILE)
+            if recording.model:
+                shutil.copyfile(recording.model, folder / PRIOR_FILE)
+        except OSError as error:
+            raise InvalidInput(f"{error.filename}: cannot be written: {error.strerror}") from error
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
         self._losses: dict[str, Losses] = {}  # by topic

@@ -1,0 +1,114 @@
+"""What an estimator that was killed and started again takes from the run's bag, and what it takes from the topics.
+
+What was published before its subscriptions were matched is in the bag, at the latest with the recorder's next flush; what is
+published afterwards comes by topic. So the bag is read on until it holds, of each input, the first message that also came by
+topic. The stamps of an input grow, and what is not newer than the last message is ignored, as always: each message counts once.
+Nothing is taken before the bag also holds what the new estimator says first: all that the old one said was said before.
+"""
+
+import pathlib
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from pushfric_ros.bags.cdr import Decoder, Definition
+from pushfric_ros.bags.contents import mcap_file
+from pushfric_ros.bags.mcap_file import GrowingFile
+from pushfric_ros.files.estimator_settings import START_TOPIC, EstimatorSettings
+from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_ros.messages.conversions import stamp_from_msg
+from pushfric_ros.messages.types import definition
+
+TYPES = {
+    "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "pusher_state": "pushfric_msgs/msg/PusherState",
+    "wrench": "geometry_msgs/msg/WrenchStamped",
+    "observation": "pushfric_msgs/msg/Observation",
+    START_TOPIC: "pushfric_msgs/msg/EstimationStart",
+    SETTINGS_TOPIC: "std_msgs/msg/String",
+}
+
+
+class Input(NamedTuple):
+    """A message of one of the inputs."""
+
+    topic: str  # relative name
+    msg: Any
+    log_time_ns: int = 0  # when it was recorded
+
+
+class Handover:
+    """The bag of a run whose estimator may have died, read while it is recorded.
+
+    Args:
+        bag: its folder; it need not exist yet.
+        namespace: of the cell.
+        inputs: relative names of the topics that data points are made from.
+    Attributes:
+        start: what the estimators before said last of what they estimate and since when; None: there was no estimator.
+        settings: the last that they published; None: none.
+        continuation: number of the new estimator, which it is to publish.
+        told: (push id, stamp [ns]) of the data points in the bag.
+    Raises:
+        OSError, ValueError: the bag cannot be read; the second also where its messages are not what they should be.
+    """
+
+    def __init__(self, bag: pathlib.Path, namespace: str, inputs: Sequence[str]) -> None:
+        self._file = GrowingFile(mcap_file(bag))
+        self._inputs = inputs
+        self._names = {f"{namespace.rstrip('/')}/{name}": name for name in TYPES}
+        self._decoders = {name: Decoder(kind, Definition("ros2msg", definition(kind))) for name, kind in TYPES.items()}
+        self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
+        self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
+        self._held: list[Input] = []
+        self.told: set[tuple[int, int]] = set()
+        self.start: Any = None
+        self.settings: EstimatorSettings | None = None
+        self.continuation = time.time_ns()
+        self._since = 0  # when the estimate began, by the clock of the cell [ns]
+        self._heard = False  # whether the bag holds the new estimator's number
+        self._past = self._read()
+
+    def hold(self, topic: str, msg: Any) -> None:
+        """Keep a message that came by topic until the bag has been read up to it."""
+        self._came.setdefault(topic, stamp_from_msg(msg.header.stamp))
+        self._held.append(Input(topic, msg))
+
+    def read_on(self) -> list[Input] | None:
+        """What the bag has held of the inputs since the last call; at first, since the estimate began.
+
+        None while it does not hold the new estimator's number. Raises as the class.
+        """
+        self._past += self._read()
+        if not self._heard:
+            return None
+        past, self._past = self._past, []
+        # what was recorded earlier belongs to an estimate that was given up; a start may itself be recorded late
+        return [each for each in past if each.log_time_ns >= self._since]
+
+    @property
+    def held(self) -> list[Input] | None:
+        """What came by topic, in order, once the bag holds all that came before; None until then."""
+        if all(name in self._came and self._recorded.get(name, -1) >= self._came[name] for name in self._inputs):
+            return self._held
+        return None
+
+    def _read(self) -> list[Input]:
+        found: list[Input] = []
+        for message in self._file.read_on():
+            name = self._names.get(self._file.channels[message.channel_id].topic)
+            if name is None:
+                continue
+            msg = self._decoders[name](message.data)
+            if name == START_TOPIC and msg.continuation:
+                self._heard = self._heard or msg.continuation == self.continuation
+            elif name == START_TOPIC:
+                self.start, self._since = msg, stamp_from_msg(msg.header.stamp)
+            elif name == SETTINGS_TOPIC:
+                self.settings = EstimatorSettings.from_text(msg.data)
+            elif name == "observation":
+                self.told.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
+            elif name in self._inputs:
+                self._recorded[name] = stamp_from_msg(msg.header.stamp)
+                found.append(Input(name, msg, message.log_time_ns))
+        return found

@@ -1,0 +1,316 @@
+"""A model to go on from and one to keep, and an estimator that dies: nothing is lost, and nothing counts twice."""
+
+import contextlib
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from problems import observations_of
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from std_srvs.srv import Trigger
+from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimator import Estimator
+from pushfric_core.planar import Pose
+from pushfric_core.table_1 import TABLE_1
+from pushfric_core.trajectory import Trajectory
+from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstimate, Observation, PusherState
+from pushfric_msgs.srv import ExcludePush
+from pushfric_ros.bags import data_points
+from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_ros.bags.contents import mcap_file
+from pushfric_ros.bags.handover import Handover
+from pushfric_ros.bags.mcap_file import GrowingFile
+from pushfric_ros.bags.recovery import recover
+from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.model_file import load_model, make_model, prior, save_model
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.graph.graph import TOPICS
+from pushfric_ros.messages.conversions import (
+    observation_to_msg,
+    pose_sample_from_msg,
+    pusher_sample_from_msg,
+    stamp_from_msg,
+)
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_ros.nodes.recorder import RecorderNode
+
+START = 10**18
+LONG = 60.0
+MODEL = load_object(NAME)
+DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 9, np.random.default_rng(5))
+
+
+def made(node_class, **parameters):
+    return node_class(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in parameters.items()])
+
+
+def kept(path, data):
+    """A model file made of some data points."""
+    save_model(make_model(MODEL, fitted(data), tuple(data), "a test", EstimatorSettings()), path)
+    return str(path)
+
+
+def seen_in(messages):
+    """The data points of a cell's messages, none of which is lost."""
+    trajectory = Trajectory(MODEL.outline)
+    found = []
+    for msg in messages:
+        if isinstance(msg, PusherState):
+            found += trajectory.add_pusher(pusher_sample_from_msg(msg))
+        else:
+            found += trajectory.add_pose(pose_sample_from_msg(msg))
+    return found
+
+
+def fitted(data):
+    """The last estimate of some data points."""
+    return data_points.estimate(Estimator(MODEL.support_points), data, pytest.fail)
+
+
+class Cell:
+    """A recorded cell of an estimator, a tracker and a pusher."""
+
+    def __init__(self, ros, bag, **parameters):
+        self.ros, self.bag, self.parameters = ros, bag, {"object": NAME, "bag": str(bag), **parameters}
+        self.node = ros.node("peer", namespace="/cell")
+        topics = [" ".join(topic) for topic in TOPICS]
+        recording = {"bag": str(bag), "object": NAME, "topics": topics, "model": parameters.get("model", "")}
+        self.recorder = ros.compose(made(RecorderNode, **recording))
+        self.told = collect(ros, self.node, Observation, "observation", RELIABLE)
+        self.estimates = collect(ros, self.node, FrictionEstimate, "friction_estimate", LATCHED)
+        self.poses = publisher(ros, self.node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self.states = publisher(ros, self.node, PusherState, "pusher_state", RELIABLE)
+        self.progress = collect(ros, self.node, EstimatorProgress, "estimator_progress", LATCHED)
+        self.start()
+        self.warm_up()
+
+    def warm_up(self):
+        """Send messages without a push until the estimator has heard both topics, which a publisher cannot know."""
+        for stamp in range(START - 10**12, START, 10**9):
+            if any(stamp_from_msg(msg.settled_until) for msg in self.progress):
+                return
+            self.send([pose_msg(stamp, Pose(0.0, 0.5, 0.0)), pusher_msg(stamp + 1, 0.0, PusherState.NO_PUSH)])
+            time.sleep(0.1)
+        pytest.fail("the estimator hears nothing")
+
+    def start(self):
+        given = [part for name, value in self.parameters.items() for part in ("-p", f"{name}:={value}")]
+        command = [sys.executable, "-c", "from pushfric_ros.nodes.estimator import main; main()", "--ros-args"]
+        self.estimator = subprocess.Popen([*command, "-r", "__ns:=/cell", *given])
+        self.ros.wait_for(
+            lambda: (
+                self.poses.get_subscription_count() == self.states.get_subscription_count() == 2
+                and self.node.count_publishers("observation") == 1
+                and self.node.count_subscribers("observation") == 2
+            ),
+            LONG,
+            "the estimator",
+        )
+
+    def die(self):
+        self.ros.wait_for(lambda: Handover(self.bag, "/cell", ()).start is not None, LONG, "the start in the bag")
+        self.estimator.kill()
+        self.estimator.wait()
+
+    def end(self):
+        self.estimator.terminate()
+        assert self.estimator.wait(LONG) == 0
+
+    def send(self, messages):
+        for msg in messages:
+            (self.states if isinstance(msg, PusherState) else self.poses).publish(msg)
+
+    def await_data(self, count):
+        """Wait for an estimate from these many data points."""
+        self.ros.wait_for(lambda: self.estimates and self.estimates[-1].data_points == count, LONG, "the estimate")
+
+    def offline(self):
+        """The estimate that the bag gives, as far as it is written, once it holds every data point."""
+
+        def found():
+            settings = data_points.recorded_settings(self.bag)
+            return data_points.observations(self.bag, MODEL, settings, lambda _: None, partial=True)
+
+        count = self.estimates[-1].data_points
+        self.ros.wait_for(lambda: len(found()) == count, LONG, "the data points in the bag")
+        return fitted(found())
+
+
+@pytest.fixture
+def cell_of(ros, tmp_path):
+    """A function that starts a cell, whose processes do not outlive the test."""
+    with contextlib.ExitStack() as leaving:
+
+        def start(**parameters):
+            cell = Cell(ros, tmp_path / "bag", **parameters)
+            leaving.callback(lambda: (cell.estimator.kill(), cell.estimator.wait()))
+            return cell
+
+        yield start
+
+
+@pytest.mark.parametrize("moment", [0, 7, 41], ids=lambda moment: f"after message {moment} of the push")
+def test_an_estimator_that_dies_goes_on_to_the_last_bit(cell_of, moment):
+    pushes = [list(push(push_id, START + push_id * 10**10)) for push_id in range(3)]
+    expected = seen_in(pushes[0] + pushes[1] + pushes[2])
+    cell = cell_of()
+    cell.send(pushes[0])
+    cell.await_data(len(seen_in(pushes[0])))
+    cell.send(pushes[1][:moment])
+    cell.die()
+    cell.send(pushes[1][moment : moment + 10])  # nobody but the recorder hears them
+    cell.start()
+    cell.send(pushes[1][moment + 10 :])
+    cell.send(pushes[2])
+    cell.await_data(len(expected))
+    told = [(msg.push_id, stamp_from_msg(msg.header.stamp)) for msg in cell.told]
+    assert len(set(told)) == len(told)
+    assert set(told) <= {(point.push_id, point.stamp) for point in expected}
+    for estimate in (fitted(expected), cell.offline()):
+        assert list(cell.estimates[-1].support_friction.weights) == list(estimate.w)
+        assert cell.estimates[-1].objective == estimate.solution.objective
+
+
+def test_one_that_dies_twice_keeps_its_exclusions_and_forgets_what_was_reset(ros, cell_of):
+    pushes = [list(push(push_id, START + push_id * 10**10)) for push_id in range(5)]
+    counts = np.cumsum([len(seen_in(messages)) for messages in pushes]).tolist()
+    cell = cell_of()
+    cell.send(pushes[0])
+    cell.await_data(counts[0])
+    assert call(ros, cell.node, Trigger, "estimator/reset", Trigger.Request()).success
+    cell.send(pushes[1] + pushes[2])
+    cell.await_data(counts[2] - counts[0])
+    assert call(ros, cell.node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    cell.await_data(counts[2] - counts[1])
+    for push_id in (3, 4):
+        cell.die()
+        cell.start()
+        cell.send(pushes[push_id])
+        cell.await_data(counts[push_id] - counts[1])
+    expected = fitted(seen_in(pushes[2] + pushes[3] + pushes[4]))
+    assert list(cell.estimates[-1].support_friction.weights) == list(expected.w)
+
+
+def test_a_model_is_published_at_once_gone_on_from_and_written(ros, cell_of, tmp_path):
+    model, out = kept(tmp_path / "model.yaml", DATA[:5]), tmp_path / "new.yaml"
+    pushes = [list(push(push_id, START + push_id * 10**10)) for push_id in range(2)]
+    first, both = len(seen_in(pushes[0])), len(seen_in(pushes[0] + pushes[1]))
+    cell = cell_of(model=model, save=str(out))
+    ros.wait_for(lambda: cell.estimates and cell.estimates[-1].data_points == 5, LONG, "the estimate of the model")
+    assert list(cell.estimates[-1].support_friction.weights) == load_model(tmp_path / "model.yaml")[0].w
+    assert cell.told == []
+    cell.send(pushes[0])
+    cell.await_data(5 + first)
+    cell.die()
+    cell.start()
+    cell.send(pushes[1])
+    cell.await_data(5 + both)
+    assert cell.estimates[-1].pushes == 7
+    cell.end()
+    expected = cell.offline()
+    assert list(cell.estimates[-1].support_friction.weights) == list(expected.w)
+    written, _ = load_model(out)
+    assert written.w == list(expected.w)
+    assert (written.made.data_points, written.made.pushes) == (5 + both, 7)
+    assert [point.push_id for point in prior(out, MODEL)[:5]] == [2**31 - 7 + k for k in range(5)]
+    recover(tmp_path / "bag", tmp_path / "recovered")
+    assert data_points.prior_beside(tmp_path / "recovered") is not None
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"object": "wood_rect3"}, "is the model of rubber_rect4, expected one of wood_rect3"),
+        ({"model": "nothing.yaml"}, "nothing.yaml: cannot be read"),
+        ({"save": "model.txt"}, "model.txt: expected the name of a file that ends with .yaml or .yml"),
+        ({"save": "nowhere/model.yaml"}, "nowhere/model.yaml: its folder does not exist"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_refused(ros, tmp_path, change, error):
+    given = {"object": NAME, "model": kept(tmp_path / "model.yaml", DATA[:3])} | change
+    with pytest.raises(InvalidInput, match=error):
+        made(EstimatorNode, **given)
+
+
+STATES = [msg for msg in push(0, START) if isinstance(msg, PusherState)]
+
+
+def states_written(writer):
+    """A function that appends messages, and topics for them."""
+    writer.add_topic("/cell/pusher_state", "pushfric_msgs/msg/PusherState", [])
+    writer.add_topic("/cell/estimation_start", "pushfric_msgs/msg/EstimationStart", [])
+
+    def write(*messages, at=1):
+        for msg in messages:
+            name = "pusher_state" if isinstance(msg, PusherState) else "estimation_start"
+            writer.write(f"/cell/{name}", at, serialize_message(msg))
+
+    return write
+
+
+def test_a_bag_is_read_wherever_its_file_ends_just_now(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        write = states_written(writer)
+        for msg in STATES:
+            write(msg)
+            writer.flush()
+        whole = mcap_file(tmp_path / "bag").read_bytes()
+    for size in range(0, len(whole), 97):
+        (tmp_path / "cut.mcap").write_bytes(whole[:size])
+        growing = GrowingFile(tmp_path / "cut.mcap")
+        first = len(growing.read_on())
+        assert growing.read_on() == []
+        (tmp_path / "cut.mcap").write_bytes(whole)
+        assert first + len(growing.read_on()) == len(STATES)
+    (tmp_path / "cut.mcap").write_bytes(whole[:-99] + b"\xff" + whole[-98:])
+    with pytest.raises(ValueError, match=r"cut\.mcap: "):
+        GrowingFile(tmp_path / "cut.mcap").read_on()
+
+
+def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
+    begins, again = EstimationStart(object=NAME), EstimationStart(object="wood_rect3")
+    with BagWriter(tmp_path / "bag") as writer:
+        write = states_written(writer)
+        assert Handover(tmp_path / "bag", "/cell", ["pusher_state"]).start is None
+        write(begins, *STATES[:5])
+        writer.flush()
+        handover = Handover(tmp_path / "bag", "/cell", ["pusher_state"])
+        assert handover.start.object == NAME
+        assert handover.read_on() is None  # the old estimator's last words may not be written yet
+        again.header.stamp.nanosec = 2
+        write(*STATES[5:9], again, EstimationStart(continuation=7), at=2)  # the start is recorded late
+        writer.flush()
+        assert handover.read_on() is None  # that was another one's number
+        write(EstimationStart(continuation=handover.continuation), at=3)
+        writer.flush()
+        assert [each.msg.position for each in handover.read_on()] == [msg.position for msg in STATES[5:9]]
+        assert handover.start.object == "wood_rect3"
+        handover.hold("pusher_state", STATES[11])  # 9 and 10 were published before it was subscribed
+        handover.hold("pusher_state", STATES[12])
+        assert handover.held is None
+        write(*STATES[9:13], at=4)
+        assert handover.read_on() == []  # not flushed
+        assert handover.held is None
+        writer.flush()
+        assert len(handover.read_on()) == 4
+        assert [held.msg.position for held in handover.held] == [msg.position for msg in STATES[11:13]]
+
+
+def test_data_points_by_topic_follow_those_of_a_model(ros, tmp_path):
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(made(EstimatorNode, object=NAME, source="observations", model=kept(tmp_path / "model.yaml", DATA[:5])))
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    for observation in DATA[5:]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: estimates and estimates[-1].data_points == 9, LONG, "the estimate of both")
+    assert list(estimates[-1].support_friction.weights) == list(fitted(DATA).w)
+    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    ros.wait_for(lambda: estimates[-1].data_points == 5, LONG, "the estimate of the model again")
