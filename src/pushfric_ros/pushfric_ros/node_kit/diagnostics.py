@@ -55,8 +55,14 @@ class Awaited:
     """
 
     def __init__(self, node: Node, names: Iterable[str]) -> None:
-        self._missing = {f"{node.get_namespace()}/{name}".replace("//", "/") for name in names if name}
+        self._names = frozenset(f"{node.get_namespace()}/{name}".replace("//", "/") for name in names if name)
+        self._missing = set(self._names)
+        self._at_first = True
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+
+    def renew(self) -> None:
+        """Wait for all of them again, as one may have died; now any report will do: one that was well has its topics."""
+        self._missing, self._at_first = set(self._names), False
 
     @property
     def missing(self) -> list[str]:
@@ -64,7 +70,7 @@ class Awaited:
         return sorted(name.rpartition("/")[2] for name in self._missing)
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK}
+        self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK or not self._at_first}
 
 
 class Diagnostics:

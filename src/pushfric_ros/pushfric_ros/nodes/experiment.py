@@ -113,6 +113,7 @@ class ExperimentNode(Node):
                 self._progress.completed += 1
             else:
                 self._progress.aborted += 1
+                self._awaited.renew()
                 self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
         self._report(PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {self._count} pushes done")
         await self._until(self._progress_out.wait_for_all_acked)
