@@ -6,9 +6,10 @@ import pathlib
 import platform
 import sys
 import time
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -18,6 +19,7 @@ from bench import display, footprint, fuzz, pipeline, prediction, real_pushes, r
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
 from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
 QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000
@@ -34,7 +36,14 @@ app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
 
 
-@app.command()
+class Bench(typer.core.TyperCommand):
+    """Takes `--json` with or without a file."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, spelled_out(args))
+
+
+@app.command(cls=Bench)
 def bench(
     points: Annotated[
         list[int] | None,
@@ -73,9 +82,7 @@ def bench(
             show_default=False,
         ),
     ] = None,
-    json: Annotated[
-        pathlib.Path | None, typer.Option("--json", help="Write all figures to this file as JSON.", show_default=False)
-    ] = None,
+    json: JsonOption = None,
 ) -> int:
     """Measure the CPU time of one new data point in pushfric and in other solvers of the same program, and that of a frame.
 
@@ -90,11 +97,10 @@ def bench(
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
     if unknown := set(supports) - set(GRIDS):
         raise typer.BadParameter(f"must be of {', '.join(map(str, GRIDS))}, got {min(unknown)}", param_hint="--supports")
-    for file in (plot, json):
-        if file is not None and file.is_dir():
-            raise typer.BadParameter(f"{file}: is a folder; expected the name of a file to write")
-        if file is not None and not file.parent.is_dir() and file != DEFAULT_PLOT:
-            raise typer.BadParameter(f"{file}: its folder does not exist")
+    if plot.is_dir():
+        raise typer.BadParameter(f"{plot}: is a folder; expected the name of a file to write")
+    if not plot.parent.is_dir() and plot != DEFAULT_PLOT:
+        raise typer.BadParameter(f"{plot}: its folder does not exist")
     if footprint_only:
         return _measure_footprint(json)
     plot.parent.mkdir(exist_ok=True)
@@ -123,7 +129,7 @@ def bench(
         progress("done")
     rows = with_best_of_highs(measured["updates"])
     targets = list(verdicts(rows))
-    console = Console()
+    console = Console(stderr=json == STDOUT)
     console.print(
         display.updates_table(rows),
         display.memory_table(held),
@@ -149,22 +155,22 @@ def bench(
             "seconds": time.monotonic() - start,
             "versions": {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in LIBRARIES},
         }
-        json.write_text(jsons.dumps(report, indent=1) + "\n")
+        write_json(jsons.dumps(report, indent=1), json)
     for line in measured["disagreements"]:
         print(f"error: {line}", file=sys.stderr)
     return int(bool(measured["disagreements"]))
 
 
-def _measure_footprint(json: pathlib.Path | None) -> int:
+def _measure_footprint(json: str | None) -> int:
     with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=footprint.STEPS, completed=-1)
         figures = footprint.measure(lambda what: bar.update(task, description=what, advance=1))
         bar.update(task, description="done", advance=1)
     targets = list(footprint.verdicts(figures))
-    Console().print(display.footprint_table(figures), display.verdict_table(targets), sep="\n")
+    Console(stderr=json == STDOUT).print(display.footprint_table(figures), display.verdict_table(targets), sep="\n")
     if json is not None:
         report = {"footprint": figures, "targets": [target._asdict() for target in targets]}
-        json.write_text(jsons.dumps(report, indent=1) + "\n")
+        write_json(jsons.dumps(report, indent=1), json)
     return 0
 
 

@@ -60,8 +60,10 @@ def test_the_example_of_the_readme_runs(capsys):
     (example,) = [block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "pushfric_core" in block]
     known: dict = {}
     exec(example, known)
-    assert len(known["estimate"].w) == 4
-    assert str(known["estimate"].center_of_friction) in capsys.readouterr().out
+    estimate = known["estimate"]
+    assert estimate.center_of_friction == pytest.approx((0.013, 0.003), abs=5e-4)
+    assert estimate.confidence == pytest.approx(0.004, abs=5e-4)
+    assert str(estimate.center_of_friction) in capsys.readouterr().out
 
 
 def test_an_unknown_name_is_an_error():

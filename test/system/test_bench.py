@@ -64,7 +64,7 @@ def test_quick_run_writes_the_figures_it_shows(tmp_path):
     [
         (["--supports", "16"], "Invalid value for --supports: must be of 15, 24, 36, 100, 400, got 16"),
         (["--points", "0"], "Invalid value for '--points': Input should be greater than or equal to 1"),
-        (["--json", "."], "Invalid value: .: is a folder; expected the name of a file to write"),
+        (["--json=."], ".: expected the name of a file to write that ends in .json"),
         (["--plot", "nowhere/a.png"], "Invalid value: nowhere/a.png: its folder does not exist"),
     ],
 )

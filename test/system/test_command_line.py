@@ -1,11 +1,18 @@
 """Wrong input ends with one line that says what, where and what was expected, and exit code 2."""
 
+import json
+import pathlib
+import re
+import signal
 import subprocess
 import sys
 from typing import NamedTuple
 
 import pytest
 
+import pushfric_core
+from pushfric_core import Observation, Twist
+from pushfric_ros.bags.zhou2015 import write_bag
 from pushfric_ros.commands import cli
 
 CELL = """
@@ -13,6 +20,7 @@ object: rubber_rect4
 camera: {{source: "{source}", calibration: {calibration}}}
 pusher: {{port: {port}, line_origin: [0, 0], line_direction: [0, 1], tip_radius: 0.003, stroke: 0.06, max_speed: 0.1}}
 """
+BAG = pathlib.Path(__file__).resolve().parents[2] / "bags/rubber_rect4"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
 
 
@@ -107,7 +115,7 @@ def call(monkeypatch, capsys):
         (["run", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "no_outline.yaml", "--json"], "no_outline.yaml: "),
-        (["demo", "--json", "."], ".: is a folder; expected the name of a file to write"),
+        (["demo", "--json=."], ".: expected the name of a file to write that ends in .json"),
         (
             ["estimate", "data.csv", "--object", "rubber_rect4", "--grid", "2000", "2000"],
             "--grid: grid.0: expected at most 300, got 2000",
@@ -182,7 +190,7 @@ finally:
 
 def test_the_list_of_commands_loads_none_of_them():
     run = subprocess.run([sys.executable, "-c", LIST_AND_LOADED], capture_output=True, text=True, timeout=60)
-    assert all(f"│ {name} " in run.stdout for name in cli.COMMANDS)
+    assert all(f"\n  {name} " in run.stdout for name in cli.COMMANDS)
     loaded = run.stdout.splitlines()[-1].split()
     assert "typer" in loaded
     assert not {"rclpy", "numpy", "matplotlib", "numba", "scipy", "cv2", "pydantic"} & {*loaded}
@@ -190,5 +198,69 @@ def test_the_list_of_commands_loads_none_of_them():
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_every_command_says_first_what_the_list_says_of_it(call, name):
-    said = " ".join(call(name, "--help").stdout.replace("│", "").split())
+    said = " ".join(call(name, "--help").stdout.split())
     assert cli.COMMANDS[name] in said
+
+
+@pytest.mark.parametrize(
+    "name", [*cli.COMMANDS, "bag verify", "bag recover", "calibrate board", "calibrate lens", "calibrate table"]
+)
+def test_help_fits_80_columns_uncut(call, monkeypatch, name):
+    monkeypatch.setenv("COLUMNS", "80")
+    said = call(*name.split(), "--help").stdout
+    assert max(map(len, said.splitlines())) <= 80
+    assert "…" not in said
+    assert not re.search(r"[a-z]\.\.\.", said)  # cut short
+    assert not re.search(r"\((m|mm|rad|s|N)\)", said)  # units stand in brackets
+
+
+def test_the_version_is_the_packages(call):
+    assert call("--version").stdout == f"pushfric {pushfric_core.__version__}\n"
+
+
+@pytest.mark.parametrize("place", ["before", "after"])
+def test_json_without_a_file_is_printed_alone(call, place):
+    arguments = ["--json", BAG] if place == "before" else [BAG, "--json"]
+    assert json.loads(call("estimate", *arguments).stdout)["pushes"] == 14
+
+
+def test_json_with_a_file_is_written_there_as_well(call, tmp_path):
+    said = call("estimate", BAG, "--json", tmp_path / "result.json").stdout
+    assert said.endswith("from   81 data points of 14 pushes\n")
+    assert json.loads((tmp_path / "result.json").read_text())["pushes"] == 14
+
+
+def test_json_takes_no_input_for_its_file(call, tmp_path):
+    data = tmp_path / "data.csv"
+    data.write_text(HEADER + "0.05,-0.032,0,-1,0,0.02,0,0\n")
+    figures = json.loads(call("region", "--json", data, "--object", "rubber_rect4").stdout)
+    assert (figures["data_points"], data.read_text().count("\n")) == (1, 2)
+
+
+def test_one_is_singular(call, tmp_path):
+    (tmp_path / "data.csv").write_text(HEADER + "0.05,-0.032,0,-1,0,0.02,0.1,0\n")
+    said = call("estimate", tmp_path / "data.csv", "--object", "rubber_rect4").stdout
+    assert said.endswith("from   1 data point of 1 push\n")
+
+
+def test_replay_stays_for_late_subscribers(ros, tmp_path):
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    from pushfric_msgs.msg import FrictionEstimate
+
+    pushes = [
+        Observation((0.02 * push, 0.0), (0.0, -1.0), Twist(0.0, 0.02, 0.1 * push), push, stamp=push) for push in range(1, 5)
+    ]
+    write_bag(tmp_path / "bag", "triangle", pushes)  # of observations, which no middleware loses
+    command = [sys.executable, "-m", "pushfric_ros", "replay", tmp_path / "bag", "--stay", "--headless", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as replay:
+        try:
+            figures = json.loads(replay.stdout.readline())  # printed when all has been played
+            seen = []
+            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            ros.node("late").create_subscription(FrictionEstimate, "/cell/friction_estimate", seen.append, latched)
+            ros.wait_for(lambda: seen, what="the estimate that stays")
+        finally:
+            replay.send_signal(signal.SIGINT)
+        assert replay.wait(60) == 0
+    assert (seen[-1].data_points, seen[-1].objective) == (figures["data_points"], figures["objective"])

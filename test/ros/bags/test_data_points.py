@@ -64,6 +64,6 @@ def test_data_points_without_a_force_are_reported(tmp_path, wrenches):
     assert [o.stamp for o in found] == complete
     assert all(sum(component**2 for component in o.force) == pytest.approx(4.0) for o in found)
     left_out = len(every) - len(complete)
-    told = f"{bag}: ends before the force of its last {left_out} data points was measured; they are left out"
+    told = f"{bag}: ends before the force of its last data points was measured; left out: {left_out}"
     assert warnings == ([told] if left_out else [])
     assert (left_out > 2) == (wrenches == 20)

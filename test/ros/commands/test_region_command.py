@@ -119,6 +119,6 @@ def test_slipping_pushes_give_mu_c_itself(data, tmp_path):
     assert figures["mu_c"]["slipping"] == [slipping.min(), slipping.max()]
     assert figures["w"] == estimate.w.tolist()  # of all data points
     text = said("estimate", data, "--slipping-push", 1, "--figure", tmp_path / "figure.png")
-    assert "(slipping)" in text
+    assert "in the pushes that slipped" in text
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert "slipping" not in json.loads(said("estimate", data, "--json"))["mu_c"]

@@ -68,7 +68,7 @@ def test_the_keys_of_an_estimate_are_documented(data):
     figures = printed("estimate", data, "--object", NAME, "--terms", "moment,force", "--slipping-push", 1, "--samples")
     # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}
-    assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay`, and `demo --json FILE`"))
+    assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay` and `demo`"))
 
 
 @pytest.mark.parametrize("command", ["recognize", "region"])

@@ -222,7 +222,7 @@ def test_a_push_is_excluded(ros):
     refusal = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=9))
     assert (refusal.success, refusal.message) == (False, "push_id must be one of 0, 1, 2, 3, got 9")
     answer = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1))
-    assert (answer.success, answer.message) == (True, "3 data points of 3 pushes are left")
+    assert (answer.success, answer.message) == (True, "left: 3 data points of 3 pushes")
     ros.wait_for(lambda: len(estimates) == 5, what="the estimate without the push")
     expected = Estimator(load_object(NAME).support_points)
     for observation in (DATA[k] for k in (0, 2, 3)):

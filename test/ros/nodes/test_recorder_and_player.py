@@ -210,7 +210,7 @@ def test_the_recorder_reports_what_it_does(ros, outputs, tmp_path):
     wait_until_matched(ros, outputs)
     raw = serialize_message(String(data="counted"))
     outputs[2].publish(raw)
-    ros.wait_for(lambda: reports and reports[-1].message == "1 messages recorded", what="the report of a message")
+    ros.wait_for(lambda: reports and reports[-1].message == "1 message recorded", what="the report of a message")
     assert reports[-1].name == "/cell/recorder"
     values = {pair.key: pair.value for pair in reports[-1].values}
     assert values.items() >= {"messages": "1", "bytes": str(len(raw)), "lost": "0", "topics": "3"}.items()

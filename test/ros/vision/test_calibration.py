@@ -169,7 +169,7 @@ def test_only_views_at_rest_are_taken_from_a_video(tmp_path, pictures):
         for _ in range(1 if number == 3 else 2):
             video.write(frame)
     video.release()
-    with pytest.raises(InvalidInput, match=r"views\.avi: 7 different views of the board are too few: expected at least 8"):
+    with pytest.raises(InvalidInput, match=r"views\.avi: too few different views of the board: expected at least 8, got 7"):
         lens_from_source(str(tmp_path / "views.avi"), BOARD, lambda line: None)
 
 
@@ -205,7 +205,7 @@ def test_a_live_camera_is_read_until_the_views_are_enough(pictures):
         server.server_close()
         thread.join()
     assert_recovered(calibration.lens)
-    assert told[0].endswith("; 1 different views of the board are too few: expected at least 8")
+    assert told[0].endswith("; too few different views of the board: expected at least 8, got 1")
 
 
 def test_too_little_tilt_is_refused(printed_board, flat):
@@ -278,8 +278,8 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
 @pytest.mark.parametrize(
     ("pixels", "text"),
     [
-        (WIDE[:3], "3 different points are too few: expected at least 4"),
-        ([*WIDE[:3], WIDE[0]], "3 different points are too few: expected at least 4"),
+        (WIDE[:3], "too few different points: expected at least 4, got 3"),
+        ([*WIDE[:3], WIDE[0]], "too few different points: expected at least 4, got 3"),
         (
             [(100, 80), (200, 180), (300, 280), (400, 380)],
             "badly spread: an error of 1 px in them grows to .* px in the image's .*; add points there",

@@ -222,7 +222,7 @@ def _from_poses(bag: Bag, source: Source, model: ObjectModel, config: Trajectory
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
     if forces is not None and forces.waiting:
-        warn(f"{bag.path}: ends before the force of its last {forces.waiting} data points was measured; they are left out")
+        warn(f"{bag.path}: ends before the force of its last data points was measured; left out: {forces.waiting}")
 
 
 def _recorded(bag: Bag, source: Source, model: ObjectModel, warn: Warn) -> Iterator[Observation]:

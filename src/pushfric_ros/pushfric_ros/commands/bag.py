@@ -7,14 +7,16 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pushfric_core.wording import counted
 from pushfric_ros.bags.bag import Bag
 from pushfric_ros.bags.recovery import recover as recovered
 from pushfric_ros.commands.console import console
-from pushfric_ros.commands.options import JsonFlag
+from pushfric_ros.commands.group import Group
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_ros.report.condition import condition
 from pushfric_ros.report.report import to_json
 
-app = typer.Typer(add_completion=False)
+app = typer.Typer(cls=Group, add_completion=False)
 
 
 @app.command()
@@ -22,26 +24,26 @@ def recover(
     damaged: Annotated[
         pathlib.Path, typer.Argument(help="Bag that was damaged or cut short, or one of its files.", show_default=False)
     ],
-    out: Annotated[pathlib.Path, typer.Option(help="Folder of the new bag.", show_default=False)],
+    out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the new bag.", show_default=False)],
 ) -> None:
     """Save everything that can be read of a damaged bag into a new one, and say what is lost."""
     bag = recovered(damaged, out)
     _print(bag, console)
-    console.print(f"{out}: {bag.summary.message_count} messages saved", markup=False)
+    console.print(f"{out}: {counted(bag.summary.message_count, 'message')} saved", markup=False)
 
 
 @app.command()
 def verify(
-    bag: Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.", show_default=False)], json: JsonFlag = False
+    bag: Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.", show_default=False)],
+    json: JsonOption = None,
 ) -> None:
     """Read every byte of a bag and say whether it is whole.
 
     Exit code 0: it is whole; 1: it is damaged; 2: it is not a bag.
     """
     checked = Bag(bag)
-    if json:
-        print(to_json(condition(checked)))
-    else:
+    write_json(to_json(condition(checked)), json)
+    if json != STDOUT:
         _print(checked, Console(highlight=False, soft_wrap=True))
     if checked.damage is not None:
         sys.exit(1)
@@ -49,9 +51,8 @@ def verify(
 
 def _print(bag: Bag, output: Console) -> None:
     if bag.damage is None:
-        output.print(
-            f"{bag.path}: whole, {bag.summary.message_count} messages of {len(bag.summary.topics)} topics", markup=False
-        )
+        messages = counted(bag.summary.message_count, "message")
+        output.print(f"{bag.path}: whole, {messages} of {counted(len(bag.summary.topics), 'topic')}", markup=False)
         return
     output.print(bag.what_is_missing(with_places=False), markup=False)
     for file, gap in bag.damage.gaps:

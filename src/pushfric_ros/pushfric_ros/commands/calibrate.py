@@ -6,7 +6,9 @@ from typing import Annotated
 import typer
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.wording import counted
 from pushfric_ros.commands.console import console
+from pushfric_ros.commands.group import Group
 from pushfric_ros.nodes.tracker import TOPICS
 from pushfric_ros.vision.board import Board
 from pushfric_ros.vision.board_pdf import save_board
@@ -18,18 +20,20 @@ from pushfric_ros.vision.calibration import (
 )
 from pushfric_ros.vision.camera import load_lens, save_camera
 
-app = typer.Typer(add_completion=False, no_args_is_help=True)
+app = typer.Typer(cls=Group, add_completion=False, no_args_is_help=True)
 
-Source = Annotated[str, typer.Argument(help="Camera's index, URL, video file or folder of pictures.", show_default=False)]
+CAMERA = "A camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures"
+
+Source = Annotated[str, typer.Argument(help=f"{CAMERA}.", show_default=False)]
 Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]
 Rows = Annotated[int, typer.Option(help="Squares of the board along its short side.")]
-Square = Annotated[float, typer.Option(help="Side of a square, as printed (m).")]
-CameraFile = Annotated[pathlib.Path, typer.Option(help="The camera's calibration YAML.", show_default=False)]
+Square = Annotated[float, typer.Option(help="Side of a square, as printed [m].")]
+CameraFile = Annotated[pathlib.Path, typer.Option(help="Calibration YAML of calibrate lens, to add to.", show_default=False)]
 
 
 @app.command()
 def board(
-    out: Annotated[pathlib.Path, typer.Argument(help="PDF to write.", show_default=False)],
+    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.", show_default=False)],
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
@@ -42,7 +46,7 @@ def board(
 @app.command()
 def lens(
     source: Source,
-    out: CameraFile,
+    out: Annotated[pathlib.Path, typer.Option(help="File to write: the camera's calibration YAML.", show_default=False)],
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
@@ -53,7 +57,7 @@ def lens(
     save_camera(found.lens, out)
     console.print(
         f"{out}: reprojection error {found.rms_px:.3f} px, worst view {found.view_rms_px.max():.3f} px of"
-        f" {len(found.view_rms_px)} views; focal length to {100 * found.focal_error:.2g} %",
+        f" {counted(len(found.view_rms_px), 'view')}; focal length to {100 * found.focal_error:.2g} %",
         markup=False,
     )
 
@@ -63,8 +67,8 @@ def table(
     source: Annotated[
         str,
         typer.Argument(
-            help="Camera's index, URL, video file or folder of pictures that show the board on the table; or a CSV u,v,x,y of"
-            " measured points: pixels, and where they lie on the table (m).",
+            help=f"{CAMERA}, with the board on the table in view; or a CSV u,v,x,y of measured points: pixels, and their places"
+            " on the table [m].",
             show_default=False,
         ),
     ],

@@ -3,14 +3,17 @@
 import importlib
 import os
 import sys
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 import typer.core
 import typer.main
 
+import pushfric_core
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.commands.console import fail
+from pushfric_ros.commands.group import Group
+from pushfric_ros.commands.json_option import spelled_out
 from pushfric_ros.graph import fork_server
 
 COMMANDS = {
@@ -20,21 +23,20 @@ COMMANDS = {
     " run.",
     "estimate": "Estimate from a bag or a CSV, as fast as possible.",
     "recognize": "Rank the hypotheses in the object's file by how well they explain the data (section 5.2).",
-    "predict": "Where pushes with a point take the object: its twist, whether the tip sticks or slides, and how sure that is.",
-    "stable": "Which pushes with an edge or two fingers hold the object while they turn it about a centre.",
+    "predict": "Predict where pushes with a point take the object: its twist, whether the tip sticks or slides, the spread.",
+    "stable": "Say which pushes with an edge or two fingers hold the object while they turn it about a centre.",
     "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
-    "reproduce": "The paper's tables and figures next to the paper's numbers, from simulated pushes; as report.html and"
-    " tables.json.",
-    "study": "How far the estimates can be acted on, measured on simulated pushes of many seeds, and on real ones.",
+    "reproduce": "Reproduce the paper's tables and figures from simulated pushes, as report.html and tables.json.",
+    "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
     "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",
     "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
     "bag": "Check and recover bags.",
     "stop": "Stop the pusher of a running cell; nothing moves before ./pushfric reset.",
-    "reset": "After a stop, fault or alarm: vouch for the position that the controller reports, or home where the cell homes.",
-    "status": "What the pusher of a running cell is doing, where it is, and what is the matter.",
+    "reset": "After a stop, fault or alarm: home, or if the cell does not home, confirm the reported position.",
+    "status": "Print what the pusher of a running cell is doing, where it is, and what is wrong.",
     "echo": "Print the states of the pusher of a running cell as they come, until Ctrl-C.",
-    "jog": "Move the pusher of a running cell a little; it is no push, and it stops when this command ends.",
+    "jog": "Move the pusher of a running cell a little, without a push; it stops when this command ends.",
     "import": "Turn a public data set of real pushes into bags of observations, each with its object.yaml.",
 }
 """Each command's name and the first paragraph of its help; the docstring of its function adds to that."""
@@ -49,15 +51,20 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not 
 """A command line that names no known command or option, or gives a value of the wrong kind."""
 
 
-class Commands(typer.core.TyperGroup):
+class Commands(Group):
     """Lists the commands without loading them."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, spelled_out(args))
 
     def list_commands(self, ctx: Any) -> list[str]:
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command as the list shows it; None if there is no such command."""
-        return typer.core.TyperCommand(cmd_name, help=COMMANDS[cmd_name]) if cmd_name in COMMANDS else None
+        return (
+            typer.core.TyperCommand(cmd_name, help=COMMANDS[cmd_name], rich_markup_mode=None) if cmd_name in COMMANDS else None
+        )
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, _, rest = super().resolve_command(ctx, args)  # refuses a name that is not in the list
@@ -70,6 +77,8 @@ def load(name: str) -> Any:
     """A command with its options, from its module."""
     module = importlib.import_module(f"pushfric_ros.commands.{MODULES.get(name, name)}")
     command = typer.main.get_command(module.app)
+    for one in (command, *getattr(command, "commands", {}).values()):
+        one.rich_markup_mode = None  # plain help: no option's name is cut short, however narrow the terminal
     command.name, command.help = name, "\n\n".join(filter(None, (COMMANDS[name], command.help)))
     return command
 
@@ -78,13 +87,24 @@ app = typer.Typer(
     cls=Commands,
     pretty_exceptions_enable=False,
     add_completion=False,
+    rich_markup_mode=None,
     help="Push an object a few times; learn its support friction, its centre of friction and the pusher's contact friction.",
 )
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"pushfric {pushfric_core.__version__}")
+        raise typer.Exit
+
+
 @app.callback()
-def options() -> None:
-    """No options of its own; makes `app` a group."""
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Makes `app` a group."""
 
 
 def main() -> None:

@@ -13,8 +13,10 @@ from rich.table import Table
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.table_1 import TABLE_1
+from pushfric_core.wording import data_of
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.console import console, fail
+from pushfric_ros.commands.json_option import JsonOption, write_json
 from pushfric_ros.commands.options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.recorded_run import RUNS, course_of, telling_what_is_left
 from pushfric_ros.commands.settings_options import option
@@ -44,9 +46,7 @@ app = typer.Typer(add_completion=False)
 def demo(
     headless: HeadlessFlag = False,
     view: ViewOption = "",
-    json: Annotated[
-        pathlib.Path | None, typer.Option("--json", help="Write the result to this file as JSON.", show_default=False)
-    ] = None,
+    json: JsonOption = None,
     seed: Annotated[int, option(SimulatedRunConfig, "seed")] = SimulatedRunConfig.seed,
     object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
     bag: Annotated[
@@ -58,10 +58,6 @@ def demo(
     if object_name not in TABLE_1:
         raise InvalidInput(f"no object {object_name!r} in the simulated cell; expected one of {', '.join(TABLE_1)}")
     bag = bag or RUNS / time.strftime("demo-%Y%m%d-%H%M%S")
-    if json is not None and not json.parent.is_dir():
-        raise InvalidInput(f"{json}: its folder does not exist")
-    if json is not None and json.is_dir():
-        raise InvalidInput(f"{json}: is a folder; expected the name of a file to write")
     if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
         raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
     if plan is not None and choose:
@@ -74,8 +70,7 @@ def demo(
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
     print_summary(console, object_name, last)
-    if json is not None:
-        json.write_text(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}) + "\n")
+    write_json(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}), json)
     from pushfric_ros.report.figures import summary_figure  # imported late, or matplotlib would be in memory during the run
 
     figure = bag / FIGURE
@@ -129,7 +124,7 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
     known = TABLE_1[name]
     size, true = known.outline.size, known.support.center_of_friction
     center = (msg.center_of_friction.x, msg.center_of_friction.y)
-    table = Table(title=f"{name}: {msg.data_points} data points from {msg.pushes} pushes", title_justify="left", box=None)
+    table = Table(title=f"{name}: {data_of(msg.data_points, msg.pushes)}", title_justify="left", box=None)
     for column in ("", "estimate", "truth", "error"):
         table.add_column(column, justify="right" if column else "left")
     for axis, label in enumerate("xy"):
@@ -138,12 +133,18 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
             escape(f"p_CF {label} [mm]"),
             f"{center[axis] * 1e3:.2f}",
             f"{true[axis] * 1e3:.2f}",
-            f"{error * 1e3:.2f} mm, {100 * error / size[axis]:.2f} % of the side",
+            f"{error * 1e3:.2f} ({100 * error / size[axis]:.2f} % of the side)",
         )
-    for radius in msg.confidence:
-        off = float(np.hypot(*(np.array(center) - true)))
-        table.add_row(escape("p_CF off by [mm]"), f"{radius * 1e3:.2f}", f"{off * 1e3:.2f}", "at most, with 90 %")
     friction = msg.contact_friction
-    table.add_row("mu_c, 90 % / 100 %", f"{friction.p90:.2f} / {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
-    table.add_row(escape("fit error [mm]"), f"{msg.objective * 1e3:.3f}", "", f"certified to {msg.gap * 1e3:.1e} mm")
+    table.add_row("mu_c", f"{friction.p90:.2f} to {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
     console.print(table)
+    off = float(np.hypot(*(np.array(center) - true)))
+    for radius in msg.confidence:
+        claim = f"the estimate claims to be within {radius * 1e3:.2f} mm of it with 90 % probability"
+        console.print(f"The true p_CF is {off * 1e3:.2f} mm from the estimated one; {claim}.", highlight=False)
+    bounds = f"90 % of the lower bounds lie at or below {friction.p90:.2f}, the largest is {friction.max:.2f}"
+    console.print(f"These pushes bound mu_c only from below: {bounds}.", highlight=False)
+    certificate = f"no w fits better by more than {msg.gap * 1e3:.1e} mm (certified)"
+    console.print(
+        f"The fit error is {msg.objective * 1e3:.3f} mm, summed over the data points; {certificate}.", highlight=False
+    )

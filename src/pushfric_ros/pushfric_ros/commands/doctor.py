@@ -25,7 +25,7 @@ from sensor_msgs.msg import Image as ImageMsg
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands import dependencies, discovery
 from pushfric_ros.commands.console import console
-from pushfric_ros.commands.options import JsonFlag
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_ros.commands.recorded_run import RUNS
 from pushfric_ros.files.cell_file import CellConfig, CellFile, load_cell
 from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
@@ -475,14 +475,13 @@ def doctor(
     cell: Annotated[
         pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is checked.", show_default=False)
     ] = None,
-    json: JsonFlag = False,
+    json: JsonOption = None,
 ) -> None:
     """Exit code 0: nothing failed; 1: a check failed; 2: wrong input, such as a cell file that cannot be read or is invalid."""
     with console.status("") as status:
         checks = list(examine(cell, RUNS, lambda what: status.update(f"checking the {what}")))
-    if json:
-        print(to_json(findings(checks)))
-    else:
+    write_json(to_json(findings(checks)), json)
+    if json != STDOUT:
         Console().print(table(checks))
     if not passed(checks):
         sys.exit(1)

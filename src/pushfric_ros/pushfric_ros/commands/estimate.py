@@ -10,11 +10,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console, warn
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_ros.commands.options import (
     DaskOption,
     GridOption,
     JobsOption,
-    JsonFlag,
     ObjectOption,
     PartialFlag,
     SupportPointsOption,
@@ -41,22 +41,23 @@ def estimate(
         typer.Option(help="Draw pushes, w, mu_c and p_CF to this file (.png, .svg, .pdf).", show_default=False),
     ] = None,
     save: Annotated[
-        pathlib.Path | None, typer.Option(help="Write a model to keep there (.yaml), to predict with.", show_default=False)
+        pathlib.Path | None,
+        typer.Option(help="Write the estimate to this file (.yaml), as a model for predict and stable.", show_default=False),
     ] = None,
     partial: PartialFlag = False,
-    samples: Annotated[bool, typer.Option("--samples", help="With --json, also weighted samples of w and mu_c.")] = False,
+    samples: Annotated[bool, typer.Option("--samples", help="Add weighted samples of w and mu_c to the JSON.")] = False,
     out: Annotated[
         pathlib.Path | None,
         typer.Option(
-            help="Estimate from many inputs, folders of them too: a table, models and a report in this folder.",
+            help="Folder to write: a table, models and a report, from many inputs, folders of them too.",
             show_default=False,
         ),
     ] = None,
     jobs: JobsOption = -1,
     dask: DaskOption = None,
-    json: JsonFlag = False,
+    json: JsonOption = None,
 ) -> None:
-    """Exit code 1: an estimate is not to be used; warnings, or the report of --out, say why.
+    """Exit code 1: do not use an estimate; warnings, or the report of --out, say why.
 
     With --out, an input that cannot be read costs only itself. If you interrupt the command, call it again: it goes on.
     """
@@ -79,7 +80,7 @@ def _one(
     figure: pathlib.Path | None,
     save: pathlib.Path | None,
     samples: bool,
-    json: bool,
+    json: str | None,
 ) -> bool:
     if save is not None:
         check_name(save)
@@ -104,7 +105,9 @@ def _one(
     return estimation.verdict.use
 
 
-def _many(sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs: int, dask: str | None, json: bool) -> bool:
+def _many(
+    sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs: int, dask: str | None, json: str | None
+) -> bool:
     # imported late: one estimate needs neither joblib nor matplotlib
     from pushfric_ros.offline.many import Line, estimate_many, inputs_of
     from pushfric_ros.offline.summary import counts, mark_outliers, write_summary
@@ -133,9 +136,8 @@ def _many(sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs
         lines = mark_outliers(estimate_many(inputs, choices, out, jobs, dask, finished))
     files = [*write_table(lines, out), write_summary(lines, out)]
     number = counts(lines)
-    if json:
-        print(to_json(number | {"files": [str(file) for file in files]}))
-    else:
+    write_json(to_json(number | {"files": [str(file) for file in files]}), json)
+    if json != STDOUT:
         console.print(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in number.items()), highlight=False)
         for file in files:
             console.print(f"wrote {file}", markup=False, highlight=False)

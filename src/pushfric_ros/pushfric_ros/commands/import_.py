@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.wording import counted
 from pushfric_ros.bags import stablepush, zhou2015
 from pushfric_ros.commands.console import console
 
@@ -20,13 +21,17 @@ def import_(
     dataset: Annotated[str, typer.Argument(help=f"Name of the public data set: {', '.join(IMPORTERS)}.", show_default=False)],
     source: Annotated[
         pathlib.Path,
-        typer.Argument(help="Of zhou2015 a log or push_points.csv, of stablepush stable_pushes.csv.", show_default=False),
+        typer.Argument(
+            help="File of the data set: for zhou2015 a log or push_points.csv, for stablepush stable_pushes.csv.",
+            show_default=False,
+        ),
     ],
     out: Annotated[
-        pathlib.Path, typer.Option(help="Folder of the bag; of several logs or objects, a bag each.", show_default=False)
+        pathlib.Path,
+        typer.Option(help="Folder to write: the bag, or a bag for each of several logs or objects.", show_default=False),
     ],
 ) -> None:
     if dataset not in IMPORTERS:
         raise InvalidInput(f"unknown data set {dataset!r}; expected {' or '.join(IMPORTERS)}")
     for written in IMPORTERS[dataset](source, out):
-        console.print(f"{written.bag}: {written.observations} observations of {written.object}", markup=False)
+        console.print(f"{written.bag}: {counted(written.observations, 'observation')} of {written.object}", markup=False)

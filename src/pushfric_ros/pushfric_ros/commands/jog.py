@@ -13,8 +13,10 @@ app = typer.Typer(add_completion=False)
 
 @app.command()
 def jog(
-    distance: Annotated[float, typer.Argument(help="Along the stroke (mm), negative: back. After --: jog -- -5")],
-    speed: Annotated[float, typer.Option(help="mm/s", min=0.1, max=1000.0)] = 10.0,
+    distance: Annotated[
+        float, typer.Argument(help="Distance along the stroke [mm]; negative, after --: back, as in jog -- -5.")
+    ],
+    speed: Annotated[float, typer.Option(help="Speed [mm/s].", min=0.1, max=1000.0)] = 10.0,
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     with Person(namespace, enclave(namespace, COMMAND_LINE)) as person:

@@ -28,11 +28,10 @@ GridOption = Annotated[
 ]
 SupportPointsOption = Annotated[
     pathlib.Path | None,
-    typer.Option("--support-points", help="Support points: a CSV with columns x,y (m).", show_default=False),
+    typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].", show_default=False),
 ]
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
-PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag, from which messages are missing.")]
-NamespaceOption = Annotated[str, typer.Option("--namespace", help="Of the cell.")]
+PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag even if messages are missing.")]
+NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of the cell.")]
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
 
 AUTO_VIEW = "auto"

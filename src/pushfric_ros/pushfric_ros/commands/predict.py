@@ -9,7 +9,8 @@ from rich.console import Console
 
 from pushfric_core.prediction import predict as predicted
 from pushfric_ros.commands.console import warn
-from pushfric_ros.commands.options import JsonFlag, ObjectOption
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_ros.commands.options import ObjectOption
 from pushfric_ros.commands.planning import ModelArgument, known
 from pushfric_ros.files.pushes_file import MOVED, read_point_pushes
 from pushfric_ros.report.report import to_json
@@ -22,7 +23,7 @@ def predict(
     model: ModelArgument,
     pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(MOVED)}.", show_default=False)],
     object_name: ObjectOption = "",
-    json: JsonFlag = False,
+    json: JsonOption = None,
 ) -> None:
     """The spread is an angle: 90 % of measured twists lie within it of the predicted one."""
     outline, friction = known(model, object_name, warn)
@@ -31,13 +32,13 @@ def predict(
         {"twist": twist.tolist(), "mode": mode.value, "spread": float(spread), "force": force.tolist()}
         for twist, mode, spread, force in zip(found.twists, found.modes, found.spread, found.forces, strict=True)
     ]
-    if json:
-        print(to_json(rows))
+    write_json(to_json(rows), json)
+    if json == STDOUT:
         return
     output = Console(highlight=False, markup=False, soft_wrap=True)
     for number, row in enumerate(rows, 1):
         vx, vy, omega = row["twist"]
         spread = math.degrees(row["spread"])
         output.print(
-            f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; within {spread:.1f} degrees"
+            f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; 90 % within {spread:.1f} degrees"
         )

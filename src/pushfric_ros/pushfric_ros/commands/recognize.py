@@ -9,7 +9,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.recognition import Recognizer
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import warn
-from pushfric_ros.commands.options import GridOption, Input, JsonFlag, ObjectOption, PartialFlag, SupportPointsOption
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_ros.commands.options import GridOption, Input, ObjectOption, PartialFlag, SupportPointsOption
 from pushfric_ros.commands.settings_options import with_settings
 from pushfric_ros.messages.conversions import recognition_to_msg
 from pushfric_ros.offline.chosen_settings import ChosenSettings
@@ -24,7 +25,7 @@ def recognize(
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
     partial: PartialFlag = False,
-    json: JsonFlag = False,
+    json: JsonOption = None,
 ) -> None:
     chosen = settings.of(source)
     model, where = object_of(source, object_name)
@@ -43,9 +44,9 @@ app = typer.Typer(add_completion=False)
 app.command()(with_settings(recognize, without=("tie_break",)))
 
 
-def _print(figures: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(to_json(figures))
+def _print(figures: dict[str, Any], json: str | None) -> None:
+    write_json(to_json(figures), json)
+    if json == STDOUT:
         return
     output = Console(highlight=False, markup=False)
     for hypothesis in figures["hypotheses"]:

@@ -10,9 +10,11 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.push_choice import next_pushes, planned_pushes
 from pushfric_core.region import RegionConfig
 from pushfric_core.table_1 import TABLE_1
+from pushfric_core.wording import counted, data_of
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, warn
-from pushfric_ros.commands.options import JsonFlag, ObjectOption, PartialFlag
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_ros.commands.options import ObjectOption, PartialFlag
 from pushfric_ros.commands.settings_options import option_as_recorded
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import load_object
@@ -41,7 +43,7 @@ def region(
     ] = None,
     pushes: Annotated[int, typer.Option(help="Number of pushes in that plan.", min=1, max=20)] = 10,
     partial: PartialFlag = False,
-    json: JsonFlag = False,
+    json: JsonOption = None,
 ) -> None:
     if source is None and not object_name:
         raise InvalidInput(f"give a bag, or --object OBJ.yaml or one of {', '.join(TABLE_1)}")
@@ -64,12 +66,12 @@ def region(
     _print(figures, json)
     if plan is not None:
         area = f"{planned[-1].expected_area * 1e4:.3g} cm^2"
-        console.print(f"plan: {plan}, {len(planned)} pushes; they leave {area}, by expectation", markup=False)
+        console.print(f"plan: {plan}, {counted(len(planned), 'push', 'pushes')}; expected to leave {area}", markup=False)
 
 
-def _print(figures: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(to_json(figures))
+def _print(figures: dict[str, Any], json: str | None) -> None:
+    write_json(to_json(figures), json)
+    if json == STDOUT:
         return
     x, y = (1e3 * value for value in figures["center_of_friction"])
     size = f"{figures['area'] * 1e4:.3g} cm^2"
@@ -79,5 +81,5 @@ def _print(figures: dict[str, Any], as_json: bool) -> None:
     output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}")
     for push in figures["next_pushes"]:
         where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
-        output.print(f"next   {where}: would leave {push['expected_area'] * 1e4:.3g} cm^2, by expectation")
-    output.print(f"from   {figures['data_points']} data points of {figures['pushes']} pushes")
+        output.print(f"next   {where}: expected to leave {push['expected_area'] * 1e4:.3g} cm^2")
+    output.print(f"from   {data_of(figures['data_points'], figures['pushes'])}")

@@ -5,9 +5,11 @@ from typing import Annotated
 
 import typer
 
+from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.bags import data_points
 from pushfric_ros.commands.console import console, fail, warn
-from pushfric_ros.commands.options import HeadlessFlag, JsonFlag, ObjectOption, PartialFlag, ViewOption, WithView, view_at
+from pushfric_ros.commands.json_option import JsonOption
+from pushfric_ros.commands.options import HeadlessFlag, ObjectOption, PartialFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.result import print_result
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
@@ -25,9 +27,12 @@ def replay(
     object_name: ObjectOption = "",
     rate: Annotated[float, option(PlayerConfig, "rate")] = PlayerConfig.rate,
     partial: PartialFlag = False,
-    json: JsonFlag = False,
+    json: JsonOption = None,
     headless: HeadlessFlag = False,
     view: ViewOption = "",
+    stay: Annotated[
+        bool, typer.Option("--stay", help="Keep the last estimate on its topics, for late subscribers, until Ctrl-C.")
+    ] = False,
 ) -> None:
     model, object_file = object_of(bag, object_name)
     settings = data_points.recorded_settings(bag)
@@ -38,10 +43,27 @@ def replay(
     if (shown := view_at(view, ViewConfig())) is not None:
         specs = graph.with_view(specs, object_file, shown)
     live = console.is_terminal and not headless
-    ended, last = watch(console, specs, source.namespace, f"replaying {bag.name}", live, replayed=data)
+    printed = False
+
+    def show(last: FrictionEstimate | None) -> None:
+        nonlocal printed
+        if last is None or last.data_points < len(data):
+            arrived = 0 if last is None else last.data_points
+            fail(f"the live graph made {arrived} data points of the {len(data)} in the bag; try a lower --rate", 1)
+        print_result(report(last), json, settings.estimator.loss)
+        printed = True
+
+    def show_and_stay(last: FrictionEstimate | None) -> None:
+        show(last)
+        console.print(f"{source.namespace}/friction_estimate keeps this estimate until Ctrl-C", markup=False)
+
+    name = f"replaying {bag.name}"
+    try:
+        ended, last = watch(console, specs, source.namespace, name, live, replayed=data, stay=show_and_stay if stay else None)
+    except KeyboardInterrupt:
+        if stay and printed:
+            return
+        raise
     if ended.code:
         fail(ended.reason, ended.code)
-    if last is None or last.data_points < len(data):
-        arrived = 0 if last is None else last.data_points
-        fail(f"the live graph made {arrived} data points of the {len(data)} in the bag; try a lower --rate", 1)
-    print_result(report(last), json, settings.estimator.loss)
+    show(last)

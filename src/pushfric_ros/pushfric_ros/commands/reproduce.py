@@ -15,7 +15,7 @@ app = typer.Typer(add_completion=False)
 
 @app.command()
 def reproduce(
-    out: Annotated[pathlib.Path, typer.Option(help="Folder of the report; a second call continues there.")] = RUNS
+    out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the report; a second call continues there.")] = RUNS
     / "reproduce",
     seeds: Annotated[int, typer.Option(help="Number of repetitions, each with its own noise.", min=1, max=10_000)] = 20,
     jobs: JobsOption = -1,

@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection
 from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
 
 from pushfric_core.estimator import EstimatorConfig
 from pushfric_core.settings import AUTO
@@ -83,7 +82,7 @@ def _help(field: Any) -> str:
     text = field.metadata["description"]
     if not text.split()[0].endswith(":"):  # the name of a value is written as it is
         text = text[0].upper() + text[1:]
-    return escape(f"{text}.")
+    return f"{text}."
 
 
 def _chosen(options: dict[str, Any]) -> ChosenSettings:

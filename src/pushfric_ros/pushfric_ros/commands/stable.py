@@ -8,7 +8,8 @@ from rich.console import Console
 
 from pushfric_core.prediction import stability
 from pushfric_ros.commands.console import warn
-from pushfric_ros.commands.options import JsonFlag, ObjectOption
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_ros.commands.options import ObjectOption
 from pushfric_ros.commands.planning import ModelArgument, known
 from pushfric_ros.files.pushes_file import TURNED, read_edge_pushes
 from pushfric_ros.report.report import to_json
@@ -21,7 +22,7 @@ def stable(
     model: ModelArgument,
     pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(TURNED)}.", show_default=False)],
     object_name: ObjectOption = "",
-    json: JsonFlag = False,
+    json: JsonOption = None,
 ) -> None:
     """The margin is the least wrench that would make the object slip, as a share of the support friction."""
     outline, friction = known(model, object_name, warn)
@@ -30,8 +31,8 @@ def stable(
         {"stable": bool(holds), "margin": float(margin), "probability": float(probability)}
         for holds, margin, probability in zip(*found, strict=True)
     ]
-    if json:
-        print(to_json(rows))
+    write_json(to_json(rows), json)
+    if json == STDOUT:
         return
     output = Console(highlight=False, markup=False, soft_wrap=True)
     for number, row in enumerate(rows, 1):

@@ -15,7 +15,7 @@ app = typer.Typer(add_completion=False)
 
 @app.command()
 def study(
-    out: Annotated[pathlib.Path, typer.Option(help="Folder for study.json and study.md.")] = RUNS / "study",
+    out: Annotated[pathlib.Path, typer.Option(help="Folder to write: study.json and study.md.")] = RUNS / "study",
     seeds: Annotated[int, typer.Option(help="Simulated runs for each case.", min=1, max=10_000)] = 200,
     pushes: Annotated[
         pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015, to study real pushes too.", show_default=False)

@@ -36,6 +36,7 @@ def watch(
     replayed: Sequence[Observation] | None = None,
     unfinished: Callable[[int], None] | None = None,
     recorded: pathlib.Path | None = None,
+    stay: Callable[[FrictionEstimate | None], None] | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
     """Run a graph with a monitor until it has ended and its last estimate has come; afterwards Ctrl-C ends the process.
 
@@ -48,6 +49,7 @@ def watch(
         unfinished: prompts an operator; called with the push of the plan to go on with, if the run ends before the plan does.
         recorded: folder of the bag that the run records. A run that ends well has failed all the same if its bag, its live
             estimate and its plan disagree.
+        stay: called with the last estimate when the run has ended well; the other nodes then run on until Ctrl-C.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
@@ -63,7 +65,11 @@ def watch(
         # made here, where the supervisor holds signals back, so that none interrupts its start or its end
         with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
             try:
-                return monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed), monitor
+                ended = monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed)
+                if stay is not None and ended.code == 0:
+                    stay(monitor.estimate)
+                    ended = monitor.stay(supervisor)
+                return ended, monitor
             finally:
                 if unfinished is not None and monitor.next_push is not None:
                     unfinished(monitor.next_push)
@@ -142,6 +148,12 @@ class Monitor:
         """Whether the plan is finished and the estimator has not processed all that was seen of it yet."""
         return self._finished is not None and self._visit.node.settled < self._finished
 
+    def stay(self, supervisor: Supervisor) -> Ended:
+        """Go on when the run has ended, until Ctrl-C, or until a node fails."""
+        while (now := supervisor.poll()) is None or now.code == 0:
+            self._visit.spin_once(0.05)
+        return now
+
     def settled(self) -> bool:
         """Whether the estimator has processed everything that was seen until the plan was finished."""
         if self._finished is None or self._catches_up():
@@ -184,7 +196,8 @@ class Monitor:
 def line_of(msg: FrictionEstimate) -> str:
     """An estimate as a line of text."""
     points, x, y, p90, largest, error = _cells(msg)
-    return f"push {msg.pushes:3d}  {points} data points  p_CF ({x}, {y}) mm  mu_c {p90} / {largest}  fit error {error} mm"
+    noun = "data point " if msg.data_points == 1 else "data points"
+    return f"push {msg.pushes:3d}  {points} {noun}  p_CF ({x}, {y}) mm  mu_c {p90} / {largest}  fit error {error} mm"
 
 
 def _cells(msg: FrictionEstimate) -> tuple[str, ...]:

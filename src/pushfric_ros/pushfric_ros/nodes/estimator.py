@@ -22,6 +22,7 @@ from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.sensed_force import SensedForce
 from pushfric_core.trajectory import Trajectory
 from pushfric_core.verdict import Verdict
+from pushfric_core.wording import data_of
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
@@ -436,7 +437,7 @@ class EstimatorNode(Node):
         self._excluded.add(request.push_id)  # also its data points that are still to come
         self._publish_settings()
         response.success = True
-        response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are left"
+        response.message = f"left: {data_of(estimate.data_points, estimate.pushes)}"
         self._estimate = estimate if estimate.data_points else None
         self._half_planes = HalfPlanes(self._object.outline, self._settings.region.region_margin)
         for observation in self._estimator.observations:

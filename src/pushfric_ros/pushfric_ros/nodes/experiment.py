@@ -20,6 +20,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, wrap
 from pushfric_core.push_plan import PlannedPush, placement
 from pushfric_core.trajectory import PoseSample, Trajectory
+from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_ros.files.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
@@ -115,7 +116,9 @@ class ExperimentNode(Node):
                 self._progress.aborted += 1
                 self._awaited.renew()
                 self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
-        self._report(PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {self._count} pushes done")
+        self._report(
+            PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {counted(self._count, 'push', 'pushes')} done"
+        )
         await self._until(self._progress_out.wait_for_all_acked)
         raise SystemExit(0)
 

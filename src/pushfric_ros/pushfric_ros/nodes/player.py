@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.wording import counted
 from pushfric_ros.bags.bag import Bag, recorded_class
 from pushfric_ros.bags.contents import BagMessage, Topic
 from pushfric_ros.files.node_settings import PlayerConfig
@@ -162,7 +163,7 @@ class PlayerNode(Node):
             self._rewind()
             self._call_in(0, self._play)
             return
-        self.get_logger().info(f"{self._count} messages played")
+        self.get_logger().info(f"{counted(self._count, 'message')} played")
         self._give_up_ns = self._wall.now().nanoseconds + ACKNOWLEDGE_WITHIN_NS
         self._call_in(0, self._await_acknowledgements)
 

@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.wording import counted
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_ros.files.object_file import OBJECT_FILE, PRIOR_FILE, load_object, save_object
@@ -177,8 +178,8 @@ class RecorderNode(Node):
             where = ", ".join(f"{number} of {name}" for name, number in lost.items() if number)
             return Health(Level.WARN, f"messages were lost before they could be recorded: {where}", values)
         if self._waiting:
-            return Health(Level.WARN, f"{len(self._waiting)} messages wait for a first /clock", values)
-        return Health(Level.OK, f"{count} messages recorded", values)
+            return Health(Level.WARN, f"{counted(len(self._waiting), 'message')} waiting for a first /clock", values)
+        return Health(Level.OK, f"{counted(count, 'message')} recorded", values)
 
 
 def _met_by_all(found: Sequence[QoSProfile]) -> QoSProfile:

@@ -72,7 +72,7 @@ def calibrate_lens(views: Sequence[View], width: int, height: int) -> LensCalibr
         InvalidInput: the views do not determine the lens; the text says what is missing.
     """
     if len(views) < MIN_VIEWS:
-        raise InvalidInput(f"{len(views)} different views of the board are too few: expected at least {MIN_VIEWS}")
+        raise InvalidInput(f"too few different views of the board: expected at least {MIN_VIEWS}, got {len(views)}")
     pixels = np.concatenate([view.pixels for view in views])
     cells = (pixels * (3 / width, 3 / height)).astype(int).clip(0, 2)
     seen = {row * 3 + column for column, row in cells.tolist()}
@@ -117,7 +117,7 @@ def calibrate_table(lens: Lens, pixels: Array, points: Array) -> TableCalibratio
         InvalidInput: the points do not determine the plane; the text says what is missing.
     """
     if len(np.unique(points, axis=0)) < 4:
-        raise InvalidInput(f"{len(np.unique(points, axis=0))} different points are too few: expected at least 4")
+        raise InvalidInput(f"too few different points: expected at least 4, got {len(np.unique(points, axis=0))}")
     solid, pixels = np.column_stack((points, np.zeros(len(points)))), np.ascontiguousarray(pixels, dtype=float)
     found, turns, shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_IPPE)
     if not found or not np.isfinite((turns, shifts)).all():

@@ -1,0 +1,62 @@
+"""The option `--json [FILE.json]`, which means the same in every command."""
+
+import pathlib
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from pushfric_core.errors import InvalidInput
+
+STDOUT = "-"
+"""What the option is without a file."""
+
+SUFFIX = ".json"
+
+
+def spelled_out(arguments: Sequence[str]) -> list[str]:
+    """Arguments in which every `--json` has a value: what follows, if that is the name of a JSON file, else STDOUT."""
+    pairs = zip(arguments, [*arguments[1:], ""], strict=True)
+    return [f"--json={STDOUT}" if one == "--json" and not after.endswith(SUFFIX) else one for one, after in pairs]
+
+
+def _checked(where: str | None) -> str | None:
+    """Refuse, before any work is done, what cannot be written."""
+    if where is None or where == STDOUT:
+        return where
+    file = pathlib.Path(where)
+    if file.suffix != SUFFIX or file.is_dir():
+        raise InvalidInput(f"{file}: expected the name of a file to write that ends in {SUFFIX}")
+    if not file.parent.is_dir():
+        raise InvalidInput(f"{file}: its folder does not exist")
+    return where
+
+
+JsonOption = Annotated[
+    str | None,
+    typer.Option(
+        "--json",
+        help="Print the result as one JSON object on stdout, and nothing else there; or write it to this file as well.",
+        metavar="[FILE.json]",
+        callback=_checked,
+        show_default=False,
+    ),
+]
+
+
+def write_json(text: str, where: str | None) -> None:
+    """Print or write a result, if asked to.
+
+    Args:
+        text: the JSON.
+        where: value of the option.
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    if where == STDOUT:
+        print(text, flush=True)
+    elif where is not None:
+        try:
+            pathlib.Path(where).write_text(f"{text}\n", encoding="utf-8")
+        except OSError as error:
+            raise InvalidInput(f"{where}: cannot be written: {error.strerror}") from error
