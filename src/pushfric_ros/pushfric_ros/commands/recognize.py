@@ -48,7 +48,7 @@ def _print(figures: dict[str, Any], json: str | None) -> None:
     write_json(to_json(figures), json)
     if json == STDOUT:
         return
-    output = Console(highlight=False, markup=False)
+    output = Console(highlight=False, markup=False, soft_wrap=True)
     for hypothesis in figures["hypotheses"]:
         fit = f"fit {hypothesis['fit_error']:.4g}, ratio {hypothesis['ratio']:.3f}"
         output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")

@@ -76,7 +76,7 @@ def _print(figures: dict[str, Any], json: str | None) -> None:
     x, y = (1e3 * value for value in figures["center_of_friction"])
     size = f"{figures['area'] * 1e4:.3g} cm^2"
     contradicted = f"collapsed: the data points contradict each other, by {figures['violation'] * 1e3:.2f} mm in all"
-    output = Console(highlight=False, markup=False)
+    output = Console(highlight=False, markup=False, soft_wrap=True)
     output.print(f"region {contradicted if figures['collapsed'] else size}")
     output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}")
     for push in figures["next_pushes"]:

@@ -22,7 +22,7 @@ def print_result(figures: dict[str, Any], json: str | None, loss: Loss) -> None:
     if json == STDOUT:
         return
     x, y = (1e3 * value for value in figures["center_of_friction"])
-    output = Console(highlight=False)
+    output = Console(highlight=False, soft_wrap=True)
     trust = f", within {figures['confidence'] * 1e3:.2f} mm with 90 % probability" if "confidence" in figures else ""
     output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm{trust}")
     mu = figures["mu_c"]
