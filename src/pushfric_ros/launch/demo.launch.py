@@ -1,8 +1,13 @@
 """The whole graph on a simulated cell."""
 
-from pushfric_ros.commands.launch_files import DEMO
-from pushfric_ros.graph.launch import launch_description
-
 
 def generate_launch_description():
+    try:
+        from pushfric_ros.commands.launch_files import DEMO
+        from pushfric_ros.graph.launch import launch_description
+    except (ImportError, AttributeError, TypeError):
+        from pushfric_ros.commands import dependencies
+
+        dependencies.explain()
+        raise
     return launch_description(DEMO)

@@ -1,7 +1,6 @@
 """`python3 -m pushfric_ros`: the command line, which Ctrl-C ends quietly even while it is still being loaded."""
 
 import signal
-import sys
 
 from pushfric_ros.commands.interrupt import end_at_once
 
@@ -17,11 +16,8 @@ def main() -> None:
     except (ImportError, AttributeError, TypeError):
         from pushfric_ros.commands import dependencies
 
-        # An old library lacks what is asked of it; where none is old, it is our own mistake.
-        if (complaint := dependencies.complaint(dependencies.declared())) is None:
-            raise
-        print(f"error: {complaint}", file=sys.stderr)
-        sys.exit(2)
+        dependencies.explain()
+        raise
     finally:
         end_at_once()
 

@@ -76,6 +76,16 @@ def complaint(requirements: Iterable[str]) -> str | None:
     return f"missing or too old: {found}; install with: {advice(lacking)}"
 
 
+def explain() -> None:
+    """End the process with one line and exit code 2 if a package is missing or too old; called when something has failed.
+
+    An old package lacks what is asked of it: ImportError, AttributeError or TypeError. Where none is old, the mistake is ours.
+    """
+    if (line := complaint(declared())) is not None:
+        print(f"error: {line}", file=sys.stderr, flush=True)
+        sys.exit(2)
+
+
 def advice(lacking: Iterable[Unmet]) -> str:
     """The command that installs these requirements."""
     return " ".join(["python3 -m pip install", *(f"'{requirement}'" for requirement, _ in lacking)])

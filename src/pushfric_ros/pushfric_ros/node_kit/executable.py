@@ -26,7 +26,11 @@ def main() -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if os.getppid() != int(parent):  # it has ended already
             sys.exit()
-    if {"-h", "--help"} & set(sys.argv[1:]):
-        importlib.import_module("pushfric_ros.commands.node_help").print_help(name)
-        sys.exit()
-    importlib.import_module(f"pushfric_ros.nodes.{name}").main()
+    try:
+        if {"-h", "--help"} & set(sys.argv[1:]):
+            importlib.import_module("pushfric_ros.commands.node_help").print_help(name)
+        else:
+            importlib.import_module(f"pushfric_ros.nodes.{name}").main()
+    except (ImportError, AttributeError, TypeError):
+        importlib.import_module("pushfric_ros.commands.dependencies").explain()
+        raise
