@@ -2,7 +2,18 @@ from glob import glob
 
 from setuptools import find_packages, setup
 
-NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player", "view", "simulated_cell")
+NODES = (
+    "tracker",
+    "pose_source",
+    "tip_source",
+    "actuator",
+    "estimator",
+    "experiment",
+    "recorder",
+    "player",
+    "view",
+    "simulated_cell",
+)
 
 setup(
     name="pushfric_ros",
@@ -28,6 +39,12 @@ setup(
             *(f"{name}_node = pushfric_ros.node_kit.executable:main" for name in NODES),
         ],
         "pushfric.pushers": ["grbl = pushfric_ros.pushers.grbl_config:GrblConfig"],
+        "pushfric.sources": [
+            "odometry = pushfric_ros.adapters.odometry:OdometryConfig",
+            "pose_array = pushfric_ros.adapters.pose_array:PoseArrayConfig",
+            "pose_stamped = pushfric_ros.adapters.pose_stamped:PoseStampedConfig",
+            "transforms = pushfric_ros.adapters.transforms:TransformsConfig",
+        ],
         "pushfric.trackers": [
             "contour = pushfric_ros.vision.tracker_settings:ContourConfig",
             "fiducial = pushfric_ros.vision.tracker_settings:FiducialConfig",

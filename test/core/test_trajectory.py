@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pushfric_core.contact import PushingLine
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, Twist, compose, exp
+from pushfric_core.planar import Pose, Twist, compose, exp, inverse, transform
 from pushfric_core.simulation import PushedObject
 from pushfric_core.table_1 import TABLE_1
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory, TrajectoryConfig
@@ -304,3 +304,99 @@ def test_a_single_report_with_a_late_stamp_contradicts_nothing():
     for sample in in_time(poses, pushers):
         feed(trajectory, [sample])
         assert trajectory.contradiction is None
+
+
+# --- a tip that moves freely ---
+
+
+def arm_samples(path, stamps, tip_rate=3, radius=0.003, origin=0.0):
+    """What a camera and an arm would report of a push along a path: position (2,) of the tip at a time [s]."""
+    pushed = PushedObject(OUTLINE, TABLE_1["wood_rect4"].support, 0.3, Pose(-0.02, 0.04, 0.02))
+    poses, tips = [], []
+    fine = np.linspace(stamps[0], stamps[-1], tip_rate * (len(stamps) - 1) + 1) + origin
+    for time in fine:
+        velocity = (path(time + 1e-4) - path(time - 1e-4)) / 2e-4
+        speed = float(np.hypot(*velocity))
+        line = PushingLine(tuple(path(time).tolist()), tuple((velocity / speed).tolist()), radius)
+        tips.append(PusherSample(round(time * 1e9), 0.0, speed, line, 0))
+    before = stamps[0]
+    for time in stamps:
+        for step in np.linspace(before, time, 21)[1:]:
+            start, end = path(step - (time - before) / 20), path(step)
+            if length := float(np.hypot(*(end - start))):
+                pushed.push(PushingLine(tuple(start.tolist()), tuple(((end - start) / length).tolist()), radius), length)
+        before = time
+        poses.append(PoseSample(round(time * 1e9), pushed.pose))
+    return poses, tips
+
+
+STAMPS = np.arange(0.0, 3.0, 1 / 14)
+
+
+def curved(time):
+    """A quarter of a circle at a speed that grows."""
+    angle = 0.15 * time + 0.08 * time**2
+    return np.array((0.06 * (np.cos(angle) - 1) + 0.01, 0.06 * np.sin(angle) - 0.004))
+
+
+def test_a_tip_that_moves_freely_gives_the_motions_of_the_object():
+    poses, tips = arm_samples(curved, STAMPS)
+    found = feed(Trajectory(OUTLINE), in_time(poses, tips))
+    assert len(found) >= 4
+    for observation in found:
+        time = observation.stamp / 1e9
+        velocity = (curved(time + 1e-4) - curved(time - 1e-4)) / 2e-4
+        theta = observation.pose.theta
+        expected = np.array(((np.cos(theta), np.sin(theta)), (-np.sin(theta), np.cos(theta)))) @ velocity
+        assert observation.tip_velocity == pytest.approx(expected, abs=1e-3)
+        tip = OUTLINE.nearest(transform(inverse(observation.pose), curved(time)))
+        assert observation.contact_point == pytest.approx(tip.point, abs=5e-4)
+        assert observation.contact_normal == (0.0, -1.0)
+    assert len({round(np.degrees(np.arctan2(*o.tip_velocity)), 0) for o in found}) > 2  # it did turn
+
+
+def test_a_free_tip_on_a_straight_line_gives_nearly_what_the_line_gives():
+    poses, pushers = samples_of_a_push()
+    expected = feed(Trajectory(OUTLINE), in_time(poses, pushers))
+    # the same places, each on a line of its own, as the noise of a measured velocity makes them
+    tilted = [0.3 * (-1) ** number for number in range(len(pushers))]
+    tips = [
+        PusherSample(
+            s.stamp, 0.0, s.speed, PushingLine(tuple(s.tip.tolist()), (np.sin(a), np.cos(a)), LINE.tip_radius), s.push_id
+        )
+        for s, a in zip(pushers, tilted, strict=True)
+    ]
+    found = feed(Trajectory(OUTLINE), in_time(poses, tips))
+    assert [o.stamp for o in found] == [o.stamp for o in expected]
+    assert [o.twist for o in found] == [o.twist for o in expected]
+    for one, other in zip(found, expected, strict=True):
+        assert one.contact_point == pytest.approx(other.contact_point, abs=2e-4)
+        assert one.contact_normal == other.contact_normal
+        assert one.tip_velocity == pytest.approx(other.tip_velocity, abs=1e-3)
+
+
+def test_the_observations_of_a_free_tip_do_not_depend_on_the_order_of_arrival(rng):
+    poses, tips = arm_samples(curved, STAMPS)
+    expected = feed(Trajectory(OUTLINE), in_time(poses, tips))
+    for _ in range(10):
+        assert feed(Trajectory(OUTLINE), riffled(rng, poses, tips)) == expected
+
+
+def test_a_free_tip_that_is_away_or_at_a_corner_gives_nothing():
+    poses, tips = arm_samples(curved, STAMPS)
+
+    def shifted(by):
+        return [s._replace(line=s.line._replace(origin=(s.line.origin[0] + by[0], s.line.origin[1] + by[1]))) for s in tips]
+
+    assert feed(Trajectory(OUTLINE), in_time(poses, shifted((0.0, -0.01)))) == []
+    assert feed(Trajectory(OUTLINE), in_time(poses, shifted((0.2, 0.0)))) == []
+
+
+def test_the_nearest_point_of_the_outline():
+    square = Outline.rectangle(2.0, 2.0)
+    side = square.nearest((0.25, -1.5))
+    assert (side.distance, side.point.tolist(), side.normal.tolist(), side.edge) == (0.5, [0.25, -1.0], [0.0, -1.0], 0)
+    assert square.nearest((0.25, -0.75)).distance == -0.25
+    corner = square.nearest((4.0, 5.0))
+    assert (corner.distance, corner.point.tolist(), corner.edge) == (5.0, [1.0, 1.0], None)
+    assert corner.normal == pytest.approx((0.6, 0.8))

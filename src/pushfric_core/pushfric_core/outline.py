@@ -142,6 +142,21 @@ class Outline:
             raise ValueError(f"no point of the {columns} x {rows} grid lies inside the outline")
         return np.asarray(inside)
 
+    def nearest(self, point: npt.ArrayLike) -> Touch:
+        """The point of the outline that is nearest to a point (2,) [m].
+
+        `distance` is that of the point from the edge's line, negative inside; at a corner, from the corner, and the edge None.
+        """
+        at = np.asarray(point, dtype=float)
+        along = np.sum((at - self.vertices) * self.edges, axis=1) / self.lengths**2
+        feet = self.vertices + np.clip(along, 0.0, 1.0)[:, None] * self.edges
+        edge = int(np.argmin(np.sum((at - feet) ** 2, axis=1)))
+        gap = at - feet[edge]
+        if not 0 < along[edge] < 1:
+            size = float(np.hypot(*gap))
+            return Touch(size, feet[edge], gap / size if size > 0 else self.normals[edge], None)
+        return Touch(float(gap @ self.normals[edge]), feet[edge], self.normals[edge], edge)
+
     def first_touch(self, start: npt.ArrayLike, direction: npt.ArrayLike, radius: float = 0.0) -> Touch | None:
         """Where a round tip that moves along a line first meets the outline; None if it passes by.
 

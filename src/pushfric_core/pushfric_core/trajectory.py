@@ -3,6 +3,10 @@
 The result depends only on the stamps, not on the order in which poses and pusher states arrive, because a frame is judged only
 once a later pusher state is known. So a replay gives exactly the observations of the live run. There is one exception: the last
 frame of an observation need not wait if it shows that the object moves on as before, because only the pusher moves it.
+
+A tip that keeps to one straight line, as a stage's does, meets the outline where that line does. A tip that moves freely, as an
+arm's does, reports another line each time; then the contact is the point of the outline nearest to the tip, whose place at a
+frame lies between two reports.
 """
 
 import math
@@ -15,7 +19,7 @@ import numpy as np
 from pushfric_core.contact import PushingLine
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline, Touch
-from pushfric_core.planar import Pose, Twist, rotation, wrap
+from pushfric_core.planar import Array, Pose, Twist, inverse, rotation, transform, wrap
 from pushfric_core.settings import check_ranges, setting
 
 NANOSECONDS = 1e9
@@ -50,8 +54,23 @@ class PusherSample(NamedTuple):
     stamp: int  # [ns]
     position: float  # stroke [m]
     speed: float  # along the line [m/s]
-    line: PushingLine
+    line: PushingLine  # of a tip that moves freely: through the tip, along its velocity
     push_id: int | None  # None between pushes and while retracting
+
+    @property
+    def tip(self) -> Array:
+        """The centre of the tip (2,), table frame [m]."""
+        return np.asarray(self.line.origin) + self.position * np.asarray(self.line.direction)
+
+
+class _Frame(NamedTuple):
+    """A frame in contact, and the tip that pushed."""
+
+    stamp: int
+    pose: Pose
+    pusher: PusherSample  # the report before it
+    tip: Array  # (2,) where it was, table frame [m]
+    free: bool  # whether the reports before and after differ in their lines
 
 
 @dataclass(frozen=True)
@@ -88,7 +107,7 @@ class Trajectory:
         self._waiting: deque[PoseSample] = deque()  # frames for which no later pusher state is known yet
         self._pushers: deque[PusherSample] = deque(maxlen=REMEMBERED)  # from the last judged frame on
         self._latest_pose = -1
-        self._run: list[PoseSample] = []  # consecutive frames of one push, in contact
+        self._run: list[_Frame] = []  # consecutive frames of one push, in contact
         self._pusher: PusherSample | None = None  # of the run's newest frame
         self._next = self._margin  # index in the run of the next observation
         self._before: PoseSample | None = None  # the frame before, of the same push
@@ -134,35 +153,48 @@ class Trajectory:
             sample = self._waiting[0]
             # frame by frame in this order, whatever arrived first
             if self._moves_on(sample):
-                found += self._complete(sample)
+                assert self._pusher is not None
+                found += self._complete(_Frame(*sample, self._pusher, self._pusher.tip, free=False))
             if not self._pushers or sample.stamp > self._pushers[-1].stamp:
                 break
             self._waiting.popleft()
             found += self._extend(sample, self._pushing(sample))
         return found
 
-    def _pushing(self, sample: PoseSample) -> PusherSample | None:
-        """The pusher at the time of a frame; None if it was not pushing an edge of the object."""
+    def _pushing(self, sample: PoseSample) -> _Frame | None:
+        """A frame with the pusher at its time; None if it was not pushing an edge of the object."""
         while len(self._pushers) > 1 and self._pushers[1].stamp < sample.stamp:  # frames are judged in order of time
             self._pushers.popleft()
         if len(self._pushers) < 2 or self._pushers[0].stamp > sample.stamp:
             self._before = self._parted = None
             return None
         before, after = self._pushers[0], self._pushers[1]
-        if before.push_id is None or before.push_id != after.push_id or before.line != after.line:
+        if before.push_id is None or before.push_id != after.push_id:
             self._before = self._parted = None
             return None
         share = (sample.stamp - before.stamp) / (after.stamp - before.stamp)
+        tip = before.tip + share * (after.tip - before.tip)
+        free = before.line != after.line
         position = before.position + share * (after.position - before.position)
-        touch = before.line.touch(self.outline, sample.pose)
-        depth = -math.inf if touch is None else position - touch.distance
-        mean = (after.position - before.position) * NANOSECONDS / (after.stamp - before.stamp)
+        if free:
+            touch: Touch | None = self.outline.nearest(transform(inverse(sample.pose), tip))
+            assert touch is not None
+            depth, mean = before.line.tip_radius - touch.distance, float(np.hypot(*(after.tip - before.tip)))
+        else:
+            touch = before.line.touch(self.outline, sample.pose)
+            depth, mean = -math.inf if touch is None else position - touch.distance, after.position - before.position
+        mean = mean * NANOSECONDS / (after.stamp - before.stamp)
         if self._leaps(sample, max(abs(before.speed), abs(after.speed), abs(mean))):
             return None
         self._compare(sample, depth)
         if touch is None or touch.edge is None or depth < -self.config.contact_tolerance:
             return None
-        return before
+        return _Frame(*sample, before, tip, free)
+
+    def _nearest(self, tip: Array, radius: float, pose: Pose) -> Touch | None:
+        """Where a tip touches an edge of the object; None if it touches a corner or nothing."""
+        touch = self.outline.nearest(transform(inverse(pose), tip))
+        return None if touch.edge is None or touch.distance > radius + self.config.contact_tolerance else touch
 
     def _leaps(self, sample: PoseSample, speed: float) -> bool:
         """Whether a pose differs from the one before it, of the same push, by more than the speed of the tip makes possible."""
@@ -203,15 +235,16 @@ class Trajectory:
         touch = line.touch(self.outline, pose)
         return None if touch is None or touch.edge is None else touch
 
-    def _extend(self, sample: PoseSample, pusher: PusherSample | None) -> list[Observation]:
+    def _extend(self, sample: PoseSample, frame: _Frame | None) -> list[Observation]:
         """Let a frame continue the run, or end it."""
+        pusher = None if frame is None else frame.pusher
         if pusher is None or self._pusher is None or pusher.push_id != self._pusher.push_id or self._after_a_gap(sample):
             self._run, self._next = [], self._margin
         self._pusher = pusher
-        if pusher is None:
+        if frame is None:
             return []
-        found = self._complete(sample)
-        self._run.append(sample)
+        found = self._complete(frame)
+        self._run.append(frame)
         return found
 
     def _after_a_gap(self, sample: PoseSample) -> bool:
@@ -220,14 +253,14 @@ class Trajectory:
     def _moves_on(self, sample: PoseSample) -> bool:
         """Whether a frame that would complete the next observation already shows that the push goes on."""
         before = self._run[self._next - self._margin :]
-        if len(before) < 2 * self._margin or self._after_a_gap(sample):
+        if len(before) < 2 * self._margin or self._after_a_gap(sample) or any(frame.free for frame in before):
             return False
         assert self._pusher is not None
         mean, last = _velocity(before[0], before[-1]), _velocity(before[-1], sample)
         change = self._speed(Twist(*np.subtract(last, mean).tolist()))
         return change <= STEADY * self._speed(mean) and self._touch(self._pusher.line, sample.pose) is not None
 
-    def _complete(self, newest: PoseSample) -> list[Observation]:
+    def _complete(self, newest: _Frame) -> list[Observation]:
         """The observation that the run and the frame after it complete, if there is one."""
         frames = [*self._run[self._next - self._margin :], newest]
         if len(frames) <= 2 * self._margin:
@@ -239,7 +272,7 @@ class Trajectory:
         self._next += self.config.stride
         return [observation]
 
-    def _observe(self, frames: list[PoseSample]) -> Observation | None:
+    def _observe(self, frames: list[_Frame]) -> Observation | None:
         """The observation in the middle of some frames; None if the object rests or the smoothed contact is not on an edge."""
         assert self._pusher is not None
         assert self._pusher.push_id is not None
@@ -248,10 +281,17 @@ class Trajectory:
         duration = (frames[middle + 1].stamp - frames[middle - 1].stamp) / NANOSECONDS
         velocity = rotation(-pose.theta) @ (following.x - previous.x, following.y - previous.y) / duration
         twist = Twist(float(velocity[0]), float(velocity[1]), (following.theta - previous.theta) / duration)
-        touch = self._touch(self._pusher.line, pose)
-        if touch is None or not any(twist) or self._speed(twist) < self.config.minimum_speed:
+        if not any(twist) or self._speed(twist) < self.config.minimum_speed:
             return None
-        tip = self._pusher.speed * rotation(-pose.theta) @ np.asarray(self._pusher.line.direction)
+        if any(frame.free for frame in frames):
+            first, at, last = (self._smoothed_tip(frames, middle + shift) for shift in (-1, 0, 1))
+            touch = self._nearest(at, self._pusher.line.tip_radius, pose)
+            tip = rotation(-pose.theta) @ (last - first) / duration
+        else:
+            touch = self._touch(self._pusher.line, pose)
+            tip = self._pusher.speed * rotation(-pose.theta) @ np.asarray(self._pusher.line.direction)
+        if touch is None:
+            return None
         return Observation(
             contact_point=(float(touch.point[0]), float(touch.point[1])),
             contact_normal=(float(touch.normal[0]), float(touch.normal[1])),
@@ -267,7 +307,12 @@ class Trajectory:
         """Approximate speed of the fastest corner [m/s]."""
         return float(np.hypot(twist.vx, twist.vy) + abs(twist.omega) * self._reach)
 
-    def _smoothed(self, frames: list[PoseSample], index: int) -> Pose:
+    def _smoothed_tip(self, frames: list[_Frame], index: int) -> Array:
+        """Mean place (2,) of the tip in the window centred on a frame, table frame [m]."""
+        half = self.config.window // 2
+        return np.asarray(np.mean([frame.tip for frame in frames[index - half : index + half + 1]], axis=0))
+
+    def _smoothed(self, frames: list[_Frame], index: int) -> Pose:
         """Mean pose of the window centred on a frame, with angles unwrapped around that of the frame in the middle [rad]."""
         half, reference = self.config.window // 2, frames[self._margin].pose.theta
         window = [sample.pose for sample in frames[index - half : index + half + 1]]
@@ -275,7 +320,7 @@ class Trajectory:
         return Pose(x, y, reference + float(np.mean([wrap(pose.theta - reference) for pose in window])))
 
 
-def _velocity(start: PoseSample, end: PoseSample) -> Twist:
+def _velocity(start: PoseSample | _Frame, end: PoseSample | _Frame) -> Twist:
     """Velocity from one frame to another, in the table frame [m/s, m/s, rad/s]."""
     duration = (end.stamp - start.stamp) / NANOSECONDS
     a, b = start.pose, end.pose

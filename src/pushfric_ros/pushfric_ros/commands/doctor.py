@@ -112,35 +112,45 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
 
 def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[Check]:
     model: ObjectModel | None = None
-    camera: Camera | None = None
     try:
         model = load_object(cell.object)
-        yield check_plan(cell.plan, cell.pusher, model)
+        if cell.pusher is not None:
+            yield check_plan(cell.plan, cell.pusher, model)
     except InvalidInput as error:
         yield Check("object", Level.FAILED, str(error), "docs/files.md shows an object's file")
+    if cell.camera is not None:
+        yield from _examine_camera(cell, cell.camera, model, progress)
+    if cell.pusher is not None and cell.driver is not None:
+        progress("pusher")
+        yield from cell.driver.checks(cell.pusher, cell.plan.distance, cell.plan.speed)
+
+
+def _examine_camera(
+    cell: CellFile, source: CameraConfig, model: ObjectModel | None, progress: Callable[[str], None]
+) -> Iterator[Check]:
+    camera: Camera | None = None
     try:
-        camera = load_camera(cell.camera.calibration)
+        camera = load_camera(source.calibration)
     except InvalidInput as error:
         yield Check("calibration", Level.FAILED, str(error), "calibrate again: ./pushfric calibrate --help")
     progress("camera")
     try:
-        frames = watch(cell.camera, cell.namespace, (camera.width, camera.height) if camera is not None else None)
+        frames = watch(source, cell.namespace, (camera.width, camera.height) if camera is not None else None)
     except InvalidInput as error:
         holder = "check that it is plugged in, that you may read /dev/video*, and that no other program holds it"
         yield Check("camera", Level.FAILED, str(error), holder)
         frames = []
     else:
-        yield check_camera(frames, cell.camera.source)
+        yield check_camera(frames, source.source)
     if frames:
         yield check_exposure(frames[-1].image)
-        if cell.camera.source in TOPICS:  # frames of a device get their stamps here
+        if source.source in TOPICS:  # frames of a device get their stamps here
             yield check_stamps(frames)
     if camera is not None:
-        yield check_calibration(camera, frames[-1].image if frames else None, cell.pusher)
+        if cell.pusher is not None:
+            yield check_calibration(camera, frames[-1].image if frames else None, cell.pusher)
         if model is not None:
             yield check_object(cell, camera, model, frames[-1].image if frames else None)
-    progress("pusher")
-    yield from cell.driver.checks(cell.pusher, cell.plan.distance, cell.plan.speed)
 
 
 # The machine
@@ -410,7 +420,7 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
 def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Image | None) -> Check:
     """Whether the tracker can find such an object, and whether it sees it now; the object need not lie there yet."""
     try:
-        tracker: Tracker = cell.tracker.open_tracker(camera, model, cell.camera.object_height or model.height)
+        tracker: Tracker = cell.tracker.open_tracker(camera, model, (cell.camera and cell.camera.object_height) or model.height)
     except InvalidInput as error:
         return Check("object", Level.FAILED, str(error), "a camera nearer to the table, larger markers, or another object")
     if image is None or image.shape != (camera.height, camera.width):

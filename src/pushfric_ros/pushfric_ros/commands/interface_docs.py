@@ -78,6 +78,8 @@ def describe(*names: str) -> list[Description]:
 def _starts(folder: pathlib.Path) -> Iterator[Start]:
     name = "rubber_rect4"
     cell = demo_cell(name, folder)
+    assert cell.camera is not None
+    assert cell.pusher is not None
     camera = {"calibration": cell.camera.calibration}
     picture, bag = folder / "picture.png", folder / "bag"
     cv2.imwrite(str(picture), np.zeros((480, 640), np.uint8))
@@ -94,6 +96,8 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     }
     pusher, stage = settings.merged((cell.pusher, cell.driver)), settings.plain(cell.pusher.stage)
     yield Start("tracker", {"object": name, **camera, "source": "topic"}, sources)
+    yield Start("pose_source", {}, {})
+    yield Start("tip_source", {"object": name, "tip_radius": 0.003}, {})
     guards: dict[str, dict[str, Any]] = {"`enable_timeout`": {"enable_timeout": 1.0}, "`max_force`": {"max_force": 1.0}}
     yield Start("actuator", pusher, guards)
     yield Start("estimator", {"object": name}, kinds)

@@ -43,7 +43,7 @@ def run(
     file = replace(file, model=replace(file.model, **{name: str(path) for name, path in given.items() if path is not None}))
     model = load_object(file.object)
     bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
-    if (absence := file.driver.absence()) is not None:
+    if file.driver is not None and (absence := file.driver.absence()) is not None:
         raise InvalidInput(f"{cell}: pusher: {absence}")
     shown = view_at(view, file.view)
     specs = graph.cell(file, str(bag), start)

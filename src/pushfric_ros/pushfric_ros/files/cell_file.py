@@ -13,6 +13,7 @@ from typing import Any
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import fields_of, key_of, read, setting
+from pushfric_ros.adapters.body import MountConfig
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.node_settings import (
     NAMESPACE,
@@ -24,10 +25,11 @@ from pushfric_ros.files.node_settings import (
     PlanConfig,
     RecorderConfig,
     SimulationConfig,
+    TipConfig,
     ViewConfig,
 )
 from pushfric_ros.files.object_file import yaml_content
-from pushfric_ros.files.plugins import PUSHERS, chosen_tracker, plugin, tracker_kinds
+from pushfric_ros.files.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, tracker_kinds
 from pushfric_ros.pushers.pusher import PusherConfig, PusherDriver
 
 
@@ -56,8 +58,13 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "recorder": (RecorderConfig,),
     "view": (ViewConfig,),
     "simulation": (SimulationConfig,),
+    "poses": (MountConfig,),
+    "tip": (MountConfig, TipConfig),
 }
-"""The settings of each section, without those of the camera's tracker and the pusher's driver."""
+"""The settings of each section, without those of the camera's tracker, the pusher's driver, and the sources."""
+
+INSTEAD = {"poses": "camera", "tip": "pusher"}
+"""A section that, if it is there, takes the place of another one."""
 
 
 def driver_kinds(section: str, values: Mapping[str, Any]) -> list[Any]:
@@ -68,6 +75,8 @@ def driver_kinds(section: str, values: Mapping[str, Any]) -> list[Any]:
     """
     if section == "camera":
         return tracker_kinds(values.get("tracker", CameraConfig.tracker))
+    if section in INSTEAD:
+        return [plugin(SOURCES, values.get("source", MountConfig.source))]
     return [plugin(PUSHERS, values.get("driver", PusherConfig.driver))] if section == "pusher" else []
 
 
@@ -76,10 +85,10 @@ class CellFile:
     """One robot cell."""
 
     object: str  # name of an object of Table 1, or path of an object YAML
-    camera: CameraConfig
+    camera: CameraConfig | None  # None: another tracker's poses are followed
     tracker: Any  # settings of the tracker: a pushfric_ros.vision.sighting.TrackerDriver
-    pusher: PusherConfig
-    driver: PusherDriver  # settings of the pusher's driver
+    pusher: PusherConfig | None  # None: another robot's tip is followed
+    driver: PusherDriver | None  # settings of the pusher's driver
     plan: PlanConfig = field(default_factory=PlanConfig)
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     recorder: RecorderConfig = field(default_factory=RecorderConfig)
@@ -89,6 +98,8 @@ class CellFile:
     discovery: Discovery = CellConfig.discovery
     frames: FrameConfig = field(default_factory=FrameConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    poses: Sequence[Any] = ()  # settings of what is followed instead of the camera, if anything is
+    tip: Sequence[Any] = ()  # the same instead of the pusher
 
 
 def load_cell(path: pathlib.Path) -> CellFile:
@@ -106,8 +117,12 @@ def load_cell(path: pathlib.Path) -> CellFile:
 
 def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     whole = _mapping("a cell's file", content)
+    both = [(name, other) for name, other in INSTEAD.items() if name in whole and other in whole]
+    left_out = {other if name in whole else name for name, other in INSTEAD.items()} - whole.keys()
 
     def section(name: str) -> tuple[Any, ...]:
+        if name in left_out:
+            return ()
         values = _mapping(name, whole.pop(name, {}))
         try:
             configs = [*SECTIONS[name], *driver_kinds(name, values)]
@@ -115,14 +130,15 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    (camera, *trackers), (pusher, driver), (plan,), (*estimator, model), (recorder,), (view,), (simulation,) = map(
-        section, SECTIONS
-    )
+    seen, pushes, (plan,), (*estimator, model), (recorder,), (view,), (simulation,), poses, tip = map(section, SECTIONS)
+    (camera, *trackers), (pusher, driver) = seen or (None,), pushes or (None, None)
+    for name, other in both:
+        raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     try:
-        tracker = chosen_tracker(trackers)
+        tracker = chosen_tracker(trackers) if trackers else None
     except ValueError as error:
         raise ValueError(f"camera: {error}") from error
     return CellFile(
@@ -140,6 +156,8 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         named.discovery,
         frames,
         model,
+        poses,
+        tip,
     )
 
 

@@ -85,6 +85,17 @@ class CameraConfig:
 
 
 @dataclass(frozen=True)
+class TipConfig:
+    """The tip that another robot moves. Section `tip`."""
+
+    tip_radius: float = setting(REQUIRED, "of the round tip [m]", 0.0, 1.0)
+    near: float = setting(0.01, "a push lasts while the tip is this near to the object [m]", 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
 class ExperimentConfig:
     """Where a plan begins. From the command line."""
 

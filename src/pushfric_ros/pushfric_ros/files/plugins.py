@@ -13,6 +13,10 @@ TRACKERS = "pushfric.trackers"
 """Group of the trackers: see pushfric_ros.vision.sighting.TrackerDriver."""
 
 
+SOURCES = "pushfric.sources"
+"""Group of the sources of poses and tips: see pushfric_ros.adapters.body.SourceDriver."""
+
+
 def plugin(group: str, name: str) -> Any:
     """The settings class that an installed package registered in a group under a name.
 
@@ -57,5 +61,5 @@ def chosen_tracker(configs: Sequence[Any]) -> Any:
 AUTOMATIC = ("fiducial", "contour")
 """What AUTO chooses from, in this order: if an object has markers, it is seen by them."""
 
-_WHAT = {PUSHERS: "driver", TRACKERS: "tracker"}
+_WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source"}
 """The setting that chooses from each group."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.settings import plain
+from pushfric_core.settings import merged, plain
 from pushfric_ros.files import estimator_settings
 from pushfric_ros.files.cell_file import CellFile
 from pushfric_ros.files.estimator_settings import EstimatorSettings
@@ -23,9 +23,6 @@ CLOCK = "/clock"
 
 COMMAND_LINE = "command_line"
 """Last part of the enclave of the commands that watch, stop and reset a running cell."""
-
-WATCHED = ("tracker", "estimator")
-"""Nodes without which the cell does not push."""
 
 PATIENCE = 10.0
 """Least time for which a simulated object must be unseen before its push is given up, in wall time [s]."""
@@ -100,19 +97,36 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         recorder = replace(file.recorder, topics=(*(" ".join(topic) for topic in topics), *file.recorder.topics))
     except ValueError as error:
         raise InvalidInput(f"recorder: {error}") from error
-    pusher = replace(file.pusher, requires=file.pusher.requires or WATCHED)
     frames = plain(file.frames)
     estimation = {"object": file.object, "bag": bag, **frames, **plain(file.model), **file.estimator.parameters()}
     specs = [
         NodeSpec("recorder", {"bag": bag, "object": file.object, "model": file.model.model, **plain(recorder)}),
         NodeSpec("estimator", estimation, respawn=True),  # a new estimator goes on from the bag
-        NodeSpec("tracker", {"object": file.object, **frames, **plain(file.camera), **plain(file.tracker)}, respawn=True),
+        _seer(file, frames),
+        *_movers(file, frames, start),
+    ]
+    reached = network.asked_for(file.discovery)
+    return [replace(spec, environment=reached) for spec in specs]
+
+
+def _seer(file: CellFile, frames: Mapping[str, Any]) -> NodeSpec:
+    """The node that finds the object."""
+    if file.camera is None:
+        return NodeSpec("pose_source", {**frames, **merged(file.poses)}, respawn=True)
+    return NodeSpec("tracker", {"object": file.object, **frames, **plain(file.camera), **plain(file.tracker)}, respawn=True)
+
+
+def _movers(file: CellFile, frames: Mapping[str, Any], start: int) -> list[NodeSpec]:
+    """The nodes that push; or the one that follows a robot which others move, so that the run has no end of its own."""
+    if file.pusher is None:
+        return [NodeSpec("tip_source", {"object": file.object, **frames, **merged(file.tip)})]
+    watched = (_seer(file, frames).name, "estimator")
+    pusher = replace(file.pusher, requires=file.pusher.requires or watched)
+    return [
         # a new actuator does not know where the pusher stands, unless it homes
         NodeSpec("actuator", {**frames, **plain(pusher), **plain(file.driver)}, respawn=file.pusher.home),
         NodeSpec("experiment", {"object": file.object, "start": start, **frames, **plain(file.plan)}, ends_run=True),
     ]
-    reached = network.asked_for(file.discovery)
-    return [replace(spec, environment=reached) for spec in specs]
 
 
 def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[NodeSpec]:
@@ -124,6 +138,8 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         seed: of the simulation.
         speed: of the simulated clock, as a multiple of real time.
     """
+    if file.camera is None or file.pusher is None:
+        raise InvalidInput("the simulated cell has a camera and a pusher, expected the sections camera and pusher")
     if not isinstance(file.driver, GrblConfig):
         raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
     simulation = {

@@ -1,0 +1,104 @@
+"""An arm that pushes an object along curves, and a detector of the tag on it: both simulated, for examples/arm_and_tag.yaml.
+
+python3 examples/arm_and_tag.py
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+
+from pushfric_core import Pose, PushedObject, PushingLine
+from pushfric_core.planar import compose, transform
+from pushfric_core.table_1 import TABLE_1
+
+NAME = "wood_rect4"
+RATE = 30.0  # frames of the detector, and three times as many poses of the tool [Hz]
+TIP_RADIUS = 0.005
+NOISE = np.array((1e-4, 1e-4, 1e-3))  # of the detector [m, m, rad]
+BASE = Pose(0.5, 0.1, 0.3)  # the table, seen from the base of the arm and from the detector
+TAG = Pose(-0.01, -0.02, math.pi / 2)  # the tag, seen from the object; it lies on top, 30 mm above the middle
+TOOL = 0.12  # from the flange to the tip, which points down [m]
+PUSHES = ((0, -0.03), (0, 0.02), (1, 0.01), (2, 0.03), (2, -0.02), (3, -0.01))  # edge, and offset from its middle [m]
+
+
+def paths(rng: np.random.Generator) -> Iterator[tuple[int, float, float, float]]:
+    """Edge, offset [m], bend of the path [rad] and speed [m/s] of each push."""
+    for edge, offset in PUSHES:
+        yield edge, offset, rng.uniform(-0.6, 0.6), rng.uniform(0.01, 0.03)
+
+
+def motion(seed: int) -> Iterator[tuple[bool, Pose, np.ndarray]]:
+    """Poses of the object and places of the tip on the table at RATE times three; whether the detector takes a frame."""
+    rng, known = np.random.default_rng(seed), TABLE_1[NAME]
+    for edge, offset, bend, speed in paths(rng):
+        pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.05, 0.02, rng.uniform(-1, 1)))
+        start, normal = known.outline.vertices[edge] + known.outline.edges[edge] / 2, known.outline.normals[edge]
+        start = start + offset * known.outline.edges[edge] / known.outline.lengths[edge] + (TIP_RADIUS + 0.02) * normal
+        tip = transform(pushed.pose, start)
+        heading = math.atan2(*-transform(Pose(0, 0, pushed.pose.theta), normal)[::-1])
+        step = speed / (3 * RATE)
+        for count in range(math.ceil(0.07 / step)):
+            heading += bend * step / 0.07
+            direction = (math.cos(heading), math.sin(heading))
+            pushed.push(PushingLine((float(tip[0]), float(tip[1])), direction, TIP_RADIUS), step)
+            tip = tip + step * np.array(direction)
+            yield count % 3 == 0, Pose(*np.add(pushed.pose, NOISE * rng.normal(size=3)).tolist()), tip
+        for _ in range(30):  # up and away
+            tip = tip - 0.002 * np.array(direction)
+            yield False, pushed.pose, tip
+
+
+class ArmAndTag(Node):
+    """Publishes tool_pose and tag_pose, and ends when the pushes are done."""
+
+    def __init__(self, seed: int = 0, **kwargs: Any) -> None:
+        super().__init__("arm_and_tag", **kwargs)
+        self._tool, self._tag = (self.create_publisher(PoseStamped, name, 10) for name in ("tool_pose", "tag_pose"))
+        self._motion = motion(seed)
+        self._stamp = self.get_clock().now().nanoseconds
+        self.timer = self.create_timer(1 / (3 * RATE), self._spin)
+
+    def _spin(self) -> None:
+        if not self.move():
+            raise SystemExit
+
+    def move(self) -> bool:
+        """Take a step once somebody looks; return whether there was one left."""
+        if not (self._tool.get_subscription_count() and self._tag.get_subscription_count()):
+            return True
+        step = next(self._motion, None)
+        if step is None:
+            return False
+        frame, pose, tip = step
+        self._stamp += round(1e9 / (3 * RATE))
+        x, y = transform(BASE, tip)
+        half = math.pi / 2  # the tool points down: half a turn about x
+        self._publish(self._tool, (x, y, TOOL), (math.sin(half), 0.0, 0.0, math.cos(half)))
+        if frame:
+            tag = compose(BASE, compose(pose, TAG))
+            self._publish(self._tag, (tag.x, tag.y, 0.03), (0.0, 0.0, math.sin(tag.theta / 2), math.cos(tag.theta / 2)))
+        return True
+
+    def _publish(self, out: Any, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
+        msg = PoseStamped()
+        msg.header.frame_id = "base_link"
+        msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(self._stamp, 10**9)
+        for name, value in zip("xyz", position, strict=True):
+            setattr(msg.pose.position, name, float(value))
+        for name, value in zip("xyzw", quaternion, strict=True):
+            setattr(msg.pose.orientation, name, value)
+        out.publish(msg)
+
+
+def main() -> None:
+    rclpy.init()
+    rclpy.spin(ArmAndTag(namespace="/cell"))
+
+
+if __name__ == "__main__":
+    main()

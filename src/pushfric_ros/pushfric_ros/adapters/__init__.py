@@ -1,0 +1,1 @@
+"""What other trackers and robots publish (PoseStamped, Odometry, PoseArray, TF), as bodies in space."""

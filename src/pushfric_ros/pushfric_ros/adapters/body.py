@@ -1,0 +1,152 @@
+"""A body that another system tracks, such as a tag on the object or an arm's last link, and what brings it to the table."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from pushfric_core.planar import Array, Pose, inverse, transform, wrap
+from pushfric_core.settings import check_ranges, setting
+
+LENGTHS = (1e-3, 1e3)
+"""A quaternion should have length 1. One that is merely not normalised is taken; beyond this range it is refused."""
+
+
+class Body(NamedTuple):
+    """Where a body was seen, in the frame of its tracker."""
+
+    stamp: int  # [ns]
+    position: Array  # (3,) [m]
+    axes: Array  # (3, 3) rotation matrix: its axes as columns
+
+    @classmethod
+    def of(cls, stamp: Any, position: Any, quaternion: Any) -> "Body":
+        """From the parts of a ROS message: builtin_interfaces/Time, Point or Vector3, Quaternion.
+
+        Raises:
+            ValueError: a value is not finite, or the quaternion is of no use.
+        """
+        at = np.array((position.x, position.y, position.z), dtype=float)
+        q = np.array((quaternion.x, quaternion.y, quaternion.z, quaternion.w), dtype=float)
+        if not (np.isfinite(at).all() and np.isfinite(q).all()):
+            raise ValueError(f"a pose must be finite, got {(*at.tolist(), *q.tolist())}")
+        length = float(np.linalg.norm(q))
+        if not LENGTHS[0] <= length <= LENGTHS[1]:
+            raise ValueError(f"a pose needs a quaternion of length 1, got length {length:g}")
+        x, y, z, w = q / length
+        axes = np.array(
+            (
+                (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+                (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+                (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+            )
+        )
+        return cls(stamp.sec * 10**9 + stamp.nanosec, at, axes)
+
+    def before(self, inner: "Body") -> "Body":
+        """A body in this one's frame, in the frame of this one; as new as the newer of the two."""
+        axes = np.asarray(self.axes @ inner.axes)
+        return Body(max(self.stamp, inner.stamp), self.position + self.axes @ inner.position, axes)
+
+    def inverted(self) -> "Body":
+        """The frame that this body was seen in, in the body's frame."""
+        return Body(self.stamp, -self.axes.T @ self.position, self.axes.T)
+
+
+@dataclass(frozen=True)
+class MountConfig:
+    """How a tracked body relates to what pushes or is pushed, and its tracker to the table. Sections `poses` and `tip`."""
+
+    source: str = setting("pose_stamped", "kind of message: an entry point of the group pushfric.sources")
+    origin: tuple[float, ...] = setting(
+        (0.0, 0.0, 0.0), "place of the object's origin, or of the tip's centre, in the frame of the body [m]"
+    )
+    turn: float = setting(0.0, "angle of the object's x axis from that of the body, about z [rad]", -math.pi, math.pi)
+    table: tuple[float, ...] = setting(
+        (0.0, 0.0, 0.0), "x, y [m] and angle [rad] of the table frame in the tracker's frame, whose z axis points up"
+    )
+    time_offset: float = setting(0.0, "added to the stamps [s]", -10.0, 10.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        for name in ("origin", "table"):
+            values = getattr(self, name)
+            if len(values) != 3 or not np.isfinite(values).all():
+                raise ValueError(f"{name} must be three finite numbers, got {list(values)}")
+
+    def stamp(self, body: Body) -> int:
+        """When it was seen, by the clock of the cell [ns]."""
+        return body.stamp + round(self.time_offset * 1e9)
+
+    def point(self, body: Body) -> Array:
+        """The place (2,) of the origin, table frame [m]."""
+        place = body.position + body.axes @ np.array(self.origin)
+        return transform(inverse(Pose(*self.table)), place[:2])
+
+    def pose(self, body: Body) -> Pose:
+        """The pose of the object in the table frame: the body's, without its tilt.
+
+        Raises:
+            ValueError: the x axis of the body points up or down.
+        """
+        x, y = body.axes[:2, 0]
+        if math.hypot(x, y) < 1e-3:
+            raise ValueError("the x axis of the body is upright, so that it says nothing about the angle on the table")
+        at = self.point(body)
+        return Pose(float(at[0]), float(at[1]), wrap(math.atan2(y, x) + self.turn - self.table[2]))
+
+
+class Source(Protocol):
+    """Finds one body in the messages of some topics."""
+
+    @property
+    def topics(self) -> Mapping[str, tuple[str, str]]:
+        """Name of each topic -> its type (package/msg/Type) and its quality of service, one of `messages.qos.QUALITIES`."""
+
+    def body(self, topic: str, msg: Any) -> Body | None:
+        """The body in a message of a topic; None if it tells nothing new about it.
+
+        Raises:
+            ValueError: the message makes no sense.
+        """
+
+
+class SourceDriver(Protocol):
+    """The settings of one kind of source: a frozen dataclass of `pushfric_core.settings.setting` fields.
+
+    The class is an entry point of the group `pushfric.sources`; its name there is the setting `source` of MountConfig. Its
+    settings stand next to those of MountConfig: no name may occur twice.
+    """
+
+    def open_source(self) -> Source:
+        """The source."""
+
+
+class Single:
+    """A source of one topic.
+
+    Args:
+        topic: its name.
+        type_name: package/msg/Type.
+        quality: one of `messages.qos.QUALITIES`.
+        found: the body in a message.
+    """
+
+    def __init__(self, topic: str, type_name: str, quality: str, found: Any) -> None:
+        self.topics = {topic: (type_name, quality)}
+        self._found = found
+
+    def body(self, topic: str, msg: Any) -> Body | None:
+        """The body in a message."""
+        found: Body | None = self._found(msg)
+        return found
+
+
+def chain(path: Sequence[Body]) -> Body:
+    """The last of some bodies, each in the frame of the one before."""
+    whole = path[0]
+    for inner in path[1:]:
+        whole = whole.before(inner)
+    return whole

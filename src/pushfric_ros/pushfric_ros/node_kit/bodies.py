@@ -1,0 +1,43 @@
+"""Subscribes to the topics of a source of bodies."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from pushfric_ros.adapters.body import Body, Source
+from pushfric_ros.messages.qos import QUALITIES
+from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit.diagnostics import Diagnostics
+from pushfric_ros.node_kit.qos import profile
+
+QUEUE = 500
+"""Messages that may wait."""
+
+
+def follow(
+    topics: Diagnostics, source: Source, on_body: Callable[[Body], None], on_problem: Callable[[ValueError], None]
+) -> None:
+    """Have a callback called with every body that a source finds.
+
+    Args:
+        topics: of the node.
+        source: the source.
+        on_body: called with each body.
+        on_problem: called with what is wrong with a message.
+    Raises:
+        InvalidInput: a type of message is not installed.
+    """
+
+    def take(topic: str, msg: Any) -> None:
+        try:
+            body = source.body(topic, msg)
+        except ValueError as error:
+            on_problem(error)
+        else:
+            if body is not None:
+                on_body(body)
+
+    for topic, (type_name, quality) in source.topics.items():
+        qos = profile(replace(QUALITIES[quality], depth=QUEUE))
+        topics.subscribe(message_class(type_name), topic, partial(take, topic), qos)

@@ -1,0 +1,66 @@
+"""The pose source node: the object's pose from another tracker -> object_pose."""
+
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.node import Node
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.adapters.body import MountConfig
+from pushfric_ros.files.node_settings import FrameConfig
+from pushfric_ros.files.plugins import SOURCES, plugin
+from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
+from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.node_kit.bodies import follow
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import SENSOR_DATA
+
+
+class PoseSourceNode(Node):
+    """Publishes the object's pose for every message that shows it."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("pose_source", **kwargs)
+        prefix = declare(self, FrameConfig).within(self.get_namespace())
+        self._mount = declare(self, MountConfig)
+        try:
+            source = declare(self, plugin(SOURCES, self._mount.source)).open_source()
+        except ValueError as error:
+            raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
+        self._poses, self._problem = 0, ""
+        topics = Diagnostics(self, self._health, prefix)
+        Heartbeat(self)
+        self._out = topics.advertise(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        follow(topics, source, self._on_body, self._on_problem)
+
+    def _on_body(self, body: Any) -> None:
+        msg = PoseWithCovarianceStamped()
+        msg.header.stamp, msg.header.frame_id = stamp_to_msg(self._mount.stamp(body)), TABLE
+        try:
+            msg.pose.pose = pose_to_msg(self._mount.pose(body))
+        except ValueError as error:
+            self._on_problem(error)
+            return
+        self._out.publish(msg)
+        self._poses += 1
+        self._problem = ""
+
+    def _on_problem(self, error: ValueError) -> None:
+        if not self._problem:
+            self.get_logger().error(f"no pose: {error}")
+        self._problem = str(error)
+
+    def _health(self) -> Health:
+        values = {"poses": self._poses}
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        if self._problem:
+            return Health(Level.ERROR, self._problem, values)
+        return Health(Level.OK, "following" if self._poses else "waiting for a pose", values)
+
+
+def main() -> None:
+    run_node(PoseSourceNode)

@@ -1,0 +1,108 @@
+"""The tip source node: the place of a tip that another robot moves -> pusher_state, with a number for each push."""
+
+import math
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
+from rclpy.node import Node
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Array, inverse, transform
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.adapters.body import MountConfig
+from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, TipConfig
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.files.plugins import SOURCES, plugin
+from pushfric_ros.messages.conversions import pose_sample_from_msg, stamp_to_msg
+from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.node_kit.bodies import follow
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
+
+
+class TipSourceNode(Node):
+    """Publishes a state for every message that shows the tip; it cannot move the robot.
+
+    A push lasts from when the tip comes near the object until it is away from it again.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("tip_source", **kwargs)
+        prefix = declare(self, FrameConfig).within(self.get_namespace())
+        self._mount, self._config = declare(self, MountConfig), declare(self, TipConfig)
+        self._object = load_object(declare(self, ObjectConfig).object)
+        try:
+            source = declare(self, plugin(SOURCES, self._mount.source)).open_source()
+        except ValueError as error:
+            raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
+        self._pose: Any = None  # the object's, when it was last seen
+        self._last: tuple[int, Array] | None = None  # stamp [ns] and place [m] of the tip
+        self._direction = np.array((1.0, 0.0))
+        self._pushes, self._near, self._problem = 0, False, ""
+        topics = Diagnostics(self, self._health, prefix)
+        Heartbeat(self)
+        self._out = topics.advertise(PusherState, "pusher_state", RELIABLE)
+        topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+        follow(topics, source, self._on_body, self._on_problem)
+
+    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        try:
+            self._pose = pose_sample_from_msg(msg).pose
+        except ValueError as error:
+            self._on_problem(error)
+
+    def _on_body(self, body: Any) -> None:
+        stamp, tip = self._mount.stamp(body), self._mount.point(body)
+        if self._last is not None and stamp <= self._last[0]:
+            return  # the same again, or one that was overtaken
+        speed = 0.0
+        if self._last is not None:
+            moved = tip - self._last[1]
+            length = float(np.hypot(*moved))
+            if length > 0:
+                self._direction, speed = moved / length, length / (stamp - self._last[0]) * 1e9
+        self._last = stamp, tip
+        self._count(tip)
+        self._problem = ""
+        moving = speed > 0
+        msg = PusherState(
+            mode=PusherState.MODE_RUNNING if moving else PusherState.MODE_IDLE,
+            speed=speed,
+            tip=Point(x=float(tip[0]), y=float(tip[1])),
+            direction=Vector3(x=float(self._direction[0]), y=float(self._direction[1])),
+            tip_radius=self._config.tip_radius,
+            push_id=self._pushes - 1 if self._near else PusherState.NO_PUSH,
+        )
+        msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), TABLE
+        self._out.publish(msg)
+
+    def _count(self, tip: Array) -> None:
+        """Number the pushes: another one begins when the tip comes near the object again."""
+        distance = math.inf
+        if self._pose is not None:
+            at = transform(inverse(self._pose), tip)
+            distance = self._object.outline.nearest(at).distance - self._config.tip_radius
+        near = distance < self._config.near
+        self._pushes += near and not self._near
+        self._near = near
+
+    def _on_problem(self, error: ValueError) -> None:
+        if not self._problem:
+            self.get_logger().error(f"no tip: {error}")
+        self._problem = str(error)
+
+    def _health(self) -> Health:
+        values = {"pushes": self._pushes}
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        if self._problem:
+            return Health(Level.ERROR, self._problem, values)
+        return Health(Level.OK, "following" if self._last else "waiting for the tip", values)
+
+
+def main() -> None:
+    run_node(TipSourceNode)

@@ -1,0 +1,143 @@
+"""Bodies in the messages of other trackers, against rotations that a person can check."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Quaternion, TransformStamped
+from nav_msgs.msg import Odometry
+
+from pushfric_core.planar import Pose as Planar
+from pushfric_core.planar import compose, transform
+from pushfric_ros.adapters.body import Body, MountConfig
+from pushfric_ros.adapters.odometry import OdometryConfig
+from pushfric_ros.adapters.pose_array import PoseArrayConfig
+from pushfric_ros.adapters.pose_stamped import PoseStampedConfig
+from pushfric_ros.adapters.transforms import FIXED, MOVING, TransformsConfig
+from pushfric_ros.files.plugins import SOURCES, plugin
+from pushfric_ros.messages.types import message_class
+
+POSE = Pose(position=Point(x=0.3, y=-0.2, z=0.1), orientation=Quaternion(z=math.sin(0.4), w=math.cos(0.4)))
+
+
+def about(axis, angle):
+    """The parts x, y, z, w of a quaternion."""
+    return (*(math.sin(angle / 2) * np.array(axis, dtype=float)), math.cos(angle / 2))
+
+
+def transform_msg(parent, child, position, quaternion, stamp=0):
+    msg = TransformStamped(child_frame_id=child)
+    msg.header.frame_id, msg.header.stamp.sec = parent, stamp
+    for name, value in zip("xyz", position, strict=True):
+        setattr(msg.transform.translation, name, float(value))
+    for name, value in zip("xyzw", quaternion, strict=True):
+        setattr(msg.transform.rotation, name, float(value))
+    return msg
+
+
+def tf(*transforms):
+    """A TFMessage, whose package need not be installed."""
+    return SimpleNamespace(transforms=transforms)
+
+
+def array():
+    return PoseArray(poses=[Pose(), POSE])
+
+
+def odometry():
+    msg = Odometry()
+    msg.pose.pose = POSE
+    return msg
+
+
+@pytest.mark.parametrize(
+    ("config", "msg"),
+    [
+        (PoseStampedConfig("there"), PoseStamped(pose=POSE)),
+        (OdometryConfig("there"), odometry()),
+        (PoseArrayConfig("there", 1), array()),
+    ],
+)
+def test_a_pose_is_found_in_each_kind_of_message(config, msg):
+    msg.header.stamp.sec, msg.header.stamp.nanosec = 3, 7
+    source = config.open_source()
+    ((topic, (type_name, quality)),) = source.topics.items()
+    assert (topic, message_class(type_name), quality) == ("there", type(msg), "sensor_data")
+    body = source.body(topic, msg)
+    assert body.stamp == 3_000_000_007
+    assert MountConfig().pose(body) == pytest.approx((0.3, -0.2, 0.8))
+
+
+def test_an_array_without_the_body_is_refused():
+    source = PoseArrayConfig("there", 2).open_source()
+    with pytest.raises(ValueError, match="a message has 2 poses, so that none has the index 2"):
+        source.body("there", array())
+
+
+def test_a_frame_is_followed_through_the_tree():
+    source = TransformsConfig(frame="tool", reference="base").open_source()
+    assert source.topics == {"/tf_static": ("tf2_msgs/msg/TFMessage", "latched"), "/tf": ("tf2_msgs/msg/TFMessage", "reliable")}
+    assert source.body(MOVING, tf(transform_msg("link", "tool", (0, 0, 0.5), about((0, 0, 1), 0.0), 5))) is None
+    # base stands beside link's parent in the world, turned by a quarter
+    assert source.body(FIXED, tf(transform_msg("world", "base", (1, 0, 0), about((0, 0, 1), math.pi / 2)))) is None
+    body = source.body(MOVING, tf(transform_msg("world", "link", (1, 2, 0), about((1, 0, 0), math.pi), 6)))
+    assert body.stamp == 6_000_000_000
+    assert body.position == pytest.approx((2, 0, -0.5))  # half a turn about x: tool is below link
+    assert source.body(MOVING, tf(transform_msg("world", "elsewhere", (0, 0, 0), about((0, 0, 1), 0.0), 7))) is None
+    with pytest.raises(ValueError, match="the transforms above the frame 'tool' run in a circle"):
+        source.body(MOVING, tf(transform_msg("tool", "world", (0, 0, 0), about((0, 0, 1), 0.0), 8)))
+
+
+def test_transforms_are_those_of_the_installed_message():
+    tf2 = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
+    source = TransformsConfig(frame="tag", reference="table").open_source()
+    msg = tf2.TFMessage(transforms=[transform_msg("table", "tag", (0.3, 0.1, 0), about((0, 0, 1), 0.5), 5)])
+    assert MountConfig().pose(source.body(MOVING, msg)) == pytest.approx((0.3, 0.1, 0.5))
+    assert message_class(source.topics[MOVING][0]) is tf2.TFMessage
+
+
+def test_a_mount_brings_a_body_to_the_table(rng):
+    for _ in range(20):
+        table, pose = Planar(*rng.uniform(-1, 1, 3)), Planar(*rng.uniform(-1, 1, 3))
+        offset, turn = rng.uniform(-0.1, 0.1, 2), float(rng.uniform(-3, 3))
+        # the body is where the object's origin is, less the offset in the body's frame
+        seen = compose(table, pose)
+        body_pose = compose(seen, compose(Planar(0, 0, -turn), Planar(*-offset, 0.0)))
+        q = Quaternion(z=2 * math.sin(body_pose.theta / 2), w=2 * math.cos(body_pose.theta / 2))  # of length 2
+        body = Body.of(SimpleNamespace(sec=1, nanosec=0), Point(x=body_pose.x, y=body_pose.y, z=0.3), q)
+        mount = MountConfig(origin=(*offset, -0.3), turn=turn, table=tuple(table), time_offset=-0.25)
+        assert mount.stamp(body) == 750_000_000
+        found = mount.pose(body)
+        assert found[:2] == pytest.approx(pose[:2])
+        assert math.cos(found.theta - pose.theta) == pytest.approx(1)
+        assert mount.point(body) == pytest.approx(transform(pose, (0, 0)))
+
+
+@pytest.mark.parametrize(
+    ("position", "quaternion", "error"),
+    [
+        ((math.nan, 0, 0), (0, 0, 0, 1), "a pose must be finite"),
+        ((0, 0, 0), (0, 0, 0, 0), "a quaternion of length 1, got length 0"),
+    ],
+)
+def test_a_pose_of_no_use_is_refused(position, quaternion, error):
+    with pytest.raises(ValueError, match=error):
+        Body.of(
+            SimpleNamespace(sec=0, nanosec=0),
+            *(SimpleNamespace(**dict(zip("xyzw", v, strict=False))) for v in (position, quaternion)),
+        )
+
+
+def test_an_upright_body_says_nothing_about_the_angle():
+    x, y, z, w = about((0, 1, 0), math.pi / 2)
+    body = Body.of(SimpleNamespace(sec=0, nanosec=0), Point(), Quaternion(x=x, y=y, z=z, w=w))
+    with pytest.raises(ValueError, match="upright"):
+        MountConfig().pose(body)
+
+
+def test_mounts_are_checked():
+    with pytest.raises(ValueError, match=r"origin must be three finite numbers, got \[0.0, 1.0\]"):
+        MountConfig(origin=(0.0, 1.0))
+    with pytest.raises(ValueError, match=r"source must be an entry point of pushfric.sources \(.*transforms\), got 'radar'"):
+        plugin(SOURCES, "radar")
