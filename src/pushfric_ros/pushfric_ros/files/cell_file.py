@@ -57,9 +57,9 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "estimator": (*EstimatorSettings.PARTS, ModelConfig),
     "recorder": (RecorderConfig,),
     "view": (ViewConfig,),
-    "simulation": (SimulationConfig,),
     "poses": (MountConfig,),
     "tip": (MountConfig, TipConfig),
+    "simulation": (SimulationConfig,),
 }
 """The settings of each section, without those of the camera's tracker, the pusher's driver, and the sources."""
 
@@ -130,7 +130,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    seen, pushes, (plan,), (*estimator, model), (recorder,), (view,), (simulation,), poses, tip = map(section, SECTIONS)
+    seen, pushes, (plan,), (*estimator, model), (recorder,), (view,), poses, tip, (simulation,) = map(section, SECTIONS)
     (camera, *trackers), (pusher, driver) = seen or (None,), pushes or (None, None)
     for name, other in both:
         raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
