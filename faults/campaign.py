@@ -47,7 +47,8 @@ def _outcome(case: Case, run: CellRun) -> Outcome:
     case.strike(run)
     if case.interrupt:
         run.wait_for_output(case.says)
-        run.process.send_signal(signal.SIGINT)
+        if not run.ended:
+            run.process.send_signal(signal.SIGINT)
     code = run.wait_for_end()
     seconds = time.monotonic() - begin
     problems = list(_problems(case, run, code))

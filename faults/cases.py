@@ -129,6 +129,15 @@ NODE_CASES = [
             quick=node == "estimator",
         )
         for node in NODES
+        if node != "simulated_cell"
+    ),
+    Case(
+        "camera and controller stopped for 5 s",
+        "the pusher is not trusted any more; the run says what a person must do, and waits",
+        (130,),
+        "call actuator/reset",
+        partial(_stall, "simulated_cell"),
+        interrupt=True,
     ),
     *(
         Case(

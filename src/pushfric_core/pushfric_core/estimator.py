@@ -188,6 +188,11 @@ class Estimator:
         """The data points in the program, in order of arrival."""
         return tuple(self._observations.values())
 
+    @property
+    def newest(self) -> Observation | None:
+        """The newest data point in the program; None without any."""
+        return next(reversed(self._observations.values()), None)
+
     def add(self, observation: Observation) -> Estimate:
         """Take a data point and estimate again, starting from the last optimum.
 
@@ -240,7 +245,7 @@ class Estimator:
         solution = self._solve()
         groups = self._program.conflicts()
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
-        stamp = self._observations[next(reversed(self._observations))].stamp if self._observations else 0
+        stamp = self.newest.stamp if self.newest is not None else 0
         data_points, pushes = len(self._observations), len(self._pushes)
         lack = self._variety.lack if pushes >= FEWEST_PUSHES else None
         told = self._open and lack is None and pushes >= FEWEST_PUSHES and solution.status is Status.OPTIMAL

@@ -223,6 +223,17 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
 
 
+def test_the_operator_is_told_why_the_object_is_not_seen(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    table.visible = False
+    reason = "outline does not fit: it looks 128.6 x 64.8 mm"
+    status = DiagnosticStatus(level=DiagnosticStatus.WARN, name="/cell/tracker", message=f"not seen: {reason}")
+    ros.node("tracker", namespace="/cell").create_timer(
+        0.1, lambda: table._health_out.publish(DiagnosticArray(status=[status]))
+    )
+    table.wait_for_message(f": {reason}", 60.0)
+
+
 def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
     """The earlier run left the pusher within its stroke: it is brought back before the operator is asked for anything."""
     controller._carriage, controller._offset = 25.0, 0.0

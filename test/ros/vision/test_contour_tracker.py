@@ -1,5 +1,7 @@
 """The contour tracker on rendered frames: accuracy in pixels, orientation, and no pose when in doubt."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -241,6 +243,33 @@ def test_a_longer_bar_of_the_same_width_is_refused(rng):
     frame = SimulatedCamera(looking_down(), longer, HEIGHT, rng).render(MIDDLE)
     with pytest.raises(NotSeen, match="outline does not fit"):
         ContourTracker(looking_down(), bar, HEIGHT).track(frame, MIDDLE)
+
+
+@pytest.mark.parametrize("shape", ["rectangle", "square", "triangle"])
+@pytest.mark.parametrize(("scale", "higher"), [(0.99, 0.0), (1.03, 0.0), (1.0, 0.01), (0.98, 0.0)])
+def test_an_object_of_another_size_or_height_is_refused_with_both_sizes_and_the_cause(rng, shape, scale, higher):
+    """The height, too, for which the outline would fit: what lies higher looks larger."""
+    camera = looking_down()
+    simulation = SimulatedCamera(camera, SHAPES[shape] * scale, HEIGHT + higher, rng)
+    looks = scale * camera.metres_per_pixel(HEIGHT) / camera.metres_per_pixel(HEIGHT + higher)
+    slope = (camera.metres_per_pixel(0.0) - camera.metres_per_pixel(0.1)) / 0.1
+    fits = (camera.metres_per_pixel(0.0) - camera.metres_per_pixel(HEIGHT) / looks) / slope
+    for theta in (0.0, 0.4, 2.0):
+        with pytest.raises(NotSeen, match="outline does not fit") as refused:
+            tracker(shape).track(simulation.render(MIDDLE._replace(theta=theta)), MIDDLE._replace(theta=theta))
+        said = re.fullmatch(
+            r"outline does not fit: it looks (\S+) x (\S+) mm, the outline is (\S+) x (\S+) mm: (\S+) % too (large|small); "
+            r"check its size in the object's file(?:, or its height: it would fit (\S+) mm over the table, not 10.0 mm)?",
+            str(refused.value),
+        )
+        assert said is not None, refused.value
+        for seen, expected in ((said[1], said[3]), (said[2], said[4])):
+            assert float(seen) / float(expected) == pytest.approx(looks, abs=0.002)
+        assert float(said[5]) == pytest.approx(100 * abs(looks - 1), abs=0.2)
+        assert said[6] == ("large" if looks > 1 else "small")
+        assert (said[7] is None) == (fits < -0.001)
+        if said[7] is not None:
+            assert float(said[7]) == pytest.approx(1e3 * fits, abs=1.5)
 
 
 def test_specks_and_strips_at_the_border_are_ignored(rng):

@@ -73,6 +73,25 @@ class Awaited:
         self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK or not self._at_first}
 
 
+class Complaint:
+    """What another node of a cell last reported, if it was not well.
+
+    Args:
+        node: the node that listens.
+        name: of the other one, relative to its namespace.
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._name = f"{node.get_namespace()}/{name}".replace("//", "/")
+        self.text = ""  # empty: it was well, or has not reported yet
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            if status.name == self._name:
+                self.text = "" if status.level == DiagnosticStatus.OK else status.message
+
+
 class Diagnostics:
     """Publishes a node's health at 1 Hz, and more often at first, so that nobody waits long for its first OK.
 

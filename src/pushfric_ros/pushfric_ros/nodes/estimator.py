@@ -367,7 +367,8 @@ class EstimatorNode(Node):
         if msg.status in (msg.STATUS_NO_DATA, msg.STATUS_INFEASIBLE):
             self._markers_out.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             return
-        markers = estimate_to_markers(msg, self._object.outline, self._estimator.observations[-1])
+        assert self._estimator.newest is not None
+        markers = estimate_to_markers(msg, self._object.outline, self._estimator.newest)
         markers.markers += region_to_markers(self._region, self._object.outline)
         self._markers_out.publish(markers)
 

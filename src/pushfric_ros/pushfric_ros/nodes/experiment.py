@@ -29,7 +29,7 @@ from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.messages.conversions import pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit import executable
-from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
+from pushfric_ros.node_kit.diagnostics import Awaited, Complaint, Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -80,6 +80,7 @@ class ExperimentNode(Node):
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
         self._progress = PlanProgress(count=self._count, push_id=self._first)
         self._awaited = Awaited(self, self._config.awaits)
+        self._tracker = Complaint(self, "tracker")
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
         self._heard = self._seen = -math.inf  # when pusher and object were last seen; these and the next in wall time [s]
@@ -320,10 +321,11 @@ class ExperimentNode(Node):
 
     def _misplaced(self, wanted: Pose) -> str | None:
         """What is wrong with the placement; None once the object lies still in its place."""
-        if not self._poses:
-            return ""
-        if self._unseen:
-            return "it is not seen"
+        if not self._poses or self._unseen:
+            why = self._tracker.text.removeprefix("not seen: ")
+            if why == "no object":  # this needs no explanation
+                why = ""
+            return why if not self._poses else ": ".join(filter(None, ("it is not seen", why)))
         last = self._poses[-1][1]
         off, turned = math.hypot(last.x - wanted.x, last.y - wanted.y), abs(wrap(last.theta - wanted.theta))
         if off > self._config.position_tolerance:

@@ -231,7 +231,7 @@ class TrackerNode(Node):
         if self._sighting is not None:
             corners = self._camera.project(transform(self._sighting.pose, self._object.outline.vertices), self._height)
             cv2.polylines(picture, [np.rint(corners).astype(np.int32)], True, (0, 200, 0))
-        text = f"{self._sighting.residual_px:.2f} px" if self._sighting else self._reason
+        text = f"{self._sighting.residual_px:.2f} px" if self._sighting else self._reason.partition(":")[0]
         cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 200, 255))
         _, jpeg = cv2.imencode(".jpg", picture)
         msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))

@@ -20,6 +20,12 @@ AREA_RANGE = (0.6, 1.6)
 SPECK_AREA = 0.1
 """Blobs smaller than this fraction of the outline's area are ignored."""
 
+ALIKE, MISTAKEN, EXACT = 0.02, 0.1, 0.002
+"""An object that does not fit has the outline's shape if it is as slender to this share, or to a coarse pixel. It is another
+one if it is larger or smaller by more than the second share; below the third, its size is not what is wrong."""
+RISE = 0.01
+"""From how the pixels shrink over this height [m], the height follows at which an object would have its size."""
+
 _SHRUNK_WIDTH_PX = 10  # least inradius of the object in the shrunk image, in which blobs are sought
 _COARSE_SAMPLES = 360  # around the outline; divisible by each order of symmetry
 _SYMMETRIES = (1, 2, 3, 4, 5, 6, 8)
@@ -92,7 +98,7 @@ class ContourTracker:
         starts = self._coarse_poses(blob, heading)
         fits = [fit for start in starts if (fit := self._edge_fit.refined(image, start, contrast)) is not None]
         if not fits:
-            raise NotSeen("outline does not fit")
+            raise NotSeen(f"outline does not fit: {self._misfit(image, blob)}")
         best = min(fit.residual_px for fit in fits)
         equal = [fit for fit in fits if fit.residual_px <= 1.5 * best]
         nearest = min(equal, key=lambda fit: abs(wrap(fit.pose.theta - heading)))
@@ -119,7 +125,7 @@ class ContourTracker:
 
         full_area = self._outline.polygon.area
         speck = SPECK_AREA * full_area / (self._pixel * self._shrinking) ** 2
-        whole, partial, misshapen = [], False, False
+        whole, partial, misshapen = [], False, None
         for contour in cv2.findContours(bright, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
             if cv2.contourArea(contour) < speck:
                 continue
@@ -133,12 +139,53 @@ class ContourTracker:
             if AREA_RANGE[0] <= (abs(_signed_area(blob)) + rim) / full_area <= AREA_RANGE[1]:
                 whole.append(blob)
             else:
-                misshapen = True
+                misshapen = blob
         if len(whole) > 1:
             raise NotSeen("two candidates")
         if not whole:
-            raise NotSeen("partial view" if partial else "outline does not fit" if misshapen else "no object")
+            if partial or misshapen is None:
+                raise NotSeen("partial view" if partial else "no object")
+            raise NotSeen(f"outline does not fit: {self._misfit(image, misshapen)}")
         return whole[0], contrast
+
+    def _misfit(self, image: Image, blob: Array) -> str:
+        """How a blob (m, 2) [m] differs from the outline in size, and why that may be, in words."""
+        area = self._bright_area(image, blob)
+        larger = math.sqrt(area / self._outline.polygon.area)
+        # the blob's contour runs through the centres of its outermost coarse pixels
+        grown = shapely.Polygon(blob).buffer(0.5 * self._pixel * self._shrinking, join_style="mitre")
+        rim = np.asarray((grown if grown.geom_type == "Polygon" else grown.convex_hull).exterior.coords[:-1])
+        expected = _sides(self._outline.vertices)
+        alike = max(ALIKE, self._pixel * self._shrinking / expected.min())
+        same_shape = abs(_slenderness(rim) / _slenderness(self._outline.vertices) - 1) < alike
+        seen = expected * larger if same_shape else _sides(rim)
+        sizes = f"it looks {_millimetres(seen)} mm, the outline is {_millimetres(expected)} mm"
+        if not same_shape or abs(larger - 1) > MISTAKEN:
+            return f"{sizes}; is it this object, alone, and without a shadow or reflection at its edge?"
+        if abs(larger - 1) < EXACT:
+            return f"{sizes}; is it this object, of this shape, the right side up, and sharp?"
+        # what lies higher looks larger in proportion to its distance from the camera
+        ground = self._camera.metres_per_pixel(0.0)
+        height = RISE * (ground - self._pixel / larger) / (ground - self._camera.metres_per_pixel(RISE))
+        cause = "its size in the object's file"
+        if height > -0.001:
+            cause += f", or its height: it would fit {height * 1e3:.1f} mm over the table, not {self._height * 1e3:.1f} mm"
+        return f"{sizes}: {abs(larger - 1) * 100:.1f} % too {'large' if larger > 1 else 'small'}; check {cause}"
+
+    def _bright_area(self, image: Image, blob: Array) -> float:
+        """The area [m^2] of a blob (m, 2) [m], from its grey levels: exact to a fraction of a pixel, whatever the blur."""
+        corners = self._camera.project(blob, self._height)
+        margin = 4 * self._shrinking
+        low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - margin, 0)
+        high = np.ceil(corners.max(axis=0)).astype(int) + margin + 1
+        part = image[low[1] : high[1], low[0] : high[0]]
+        mask = cv2.fillPoly(np.zeros(part.shape, np.uint8), [np.rint(corners - low).astype(np.int32)], 1)
+        inside = cv2.erode(mask, np.ones((2 * margin // 2 + 1,) * 2, np.uint8))
+        around = cv2.dilate(mask, np.ones((margin + 1,) * 2, np.uint8))
+        table = float(np.median(part[around == 0])) if (around == 0).any() else float(part.min())
+        bright = float(np.median(part[inside > 0])) if inside.any() else float(part.max())
+        share = (part[around > 0].astype(float) - table) / max(bright - table, 1.0)
+        return float(share.sum()) * self._pixel**2
 
     def _coarse_poses(self, blob: Array, heading: float) -> list[Pose]:
         """Poses in which the outline matches a blob's (m, 2) about equally well, one for each orientation that looks different.
@@ -172,6 +219,24 @@ class ContourTracker:
         centred = samples - samples.mean()
         correlation = np.fft.ifft(np.fft.fft(centred) * self._boundary_spectrum)
         return _spread(centred) + self._spread - 2 * np.abs(correlation), correlation
+
+
+def _sides(polygon: Array) -> Array:
+    """Length and width of the smallest rectangle around a polygon (m, 2), (2,), the longer one first."""
+    _, sides, _ = cv2.minAreaRect(polygon.astype(np.float32))
+    return np.sort(np.asarray(sides))[::-1]
+
+
+def _slenderness(polygon: Array) -> float:
+    """Ratio of the principal radii of gyration of a polygon (m, 2)."""
+    scale = float(np.ptp(polygon, axis=0).max())
+    moments = cv2.moments((polygon / scale).astype(np.float32))
+    least, greatest = np.linalg.eigvalsh([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]])
+    return float(math.sqrt(greatest / least))
+
+
+def _millimetres(sides: Array) -> str:
+    return " x ".join(f"{side * 1e3:.1f}" for side in sides)
 
 
 def _spread(centred: npt.NDArray[np.complex128]) -> float:
