@@ -35,7 +35,7 @@ def attempt(case: Case) -> Outcome:
         with CellRun(command, here) as run:
             try:
                 return _outcome(case, run)
-            except (AssertionError, StopIteration) as problem:
+            except AssertionError as problem:
                 seen = f"exit code {run.process.returncode}" if run.ended else "did not end"
                 return Outcome(case, seen, _last(run.output), (_shortened(str(problem)),))
 

@@ -118,8 +118,15 @@ class CellRun:
         return nodes_alive(self._marker)
 
     def pid_of(self, node: str) -> int:
-        """The process of a node."""
-        return next(pid for pid, name in self.nodes_alive().items() if name == node)
+        """The process of a node.
+
+        Raises:
+            DidNotHappen: it is not alive.
+        """
+        for pid, name in self.nodes_alive().items():
+            if name == node:
+                return pid
+        raise DidNotHappen(f"no {node} is alive: {self.output}")
 
     def signal(self, node: str, number: signal.Signals) -> None:
         """Send a signal to a node."""
