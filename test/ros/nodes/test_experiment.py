@@ -31,6 +31,8 @@ from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
 ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+DISTANCE = 0.03
+"""Of a push [m]."""
 GAP = 0.005
 """Between the resting tip and the object that is placed [m]."""
 STILL = 0.15
@@ -68,7 +70,7 @@ class Table:
         self.well = ["/cell/estimator"]
         self.settled = 0  # what the estimator reports [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
-        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08, "still": STILL,
+        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08, "still": STILL,
                  "awaits": ["estimator"]}  # fmt: skip
         time_of = {name: value for name, value in parameters.items() if name == "use_sim_time"}
         if actuator is None:
@@ -95,7 +97,8 @@ class Table:
         if not self.states or self.states[-1].push_id == PusherState.NO_PUSH:
             return
         state, before = self.states[-1], self._pushed[1]
-        tip = state.position + state.speed * (now - stamp_from_msg(state.header.stamp)) * 1e-9
+        # a report may be late: the tip goes on as it said, and no farther than its goal
+        tip = min(state.position + state.speed * (now - stamp_from_msg(state.header.stamp)) * 1e-9, DISTANCE)
         self.object = before._replace(y=before.y + max(0.0, tip - GAP))
 
     def _on_progress(self, msg: PlanProgress) -> None:
