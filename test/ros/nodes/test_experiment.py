@@ -70,8 +70,8 @@ class Table:
         self.well = ["/cell/estimator"]
         self.settled = 0  # what the estimator reports [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
-        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08, "still": STILL,
-                 "awaits": ["estimator"]}  # fmt: skip
+        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08,
+                 "still": STILL, "awaits": ["estimator"]}  # fmt: skip
         time_of = {name: value for name, value in parameters.items() if name == "use_sim_time"}
         if actuator is None:
             self.actuator = ros.compose(
