@@ -9,6 +9,7 @@ from pushfric_core.constraints import Constraint
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline, Touch
 from pushfric_core.planar import Array, rotation, velocity_at
+from pushfric_core.push_plan import PlannedPush
 from pushfric_core.simulation import pushed_motion
 from pushfric_core.support import NOT_FREE, FreeRadii, Support, support_forces
 
@@ -83,3 +84,12 @@ def rows_of(
 ) -> ConstraintRows:
     """The rows that a constraint makes from a data point."""
     return constraint.rows(observation, support_forces(support_points, observation.twist, free))
+
+
+def pushed_as_planned(support: Support, outline: Outline, push: PlannedPush, mu_c: float) -> tuple[Observation, Array]:
+    """The data point of a planned push, and the direction of the pusher."""
+    normal = outline.normals[push.edge]
+    point = outline.vertices[push.edge] + outline.edges[push.edge] * (0.5 + push.offset / outline.lengths[push.edge])
+    direction = rotation(push.angle) @ -normal
+    motion = pushed_motion(support, Touch(0.0, point, normal, push.edge), 0.02 * direction, mu_c)
+    return Observation(tuple(point), tuple(normal), motion.twist), direction

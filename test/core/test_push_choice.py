@@ -1,27 +1,17 @@
 import numpy as np
 import pytest
 import shapely
-from problems import flat_bar, four_feet
+from problems import flat_bar, four_feet, pushed_as_planned
 
 from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline, Touch
-from pushfric_core.planar import Twist, rotation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Twist
 from pushfric_core.push_choice import next_pushes, planned_pushes
 from pushfric_core.push_plan import even_pushes
 from pushfric_core.region import HalfPlane, HalfPlanes, line_of_motion, line_of_pushing
-from pushfric_core.simulation import pushed_motion
 
 PLATE = Outline.rectangle(0.12, 0.06)
 ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
-
-
-def pushed(support, outline, push, mu_c):
-    """The data point of a planned push, and the direction of the pusher."""
-    normal = outline.normals[push.edge]
-    point = outline.vertices[push.edge] + outline.edges[push.edge] * (0.5 + push.offset / outline.lengths[push.edge])
-    direction = rotation(push.angle) @ -normal
-    motion = pushed_motion(support, Touch(0.0, point, normal, push.edge), 0.02 * direction, mu_c)
-    return Observation(tuple(point), tuple(normal), motion.twist), direction
 
 
 def chosen(ranked):
@@ -111,7 +101,7 @@ def test_the_next_push_shrinks_faster_than_a_plan_and_a_plan_faster_than_even_pu
     def area_after(choose):
         half_planes = HalfPlanes(outline)
         for index in range(count):
-            observation, direction = pushed(support, outline, choose(half_planes, index), 0.3)
+            observation, direction = pushed_as_planned(support, outline, choose(half_planes, index), 0.3)
             region = half_planes.add(line_of_pushing(observation, direction))
         assert shapely.dwithin(region.polygon, shapely.Point(support.center_of_friction), 1e-6)
         return region.area

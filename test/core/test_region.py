@@ -3,15 +3,14 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import PROBLEMS
+from problems import PROBLEMS, pushed_as_planned
 
 from pushfric_core.errors import UninformativePush
 from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline, Touch
-from pushfric_core.planar import Twist, rotation, velocity_at
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Twist, velocity_at
 from pushfric_core.push_plan import PlannedPush
 from pushfric_core.region import HalfPlane, HalfPlanes, RegionConfig, line_of_force, line_of_motion, line_of_pushing
-from pushfric_core.simulation import pushed_motion
 from pushfric_core.solvers.program import Status
 from pushfric_core.support import Support
 
@@ -78,15 +77,6 @@ def test_a_translation_leaves_the_cone():
     assert min(depth(one, outside) for one in half_planes) < 0
 
 
-def pushed(support, outline, push, mu_c):
-    """The data point of a planned push, and the direction of the pusher."""
-    normal = outline.normals[push.edge]
-    point = outline.vertices[push.edge] + outline.edges[push.edge] * (0.5 + push.offset / outline.lengths[push.edge])
-    direction = rotation(push.angle) @ -normal
-    motion = pushed_motion(support, Touch(0.0, point, normal, push.edge), 0.02 * direction, mu_c)
-    return Observation(tuple(point), tuple(normal), motion.twist), direction
-
-
 @settings(derandomize=True, max_examples=100, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), mu_c=st.floats(0, 1.5), share=st.floats(-0.95, 0.95))
 def test_every_half_plane_contains_the_true_center(seed, mu_c, share):
@@ -99,7 +89,7 @@ def test_every_half_plane_contains_the_true_center(seed, mu_c, share):
     for turn in (angle, within, 0.0):
         edge = int(rng.integers(4))
         push = PlannedPush(edge, float(rng.uniform(-0.49, 0.49) * PLATE.lengths[edge]), turn)
-        observation, direction = pushed(support, PLATE, push, mu_c)
+        observation, direction = pushed_as_planned(support, PLATE, push, mu_c)
         half_planes = line_of_motion(observation) + line_of_force(observation, mu_c)
         if turn in (within, 0.0):
             half_planes += line_of_pushing(observation, direction)

@@ -1,0 +1,56 @@
+"""The wheel of pushfric_core, installed where nothing else of pushfric is: README's example runs."""
+
+import importlib.metadata
+import importlib.util
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+SOURCE = ROOT / "src/pushfric_core"
+
+MAKES_WHEELS = (
+    tuple(map(int, importlib.metadata.version("setuptools").split(".")[:2])) >= (70, 1)
+    or importlib.util.find_spec("wheel") is not None
+)
+
+WHERE = """
+import importlib.util, pushfric_core
+assert importlib.util.find_spec("pushfric_ros") is None
+print(pushfric_core.__file__)
+"""
+
+
+@pytest.mark.skipif(not MAKES_WHEELS, reason="making a wheel needs setuptools 70.1 or the package wheel")
+def test_the_wheel_runs_the_readmes_example(tmp_path):
+    def run(*command):
+        bare = {name: os.environ[name] for name in ("PATH", "HOME", "LD_LIBRARY_PATH") if name in os.environ}
+        environment = bare | {"PYTHONPATH": str(tmp_path / "site"), "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+        done = subprocess.run(
+            [sys.executable, *map(str, command)], env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=280
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    shutil.copytree(SOURCE, tmp_path / "source", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build"))
+    offline = ("--no-deps", "--no-index")
+    run("-m", "pip", "wheel", *offline, "--no-build-isolation", "--wheel-dir", tmp_path, tmp_path / "source")
+    (wheel,) = tmp_path.glob("pushfric_core-*-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as opened:
+        names = opened.namelist()
+    assert "pushfric_core/py.typed" in names
+    assert any(name.endswith("LICENSE") for name in names)
+    run("-m", "pip", "install", *offline, "--target", tmp_path / "site", wheel)
+    assert run("-c", WHERE).strip() == str(tmp_path / "site/pushfric_core/__init__.py")
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (example,) = [block for block in re.findall(r"```python\n(.*?)```", readme, re.DOTALL) if "pushfric_core" in block]
+    center, confidence, _ = run("-c", example).split("\n", 2)
+    assert [float(number) for number in center.strip("[]").split()] == pytest.approx((0.013, 0.003), abs=5e-4)
+    assert float(confidence) == pytest.approx(0.004, abs=5e-4)
