@@ -11,12 +11,44 @@ from collections.abc import Iterator
 from std_srvs.srv import Trigger
 
 from pushfric_ros.node_kit.visit import visit
+from pushfric_ros.pushers.check import Check, Level
+
+LAST_DOMAIN = 101
+"""Higher ROS domains use ephemeral ports, which Linux may give to any program."""
+
+PATIENCE = 5.0
+"""How long to wait for another process [s]."""
 
 DDS_GROUP = "239.255.0.1"
 """Where DDS participants announce themselves (RTPS 2.5, 9.6.1.4)."""
 
 LAST_WAIT = 5.0
 """How long to wait for the child to end [s]."""
+
+
+def check_discovery() -> Check:
+    """Whether a message reaches another process on this machine, and the answer comes back."""
+    text = os.environ.get("ROS_DOMAIN_ID", "0")
+    if not text.isdecimal() or int(text) > LAST_DOMAIN:
+        finding, advice = f"ROS_DOMAIN_ID is {text!r}", f"set it to a number from 0 to {LAST_DOMAIN}, the same in all terminals"
+        return Check("discovery", Level.FAILED, finding, advice)
+    seconds = round_trip(PATIENCE)
+    where = f"on domain {int(text)}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
+    if seconds is None:
+        advice = "check ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF), firewall rules for UDP 7400 and up, and free space in /dev/shm"
+        return Check("discovery", Level.FAILED, f"another process did not answer within {PATIENCE:g} s {where}", advice)
+    return Check("discovery", Level.OK, f"another process answered after {seconds:.1f} s {where}")
+
+
+def check_multicast() -> Check:
+    """Whether multicast works, by which other machines are found."""
+    if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET") != "SUBNET":
+        return Check("multicast", Level.OK, "not needed: only this machine is looked for")
+    fault = multicast(1.0)
+    if fault is not None:
+        advice = "other machines will not be found; for this one alone set discovery: localhost in the cell's file"
+        return Check("multicast", Level.WARNING, f"does not work: {fault}", advice)
+    return Check("multicast", Level.OK, "works")
 
 
 def round_trip(patience: float) -> float | None:

@@ -1,0 +1,149 @@
+"""The command `doctor`: checks everything that a cell needs, without moving anything, and says what to do about each fault."""
+
+import contextlib
+import os
+import pathlib
+import sys
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.console import console
+from pushfric_ros.commands.doctor.camera import check_camera, check_exposure, check_stamps, watch
+from pushfric_ros.commands.doctor.discovery import check_discovery, check_multicast
+from pushfric_ros.commands.doctor.interfaces import check_build
+from pushfric_ros.commands.doctor.machine import check_clock, check_disk, check_packages, check_ros
+from pushfric_ros.commands.doctor.scene import check_calibration, check_object, check_plan
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_ros.commands.recorded_run import RUNS
+from pushfric_ros.files.cell_file import CellConfig, CellFile, load_cell
+from pushfric_ros.files.node_settings import CameraConfig
+from pushfric_ros.files.object_file import ObjectModel, load_object
+from pushfric_ros.graph.lock import lock
+from pushfric_ros.node_kit import network
+from pushfric_ros.nodes.tracker import TOPICS
+from pushfric_ros.pushers.check import Check, Level
+from pushfric_ros.report.report import to_json
+from pushfric_ros.vision.camera import Camera, load_camera
+
+app = typer.Typer(add_completion=False)
+
+
+def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[str], None]) -> Iterator[Check]:
+    """All checks, one after another; checks that depend on a failed one are left out.
+
+    Args:
+        path: path of the cell's file; None: check only what does not depend on a cell.
+        bags: folder in which bags will be recorded.
+        progress: called with the name of what is checked next.
+    Raises:
+        InvalidInput: the cell's file cannot be read, or describes no cell; before any check.
+    """
+    cell = load_cell(path) if path is not None else None
+    # as the nodes will, this process and its children look for others where the cell's file says
+    os.environ.update(network.asked_for(CellConfig.discovery if cell is None else cell.discovery))
+    progress("environment")
+    yield check_ros()
+    yield check_packages()
+    yield check_build()
+    yield check_clock()
+    yield check_disk(bags)
+    progress("discovery")
+    yield check_discovery()
+    yield check_multicast()
+    if cell is None:
+        return
+    with contextlib.ExitStack() as claim:
+        try:
+            claim.enter_context(lock(cell.namespace))
+        except InvalidInput as error:
+            yield Check("cell", Level.FAILED, str(error), "end that run before you check its parts")
+            return
+        yield Check("cell", Level.OK, f"{path}: {cell.namespace}")
+        yield from _examine_cell(cell, progress)
+
+
+def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[Check]:
+    model: ObjectModel | None = None
+    try:
+        model = load_object(cell.object)
+        if cell.pusher is not None:
+            yield check_plan(cell.plan, cell.pusher, model)
+    except InvalidInput as error:
+        yield Check("object", Level.FAILED, str(error), "docs/files.md shows an object's file")
+    if cell.camera is not None:
+        yield from _examine_camera(cell, cell.camera, model, progress)
+    if cell.pusher is not None and cell.driver is not None:
+        progress("pusher")
+        yield from cell.driver.checks(cell.pusher, cell.plan.distance, cell.plan.speed)
+
+
+def _examine_camera(
+    cell: CellFile, source: CameraConfig, model: ObjectModel | None, progress: Callable[[str], None]
+) -> Iterator[Check]:
+    camera: Camera | None = None
+    try:
+        camera = load_camera(source.calibration)
+    except InvalidInput as error:
+        yield Check("calibration", Level.FAILED, str(error), "calibrate again: ./pushfric calibrate --help")
+    progress("camera")
+    try:
+        frames = watch(source, cell.namespace, (camera.width, camera.height) if camera is not None else None)
+    except InvalidInput as error:
+        holder = "check that it is plugged in, that you may read /dev/video*, and that no other program holds it"
+        yield Check("camera", Level.FAILED, str(error), holder)
+        frames = []
+    else:
+        yield check_camera(frames, source.source)
+    if frames:
+        yield check_exposure(frames[-1].image)
+        if source.source in TOPICS:  # frames of a device get their stamps here
+            yield check_stamps(frames)
+    if camera is not None:
+        if cell.pusher is not None:
+            yield check_calibration(camera, frames[-1].image if frames else None, cell.pusher)
+        if model is not None:
+            yield check_object(cell, camera, model, frames[-1].image if frames else None)
+
+
+def passed(checks: list[Check]) -> bool:
+    """Whether no check failed; a warning is not a failure."""
+    return all(check.level is not Level.FAILED for check in checks)
+
+
+def table(checks: list[Check]) -> Table:
+    """The checks as a table."""
+    colors = {Level.OK: "green", Level.WARNING: "yellow", Level.FAILED: "red"}
+    made = Table(box=None, header_style="bold", pad_edge=False)
+    for title in ("", "check", "finding", "what to do"):
+        made.add_column(title, overflow="fold")
+    for check in checks:
+        made.add_row(Text(check.level.value, colors[check.level]), check.name, Text(check.finding), Text(check.advice))
+    return made
+
+
+def findings(checks: list[Check]) -> dict[str, Any]:
+    """The checks as one JSON object."""
+    return {"passed": passed(checks), "checks": [check._asdict() | {"level": check.level.value} for check in checks]}
+
+
+@app.command()
+def doctor(
+    cell: Annotated[
+        pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is checked.", show_default=False)
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Exit code 0: nothing failed; 1: a check failed; 2: wrong input, such as a cell file that cannot be read or is invalid."""
+    with console.status("") as status:
+        checks = list(examine(cell, RUNS, lambda what: status.update(f"checking the {what}")))
+    write_json(to_json(findings(checks)), json)
+    if json != STDOUT:
+        Console().print(table(checks))
+    if not passed(checks):
+        sys.exit(1)
