@@ -1,10 +1,14 @@
 """The examples that predict run as they stand in examples/; the planner with fewer strokes and candidates."""
 
 import pathlib
+import re
 import runpy
 import sys
 
 import pytest
+
+from pushfric_msgs.msg import FrictionEstimate
+from pushfric_ros.node_kit.qos import LATCHED
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 
@@ -24,6 +28,36 @@ def test_plain_python(capsys):
     assert first.startswith("centre of friction (")
     assert second.startswith(("sticking: vx 0.0", "sliding: vx 0.0"))
     assert third.startswith("within ")
+
+
+def printed(name, capsys):
+    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    return capsys.readouterr().out.splitlines()
+
+
+def test_an_own_constraint_moves_the_weight_away(capsys):
+    without, with_it = (float(re.search(r"\d\.\d\d", line)[0]) for line in printed("own_constraint.py", capsys))
+    assert with_it < 0.5 * without
+
+
+def test_an_own_pusher_gets_where_it_is_sent(capsys):
+    *moving, last = printed("own_pusher.py", capsys)
+    assert moving[0].startswith("running at ")
+    assert last == "idle at 50.0 mm"
+
+
+def test_a_subscriber_prints_the_last_estimate(ros, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import subscriber
+
+    out = ros.node("estimator", namespace="/cell").create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
+    msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object="brick", pushes=3, confidence=[0.002])
+    msg.center_of_friction.x = 0.01
+    out.publish(msg)
+    ros.compose(subscriber.Subscriber(namespace="/cell"))
+    said = []
+    ros.wait_for(lambda: said or said.extend(capsys.readouterr().out.splitlines()), 60.0, "the estimate")
+    assert said == ["brick: p_CF (10.0, 0.0) mm from 3 pushes, off by at most 2.0 mm with 90 %"]
 
 
 def test_the_planner_brings_the_object_nearer(push_to_pose, monkeypatch, tmp_path):

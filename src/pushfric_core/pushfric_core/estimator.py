@@ -137,6 +137,14 @@ class EstimatorConfig:
         return any(constraint.needs_force for constraint in self.constraints)
 
 
+def free_radii(support_points: Array, config: EstimatorConfig) -> FreeRadii:
+    """How near the centre of rotation supports (n, 2) [m] may push any way."""
+    if config.cor_radius is not None:
+        return FreeRadii(config.cor_radius, config.cor_radius)
+    spread = support_points - support_points.mean(axis=0)
+    return FreeRadii(0.0, COR_SHARE * math.sqrt(np.mean(np.sum(spread**2, axis=1))))
+
+
 class Estimator:
     """Fits w over hypothesised support points to the data points seen so far.
 
@@ -156,11 +164,7 @@ class Estimator:
     ) -> None:
         self.support_points = check_points(support_points)
         self.config = config or EstimatorConfig()
-        if self.config.cor_radius is None:
-            spread = self.support_points - self.support_points.mean(axis=0)
-            self._free = FreeRadii(0.0, COR_SHARE * math.sqrt(np.mean(np.sum(spread**2, axis=1))))
-        else:
-            self._free = FreeRadii(self.config.cor_radius, self.config.cor_radius)
+        self._free = free_radii(self.support_points, self.config)
         self._constraints = self.config.constraints
         self._columns = len(self.support_points) + self.config.with_scale
         self._program = self._empty_program()

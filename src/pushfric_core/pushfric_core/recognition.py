@@ -7,12 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from pushfric_core.constraint_rows import ConstraintRows
+from pushfric_core.constraints import Constraint
 from pushfric_core.estimate import Estimate
-from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimator import Estimator, EstimatorConfig, free_radii
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, rotation
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Status
+from pushfric_core.support import FreeRadii, Support, SupportForces, support_forces
+
+TINY = 1e-9
+"""Freedom of the one support that stands for a known w, so that a motion about it is not refused [m]; no row uses it."""
 
 EXACT = 1e-9
 """A fit error up to this [m, unit force] is rounding: the data agree with the hypothesis exactly."""
@@ -27,11 +33,14 @@ class Hypothesis:
         name: label in the ranking.
         support_points: (n, 2) hypothesised supports in the object frame [m] (section 5.2.2).
         center_of_friction: p_CF (2,) [m] if the hypothesis includes it (section 5.2.1).
+        weights: w (n,), >= 0 with sum 1, if the hypothesis is a known distribution, such as that of a model; then nothing is
+            fitted, and p_CF follows.
     """
 
     name: str
     support_points: Array
     center_of_friction: Array | None = None
+    weights: Array | None = None
 
     def turned(self, angle: float, pivot: npt.ArrayLike) -> "Hypothesis":
         """The hypothesis rotated by `angle` [rad] about the point `pivot` (2,) [m]; the object frame stays where it is."""
@@ -40,7 +49,43 @@ class Hypothesis:
             return np.asarray((xy - np.asarray(pivot)) @ rotation(angle).T + pivot)
 
         center = self.center_of_friction
-        return Hypothesis(self.name, turned(self.support_points), None if center is None else turned(center))
+        return Hypothesis(self.name, turned(self.support_points), None if center is None else turned(center), self.weights)
+
+
+@dataclass(frozen=True)
+class _Known(Constraint):
+    """What a constraint says of a known w: rows of a single column, whose weight is 1."""
+
+    constraint: Constraint
+    support_points: Array
+    weights: Array
+    free: FreeRadii
+
+    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
+        rows = self.constraint.rows(observation, support_forces(self.support_points, observation.twist, self.free))
+        n = len(self.weights)
+        a = np.column_stack((rows.a[:, :n] @ self.weights, rows.a[:, n:]))
+        return rows._replace(a=a)
+
+    @property
+    def with_scale(self) -> bool:  # type: ignore[override]
+        return self.constraint.with_scale
+
+    @property
+    def needs_force(self) -> bool:  # type: ignore[override]
+        return self.constraint.needs_force
+
+
+def _estimator(hypothesis: Hypothesis, config: EstimatorConfig) -> Estimator:
+    """What judges a hypothesis: a program over its w; where w is known, over one support that stands for all of them."""
+    if hypothesis.weights is None:
+        return Estimator(hypothesis.support_points, config, hypothesis.center_of_friction)
+    support = Support(hypothesis.support_points, hypothesis.weights)
+    # eq. 7 narrows down w, but of a known w one data point's noise must not make it impossible
+    terms = replace(config, nonnegative_force=False).constraints
+    free = free_radii(support.points, config)
+    known = tuple(_Known(term, support.points, support.weights, free) for term in terms)
+    return Estimator([support.center_of_friction], replace(config, terms=known, nonnegative_force=False, cor_radius=TINY))
 
 
 @dataclass(frozen=True)
@@ -101,10 +146,7 @@ class Recognizer:
         if len(set(names)) < len(names):
             raise ValueError(f"hypotheses must differ in name, got {', '.join(names)}")
         same = replace(config or EstimatorConfig(), tie_break=False, confidence=False)  # only fit errors count
-        self._estimators = {
-            hypothesis.name: Estimator(hypothesis.support_points, same, hypothesis.center_of_friction)
-            for hypothesis in hypotheses
-        }
+        self._estimators = {hypothesis.name: _estimator(hypothesis, same) for hypothesis in hypotheses}
 
     @property
     def observations(self) -> tuple[Observation, ...]:

@@ -5,13 +5,15 @@ import json
 import pathlib
 import re
 import shlex
+import shutil
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.cli import app
-from pushfric_ros.files.model_file import ModelFile
+from pushfric_ros.files.model_file import ModelFile, load_model, save_model
 
 ROOT = pathlib.Path(__file__).parents[3]
 TEXT = (ROOT / "docs/planning.md").read_text()
@@ -40,6 +42,14 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "turns.csv").write_text(TURNS)
     monkeypatch.chdir(tmp_path)
     said(COMMANDS[0])
+    (tmp_path / "models").mkdir()
+    shutil.copy("model.yaml", "models/four_feet.yaml")
+    file, _ = load_model(tmp_path / "model.yaml")
+    points = np.array(file.object.support.points)
+    left = np.where(points[:, 0] < 0, 1.0, 0.0)  # as if it stood on its left side alone
+    x, y = (left @ points / left.sum()).tolist()
+    other = {"w": (left / left.sum()).tolist(), "center_of_friction": (x, y), "ensemble": ()}
+    save_model(file.model_copy(update=other), tmp_path / "models" / "left.yaml")
     return tmp_path
 
 
@@ -54,6 +64,16 @@ def test_the_commands_run_and_print_the_documented_keys(folder):
     assert len(lines[0].splitlines()) == 3
     assert "sticking" in lines[0]
     assert "slips, margin -" in lines[2]
+    ranking = json.loads(lines[5])
+    assert [hypothesis["name"] for hypothesis in ranking["hypotheses"]] == ["four_feet", "left"]
+    assert ranking["hypotheses"][1]["ratio"] > 3
+    assert lines[4].splitlines()[-1] == "best: four_feet"
+
+
+def test_the_fit_error_of_a_model_is_that_of_its_estimate(folder):
+    ranking = json.loads(said("recognize bags/rubber_rect4 --library models --json --no-nonnegative-force"))
+    file, _ = load_model(folder / "model.yaml")
+    assert ranking["hypotheses"][0]["fit_error"] == pytest.approx(file.made.fit_error, rel=1e-6)
 
 
 def test_a_bag_predicts_what_its_model_does(folder):
@@ -79,6 +99,12 @@ def test_the_python_runs(capsys):
         ("predict none.yaml --pushes pushes.csv", "none.yaml: cannot be read"),
         ("predict none --pushes pushes.csv", "no such file"),
         ("predict pushes.csv --pushes pushes.csv", "does not say of what object it is"),
+        ("recognize bags/rubber_rect4 --library none", "none: is no folder, expected one of models"),
+        (
+            "recognize bags/rubber_rect4 --library bags/rubber_rect4",
+            "metadata.yaml: expected any of the keys format",
+        ),
+        ("recognize bags/rubber_rect4 --library models --grid 3 3", "models bring their own"),
         ("stable model.yaml --pushes pushes.csv", "missing column half_width"),
         ("estimate bags/rubber_rect4 --save none/model.yaml", "its folder does not exist"),
     ],

@@ -1,6 +1,7 @@
 """The command `recognize`."""
 
-from typing import Any
+import pathlib
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -12,6 +13,7 @@ from pushfric_ros.commands.console import warn
 from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_ros.commands.options import GridOption, Input, ObjectOption, PartialFlag, SupportPointsOption
 from pushfric_ros.commands.settings_options import with_settings
+from pushfric_ros.files.model_file import library
 from pushfric_ros.messages.conversions import recognition_to_msg
 from pushfric_ros.offline.chosen_settings import ChosenSettings
 from pushfric_ros.offline.inputs import object_of, with_support
@@ -25,15 +27,22 @@ def recognize(
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
     partial: PartialFlag = False,
+    models: Annotated[
+        pathlib.Path | None,
+        typer.Option("--library", help="Folder of models (estimate --save): which of them was pushed.", show_default=False),
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     chosen = settings.of(source)
     model, where = object_of(source, object_name)
-    if not model.hypotheses:
-        raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
+    if models is not None and (grid is not None or support_points is not None):
+        raise InvalidInput("give --library without --grid and --support-points: models bring their own")
     model = with_support(model, grid, support_points)
+    hypotheses = model.hypotheses if models is None else library(models, model)
+    if not hypotheses:
+        raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses, or --library FOLDER")
     data = data_points.observations(source, model, chosen, warn, partial)
-    ranking = data_points.recognize(Recognizer(model.hypotheses, chosen.estimator), data, warn)
+    ranking = data_points.recognize(Recognizer(hypotheses, chosen.estimator), data, warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")

@@ -18,6 +18,7 @@ from pushfric_core.estimate import Estimate
 from pushfric_core.observation import PUSH_IDS, Observation
 from pushfric_core.planar import Array, Pose, Twist
 from pushfric_core.prediction import FrictionModel, model_of
+from pushfric_core.recognition import Hypothesis
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml
 
@@ -235,6 +236,26 @@ def prior(path: pathlib.Path, pushed: ObjectModel) -> list[Observation]:
     pushes = list(dict.fromkeys(observation.push_id for observation in data))
     numbers = {push_id: PUSH_IDS - len(pushes) + number for number, push_id in enumerate(pushes)}
     return [replace(observation, push_id=numbers[observation.push_id]) for observation in data]
+
+
+def library(folder: pathlib.Path, pushed: ObjectModel) -> list[Hypothesis]:
+    """The models in a folder as hypotheses, each by the name of its file: what the pushed object may be.
+
+    Raises:
+        InvalidInput: it is no folder, holds no model, or one that cannot be read or has another outline than the object.
+    """
+    if not folder.is_dir():
+        raise InvalidInput(f"{folder}: is no folder, expected one of models")
+    found = []
+    for path in sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES):
+        file, model = load_model(path)
+        if model.outline != pushed.outline:
+            raise InvalidInput(f"{path}: has another outline than the pushed object, so that it cannot be recognised")
+        weights = np.array(file.w)
+        found.append(Hypothesis(path.stem, model.support_points, weights=weights / weights.sum()))
+    if not found:
+        raise InvalidInput(f"{folder}: holds no model, expected files that `estimate --save` has written")
+    return found
 
 
 def check_name(path: pathlib.Path) -> None:

@@ -1,0 +1,39 @@
+"""A subscriber: prints where the pushed object's centre of friction is, and how far that can be trusted.
+
+python3 examples/subscriber.py          while ./pushfric demo runs
+"""
+
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from pushfric_msgs.msg import FrictionEstimate
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""The last estimate comes at once, however late this node starts."""
+
+
+class Subscriber(Node):
+    """Prints each estimate that may be used."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("subscriber", **kwargs)
+        self.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED)
+
+    def _on_estimate(self, msg: FrictionEstimate) -> None:
+        if msg.status != msg.STATUS_OPTIMAL:
+            return  # nothing is known, or the pushes contradict each other
+        x, y = 1e3 * msg.center_of_friction.x, 1e3 * msg.center_of_friction.y
+        trust = "".join(f", off by at most {1e3 * radius:.1f} mm with 90 %" for radius in msg.confidence)
+        print(f"{msg.object}: p_CF ({x:.1f}, {y:.1f}) mm from {msg.pushes} pushes{trust}", flush=True)
+
+
+def main() -> None:
+    rclpy.init()
+    rclpy.spin(Subscriber(namespace="/cell"))
+
+
+if __name__ == "__main__":
+    main()
