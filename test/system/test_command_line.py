@@ -109,6 +109,10 @@ def call(monkeypatch, capsys):
         (["recognize", "good.csv", "--object", "rubber_rect4"], "rubber_rect4 names no hypotheses"),
         (["calibrate", "board", "board.pdf", "--columns", "1"], "a board must have 4 x 4 to 500 squares, got 1 x 6"),
         (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),
+        (
+            ["calibrate", "lens", "99", "--out", "camera.yaml"],
+            "no camera at '99': expected a camera's index (0 is",
+        ),
         (["calibrate", "lens", "topic", "--out", "camera.yaml"], "the topic image_raw is calibrated from pictures"),
         (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
         (["import", "zhou2015", "none.csv", "--out", "bag"], "none.csv: no such file"),

@@ -493,7 +493,10 @@ def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ({"source": "99"}, "no camera at '99': expected 'topic', a device index, a URL, a video file or pictures"),
+        (
+            {"source": "99"},
+            "no camera at '99': expected a camera's index .*; or topic or compressed, for a camera",
+        ),
         ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
         ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
         ({"calibration": ""}, "calibration must name the camera's calibration YAML, got ''"),

@@ -19,10 +19,11 @@ from pushfric_ros.vision.calibration import (
     table_from_source,
 )
 from pushfric_ros.vision.camera import load_lens, save_camera
+from pushfric_ros.vision.frame_source import ACCEPTED
 
 app = typer.Typer(cls=Group, add_completion=False, no_args_is_help=True)
 
-CAMERA = "A camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures"
+CAMERA = ACCEPTED[0].upper() + ACCEPTED[1:]
 
 Source = Annotated[str, typer.Argument(help=f"{CAMERA}.", show_default=False)]
 Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]

@@ -126,7 +126,10 @@ class TrackerNode(Node):
         else:
             arrived = self.create_guard_condition(self._on_device_frames)
             size = (self._camera.width, self._camera.height)
-            self._device = Device(config.source, size, lambda: self.get_clock().now().nanoseconds, arrived.trigger)
+            try:
+                self._device = Device(config.source, size, lambda: self.get_clock().now().nanoseconds, arrived.trigger)
+            except InvalidInput as error:
+                raise InvalidInput(f"{error}; or {' or '.join(TOPICS)}, for a camera whose driver is a node") from error
             self._device.start()
 
     def destroy_node(self) -> None:

@@ -15,6 +15,9 @@ from pushfric_ros.vision.camera import Image
 PICTURE_PERIOD = 1 / 30
 """Time between the pictures of a folder [s]."""
 
+ACCEPTED = "a camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures"
+"""What a source may be."""
+
 REOPEN_PERIOD = 1.0
 """Time between attempts to find a camera that went away [s]."""
 
@@ -78,15 +81,15 @@ class Device(threading.Thread):
             frames = (picture for picture in pictures if picture is not None)
             first = next(frames, None)
             if first is None:
-                raise InvalidInput(f"no pictures at {self._source!r}")
+                raise InvalidInput(f"no pictures at {self._source!r}: expected {ACCEPTED}")
             sequence = itertools.chain((first,), frames)
             return lambda: next(sequence, None), PICTURE_PERIOD
         # OpenCV would print several lines; the error below says it in one
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
         capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
         if not capture.isOpened():
-            expected = "'topic', a device index, a URL, a video file or pictures"
-            raise InvalidInput(f"no camera at {self._source!r}: expected {expected}")
+            there = ", ".join(sorted(glob.glob("/dev/video*"))) or "none"
+            raise InvalidInput(f"no camera at {self._source!r}: expected {ACCEPTED}; cameras of this machine: {there}")
         if pathlib.Path(self._source).is_file():
             rate = capture.get(cv2.CAP_PROP_FPS)
             return lambda: capture.read()[1], 1 / rate if rate > 0 else PICTURE_PERIOD
