@@ -19,13 +19,20 @@ CELL = ViewConfig(host="10.0.0.5", port=9000, token="a-secret-word")
         (AUTO_VIEW, ViewConfig(), ViewConfig()),
         ("8000", ViewConfig(), ViewConfig(port=8000)),
         ("8000", CELL, ViewConfig("10.0.0.5", 8000, "a-secret-word")),
-        ("0.0.0.0:8000", ViewConfig(), ViewConfig("0.0.0.0", 8000)),
         ("[::1]:8000", ViewConfig(), ViewConfig("::1", 8000)),
-        ("robot.local:0", ViewConfig(), ViewConfig("robot.local", 0)),
+        ("localhost:0", ViewConfig(), ViewConfig("localhost", 0)),
+        ("0.0.0.0:8000", CELL, ViewConfig("0.0.0.0", 8000, "a-secret-word")),
     ],
 )
 def test_an_address_stands_for_settings(address, settings, expected):
     assert view_at(address, settings) == expected
+
+
+def test_an_address_that_others_reach_gets_a_token():
+    tokens = {view_at("0.0.0.0:8000", ViewConfig()).token for _ in range(3)}
+    assert len(tokens) == 3
+    assert min(map(len, tokens)) >= 12
+    assert view_at(AUTO_VIEW, ViewConfig(host="10.0.0.5")).token
 
 
 @pytest.mark.parametrize("address", ["yes", "1.2.3.4", "http://robot:80", "robot:", ":80", "8000 "])

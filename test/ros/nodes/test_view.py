@@ -95,9 +95,12 @@ class Visitor:
         self._loop.run_sync(lambda: self._socket.write_message(text), timeout=PATIENCE)
 
     def close(self) -> None:
-        self._socket.close()
-        while self._loop.run_sync(self._socket.read_message, timeout=PATIENCE) is not None:
-            pass
+        async def leave():
+            self._socket.close()
+            while await self._socket.read_message() is not None:
+                pass
+
+        self._loop.run_sync(leave, timeout=PATIENCE)
         self._loop.close(all_fds=True)
 
 

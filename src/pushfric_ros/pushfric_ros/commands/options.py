@@ -58,7 +58,7 @@ ViewOption = Annotated[
     typer.Option(
         "--view",
         help=f"Show the run in a browser, on this machine alone unless a HOST is given; at port {VIEW_PORT} unless a PORT is.",
-        metavar="[HOST:]PORT",
+        metavar="[[HOST:]PORT]",
         show_default=False,
     ),
 ]
@@ -76,13 +76,14 @@ def view_at(address: str, settings: ViewConfig) -> ViewConfig | None:
     if not address:
         return None
     if address == AUTO_VIEW:
-        return settings
+        return settings.protected()
     found = ADDRESS.fullmatch(address)
     if found is None:
         raise InvalidInput(f"--view must be a port or HOST:PORT, got {address!r}")
     try:
         view = dataclasses.replace(settings, port=int(found["port"]))
-        return dataclasses.replace(view, host=found["host"].strip("[]")) if found["host"] else view
+        view = dataclasses.replace(view, host=found["host"].strip("[]")) if found["host"] else view
+        return view.protected()  # here, so that a view that is started again keeps its token
     except ValueError as error:
         raise InvalidInput(f"--view {address}: {error}") from error
 

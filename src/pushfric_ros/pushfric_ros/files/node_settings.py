@@ -4,9 +4,12 @@ The settings of the pusher are in pushers/pusher.py and its driver, those of tra
 pushfric_core and in estimator_settings.py.
 """
 
+import dataclasses
 import enum
+import ipaddress
 import math
 import re
+import secrets
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -216,6 +219,23 @@ class ViewConfig:
             raise ValueError(f"host must be an address of this machine, such as {LOOPBACK} or 0.0.0.0, got ''")
         if self.token and not re.fullmatch("[A-Za-z0-9_-]{8,}", self.token):
             raise ValueError(f"token must be 8 or more letters, digits, - and _, got {self.token!r}")
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine reaches the page."""
+        return is_loopback(self.host)
+
+    def protected(self) -> "ViewConfig":
+        """The same, with a new token where one is needed and none is given."""
+        return self if self.is_local or self.token else dataclasses.replace(self, token=secrets.token_urlsafe(12))
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches a server at this address or name."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,9 @@ changes on the way and one that waits, in which later values of a key replace ea
 
 import asyncio
 import hmac
-import ipaddress
 import json
 import logging
 import pathlib
-import secrets
 import threading
 from collections.abc import Awaitable, Callable
 from typing import Any, NamedTuple
@@ -22,7 +20,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.files.node_settings import VIEW_PORT, ViewConfig
+from pushfric_ros.files.node_settings import VIEW_PORT, ViewConfig, is_loopback
 from pushfric_ros.report.report import to_json
 from pushfric_ros.view.story import Change
 
@@ -90,9 +88,8 @@ class Server:
         self._story: Change = {}
         self._visitors: set[Visitor] = set()
         self._looking = False
-        self._local = is_loopback(config.host)
-        self._host = config.host
-        self.token = config.token or ("" if self._local else secrets.token_urlsafe(12))
+        self._local, self._host = config.is_local, config.host
+        self._token = config.protected().token
         self._sockets = _bound(config)
         self._port = self._sockets[0].getsockname()[1]
         # the library would tell the operator about each malformed request of a port scanner
@@ -107,7 +104,7 @@ class Server:
     def url(self) -> str:
         """The address of the page, with the token if it needs one."""
         host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"http://{host}:{self._port}/" + (f"?token={self.token}" if self.token else "")
+        return f"http://{host}:{self._port}/" + (f"?token={self._token}" if self._token else "")
 
     def show(self, change: Change) -> None:
         """Tell a change of the story; from any thread."""
@@ -125,9 +122,9 @@ class Server:
             self._thread.join()
         self._loop.close()
 
-    def allows(self, request: Any, token: str | None) -> bool:
-        """Whether a request shows the token, if one is needed."""
-        return not self.token or hmac.compare_digest((token or "").encode(), self.token.encode())
+    def allows(self, token: str | None) -> bool:
+        """Whether this is the token, if one is needed."""
+        return not self._token or hmac.compare_digest((token or "").encode(), self._token.encode())
 
     def is_own(self, host: str) -> bool:
         """Whether a name in a request's Host is this server's.
@@ -225,7 +222,7 @@ class Visitor(WebSocketHandler):
 
     def open(self, *_: str, **__: str) -> None:
         """Refuse who does not show the token; the page then says so."""
-        if not self._server.allows(self.request, self.get_query_argument("token", None)):
+        if not self._server.allows(self.get_query_argument("token", None)):
             self.close(WITHOUT_TOKEN, "the token is missing or wrong")
             return
         self._sending = asyncio.create_task(self._send())
@@ -292,7 +289,7 @@ class Action(RequestHandler):
             raise HTTPError(403, "asked by the page of another site")
         shown = self.request.headers.get("Authorization", "").removeprefix("Bearer ")
         shown = shown or self.get_query_argument("token", "")
-        if action != FREE_FOR_ALL and not self._server.allows(self.request, shown):
+        if action != FREE_FOR_ALL and not self._server.allows(shown):
             raise HTTPError(401, "the token is missing or wrong")
         try:
             answer = await self._server.ask(action, None if push is None else int(push))
@@ -332,14 +329,6 @@ class Page(RequestHandler):
             raise HTTPError(404)
         self.set_header("Content-Type", f"{TYPES[path.suffix]}; charset=utf-8")
         self.write(path.read_bytes())
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches a server at this address."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def _bound(config: ViewConfig) -> list[Any]:

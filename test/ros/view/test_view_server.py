@@ -1,0 +1,142 @@
+"""The server of the live view with visitors who are slow, gone or strange; without ROS."""
+
+import asyncio
+import json
+
+import pytest
+from tornado.httpclient import AsyncHTTPClient
+from tornado.websocket import websocket_connect
+
+from pushfric_ros.files.node_settings import ViewConfig
+from pushfric_ros.view import server as view_server
+from pushfric_ros.view.server import Server
+
+PATIENCE = 60.0
+
+
+class Told:
+    """What the server tells its node."""
+
+    def __init__(self) -> None:
+        self.looking: list[bool] = []
+        self.requests: list = []
+
+
+@pytest.fixture
+def told():
+    return Told()
+
+
+@pytest.fixture
+def server(told):
+    server = Server(ViewConfig(port=0), told.requests.append, told.looking.append)
+    yield server
+    server.close()
+
+
+def live(server):
+    return server.url.replace("http", "ws", 1) + "live"
+
+
+async def read(socket):
+    return await asyncio.wait_for(socket.read_message(), PATIENCE)
+
+
+async def until(condition):
+    async with asyncio.timeout(PATIENCE):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+def test_a_slow_visitor_gets_the_newest_of_each_and_not_all(server):
+    count, picture = 300, bytes(1_000_000)
+
+    async def visit():
+        socket = await websocket_connect(live(server), max_message_size=10_000_000)
+        assert json.loads(await read(socket)) == {"all": {"step": -1}}
+        for step in range(count):
+            server.picture(step.to_bytes(2, "big") + picture)
+            server.show({"step": step})
+        server.show({"last": True})
+        steps, pictures, last = [], [], False
+        while not (last and pictures and pictures[-1] == count - 1):
+            message = await read(socket)
+            if isinstance(message, bytes):
+                pictures.append(int.from_bytes(message[:2], "big"))
+            else:
+                change = json.loads(message)["some"]
+                steps += [change["step"]] * ("step" in change)
+                last |= "last" in change
+        assert steps[-1] == count - 1
+        assert steps == sorted(steps)
+        assert len(pictures) < count / 2
+        socket.close()
+
+    server.show({"step": -1})
+    asyncio.run(visit())
+
+
+def test_a_key_that_is_taken_back_is_not_told_to_late_visitors(server):
+    async def visit():
+        server.show({"push/1": {}, "estimate": {"w": [1.0]}})
+        server.show({"push/1": None, "estimate": None, "fault": "none"})
+        socket = await websocket_connect(live(server))
+        assert json.loads(await read(socket)) == {"all": {"estimate": None, "fault": "none"}}
+        socket.close()
+
+    asyncio.run(visit())
+
+
+@pytest.mark.parametrize("said", ["", "[]", "{}", "looks", '"looks"', "[" * 5000, b"\xff", "x" * 20_000])
+def test_a_visitor_who_says_something_else_is_shown_out(server, told, said):
+    async def visit():
+        server.show({"cell": "/cell"})
+        socket = await websocket_connect(live(server))
+        await read(socket)
+        await socket.write_message(said, binary=isinstance(said, bytes))
+        while await read(socket) is not None:
+            pass
+        await until(lambda: told.looking == [True, False])
+
+    asyncio.run(visit())
+
+
+def test_a_visitor_who_is_cut_off_no_longer_counts(server, told):
+    async def visit():
+        socket = await websocket_connect(live(server))
+        await until(lambda: told.looking == [True])
+        socket.protocol.stream.close()  # without a farewell
+        await until(lambda: told.looking == [True, False])
+
+    asyncio.run(visit())
+
+
+def test_who_asks_is_told_when_nobody_answers(server, told, monkeypatch):
+    monkeypatch.setattr(view_server, "ANSWER_WITHIN", 0.05)
+
+    async def visit():
+        answer = await AsyncHTTPClient().fetch(f"{server.url}stop", method="POST", body=b"")
+        assert json.loads(answer.body) == {"done": False, "message": "nobody answered within 0.05 s"}
+
+    asyncio.run(visit())
+    (request,) = told.requests
+    assert (request.action, request.push) == ("stop", None)
+
+
+def test_requests_that_are_none_are_refused(server, told):
+    async def visit():
+        for what, method in (
+            ("", "POST"),
+            ("exclude/x", "POST"),
+            ("exclude/12345678901", "POST"),
+            ("stop", "GET"),
+            ("jog", "POST"),
+        ):
+            body = b"" if method == "POST" else None
+            answer = await AsyncHTTPClient().fetch(f"{server.url}{what}", method=method, body=body, raise_error=False)
+            assert answer.code in (404, 405), what
+        large = await AsyncHTTPClient().fetch(f"{server.url}stop", method="POST", body=bytes(100_000), raise_error=False)
+        assert large.code in (400, 413, 599)
+
+    asyncio.run(visit())
+    assert told.requests == []
