@@ -114,9 +114,9 @@ class ExperimentNode(Node):
             if problem is None:
                 self._progress.completed += 1
             else:
+                self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
                 self._progress.aborted += 1
                 self._awaited.renew()
-                self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
         self._report(
             PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {counted(self._count, 'push', 'pushes')} done"
         )
