@@ -64,13 +64,13 @@ function show(blob) {
   redraw();
 }
 
-async function ask(what) {
+async function ask(what, said = what) {
   try {
     const answered = await fetch(what, { method: "POST", headers: token ? { Authorization: `Bearer ${token}` } : {} });
     const { done, message } = await answered.json();
-    say(`${what.replace("/", " ")}: ${message}`, !done);
+    say(`${said}: ${message}`, !done);
   } catch {
-    say(`${what}: nobody answers; use the switch at the pusher`, true);
+    say(`${said}: nobody answers; use the switch at the pusher`, true);
   }
 }
 
@@ -185,7 +185,7 @@ function drawTable() {
         if (label) cell.dataset.label = label;
       }
       const button = document.createElement("button");
-      button.addEventListener("click", () => ask(`exclude/${row.push}`));
+      button.addEventListener("click", () => ask(`exclude/${row.push}`, `exclude push ${row.push + 1}`));
       line.lastChild.append(button);
       body.insertBefore(line, body.children[index] ?? null);
     }
