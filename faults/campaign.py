@@ -57,7 +57,7 @@ def _outcome(case: Case, run: CellRun) -> Outcome:
 
 def _problems(case: Case, run: CellRun, code: int) -> Iterable[str]:
     if code not in case.codes:
-        yield f"exit code {code} is none of {', '.join(map(str, case.codes))}"
+        yield f"exit code {code}, expected one of {', '.join(map(str, case.codes))}"
     if not re.search(case.says, run.output):
         yield f"nothing said matches {case.says!r}"
     if "Traceback" in run.output:

@@ -183,7 +183,7 @@ def test_a_node_without_state_is_started_again(running):
 
 def test_an_estimator_that_is_killed_goes_on_from_the_bag(running, tmp_path):
     os.kill(running.pid_of("estimator"), signal.SIGKILL)
-    # on a slow machine it may be away for so long that the push is aborted
+    # on a slow machine it may be away long enough that the push is aborted
     code = running.wait_for_end()
     aborted = re.search(r"^error: .*(aborted|no data point came of push)", running.output, re.M)
     assert code == bool(aborted), running.output

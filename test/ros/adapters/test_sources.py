@@ -79,7 +79,7 @@ def test_a_frame_is_followed_through_the_tree():
     source = TransformsConfig(frame="tool", reference="base").open_source()
     assert source.topics == {"/tf_static": ("tf2_msgs/msg/TFMessage", "latched"), "/tf": ("tf2_msgs/msg/TFMessage", "reliable")}
     assert source.body(MOVING, tf(transform_msg("link", "tool", (0, 0, 0.5), about((0, 0, 1), 0.0), 5))) is None
-    # base stands beside link's parent in the world, turned by a quarter
+    # base stands next to link's parent in the world, turned by a quarter
     assert source.body(FIXED, tf(transform_msg("world", "base", (1, 0, 0), about((0, 0, 1), math.pi / 2)))) is None
     body = source.body(MOVING, tf(transform_msg("world", "link", (1, 2, 0), about((1, 0, 0), math.pi), 6)))
     assert body.stamp == 6_000_000_000

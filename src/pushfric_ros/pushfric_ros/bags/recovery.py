@@ -27,10 +27,10 @@ def recover(path: PathLike, out: PathLike) -> Bag:
         damaged = Bag(path, ignore_metadata=True)
     with BagWriter(out) as writer:
         for name in (OBJECT_FILE, PRIOR_FILE):
-            beside = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / name
-            if beside.is_file():
+            kept = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / name
+            if kept.is_file():
                 with writer.writing():
-                    shutil.copyfile(beside, pathlib.Path(out) / name)
+                    shutil.copyfile(kept, pathlib.Path(out) / name)
         channels = {}
         for topic in damaged.summary.topics:
             text = topic.definition

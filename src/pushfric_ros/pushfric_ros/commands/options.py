@@ -65,13 +65,13 @@ ViewOption = Annotated[
 
 
 def view_at(address: str, settings: ViewConfig) -> ViewConfig | None:
-    """Where the view is served; None: there is none.
+    """Where the view is served; None: not at all.
 
     Args:
         address: what --view was given; empty: it was not.
         settings: of the cell, which hold where the address says nothing.
     Raises:
-        InvalidInput: the address is none.
+        InvalidInput: this is not an address.
     """
     if not address:
         return None

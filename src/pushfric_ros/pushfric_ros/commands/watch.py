@@ -47,7 +47,7 @@ def watch(
         live: with a table that is redrawn in place; otherwise a line for each push.
         replayed: the data points in the bag, if one is played.
         unfinished: prompts an operator; called with the push of the plan to go on with, if the run ends before the plan does.
-        recorded: folder of the bag that the run records. A run that ends well has failed all the same if its bag, its live
+        recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
             estimate and its plan disagree.
         stay: called with the last estimate when the run has ended well; the other nodes then run on until Ctrl-C.
     """

@@ -24,7 +24,7 @@ from pushfric_ros.node_kit.network import configured
 EXIT_INVALID_INPUT = 2
 
 WINDING_UP, LAST_WORDS = 2.0, 0.1
-"""A node that winds up may take so long, and its last messages so long to leave [s]."""
+"""How long a node may take to wind up, and its last messages to leave [s]."""
 
 HUNG = 60
 """A node whose executor has not turned for this long [s] has hung: the kernel ends its process by SIGALRM.

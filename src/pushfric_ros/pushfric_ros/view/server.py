@@ -1,6 +1,6 @@
 """Serves the page of the live view, its story and its pictures, and takes what visitors ask for; knows no ROS.
 
-It works in a thread of its own. A visitor who is slow gets fewer, later changes, and delays nobody: each has one parcel of
+It works in a thread of its own. A slow visitor gets fewer, later changes, and delays nobody: each has one parcel of
 changes on the way and one that waits, in which later values of a key replace earlier ones.
 """
 
@@ -34,10 +34,10 @@ FREE_FOR_ALL = "stop"
 """This needs no token."""
 
 ANSWER_WITHIN = 15.0
-"""After so long [s], a visitor is told that nobody answered."""
+"""After this long [s], a visitor is told that nobody answered."""
 
 PING = 10.0
-"""A visitor who has answered no ping for so long [s] counts as gone."""
+"""A visitor who has answered no ping for this long [s] counts as gone."""
 
 LARGEST_REQUEST = 10_000
 """In bytes."""
