@@ -206,10 +206,11 @@ def _process(arguments: list[str], **options: Any) -> Iterator["subprocess.Popen
 
 def _memory_of_family(pid: int) -> dict[str, float]:
     """Memory of a process and its descendants [MiB], by name."""
-    found = {}
+    found: dict[str, float] = {}
     for member in _family(pid):
         try:
-            found[_name(pathlib.Path(f"/proc/{member}/cmdline").read_text())] = _memory(member)
+            name = _name(pathlib.Path(f"/proc/{member}/cmdline").read_text())
+            found[name] = found.get(name, 0.0) + _memory(member)
         except (FileNotFoundError, ProcessLookupError):  # it has ended since
             continue
     return found
