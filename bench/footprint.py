@@ -220,7 +220,7 @@ def _name(arguments: str) -> str:
     """What a process of the demo is called, by its arguments."""
     if fork_server.__name__ in arguments:
         return "fork server"
-    node = re.search(r"__node:=(\w+)", arguments)
+    node = re.search(r"[ \0]__node:=(\w+)", arguments)
     return node[1] if node is not None else "command line"
 
 
