@@ -90,6 +90,15 @@ class Kind(StrEnum):
     FORCE = "force"  # forces measured while the tip slid
 
 
+class Slip(StrEnum):
+    """How the tip moves along the edge."""
+
+    UNKNOWN = "unknown"
+    STICKING = "sticking"
+    LEFT = "sliding left"  # along t
+    RIGHT = "sliding right"
+
+
 @comparable
 class Tip(NamedTuple):
     """What was seen and measured of the tip at m contacts; NaN where nothing was."""
@@ -111,6 +120,12 @@ class Tip(NamedTuple):
         with np.errstate(invalid="ignore"):
             sliding = np.abs(self.slip) > self.tolerance
         return np.where(np.isnan(self.slip), np.nan, np.where(sliding, np.sign(self.slip), 0.0))
+
+    @property
+    def slips(self) -> list[Slip]:
+        """How the tip moves in each of the m data points."""
+        states = {0.0: Slip.STICKING, 1.0: Slip.LEFT, -1.0: Slip.RIGHT}
+        return [states.get(direction, Slip.UNKNOWN) for direction in self.directions.tolist()]
 
 
 class MuC(NamedTuple):

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from pushfric_core.contact_friction import ContactForces, Tip, contact_forces, t
 from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array
+from pushfric_core.screening import REASONS, Rejected, Screening
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Solver, Status
@@ -101,6 +102,7 @@ class EstimatorConfig:
         True, "of equally good w, take the one nearest to equal weights; only with simplex and l1, and without the term force"
     )
     confidence: bool = setting(True, "compute how far p_CF can be trusted; only with simplex and l1, and not if p_CF is given")
+    screening: bool = setting(True, "leave pushes out that are unlike the others, and look for a change of the object")
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -179,6 +181,11 @@ class Estimator:
         config = self.config
         self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
         self._tilts = DIRECTIONS @ (self.support_points - self.support_points.mean(axis=0)).T
+        self._screening = Screening(self.support_points) if self.config.screening and not self._center_given else None
+        self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
+        self._held: dict[int, list[Observation]] = {}  # their data points
+        self._kept: set[int] = set()  # pushes that stay in, whatever shows
+        self._screened = 0  # data points that there were at the last screening
         self._forget()
         if center_of_friction is not None:
             center = np.array(center_of_friction, dtype=float)
@@ -197,6 +204,11 @@ class Estimator:
         """The newest data point in the program; None without any."""
         return next(reversed(self._observations.values()), None)
 
+    @property
+    def rejected(self) -> tuple[Rejected, ...]:
+        """The pushes that are left out because they are unlike the others, each with the reason."""
+        return tuple(Rejected(push_id, REASONS[what]) for push_id, what in sorted(self._rejected.items()))
+
     def add(self, observation: Observation) -> Estimate:
         """Take a data point and estimate again, starting from the last optimum.
 
@@ -206,6 +218,51 @@ class Estimator:
         Raises:
             UninformativePush: the data point rotates exactly about a support point; the estimator stays as it was.
         """
+        self._append(observation)
+        return self.estimate()
+
+    def take(self, observation: Observation) -> Estimate:
+        """As `add`; but a push that turns out to be unlike the others is left out, until it no longer is.
+
+        Only with the setting `screening`, and not if p_CF is given.
+
+        Raises:
+            UninformativePush: as `add`.
+        """
+        if self._screening is None:
+            return self.add(observation)
+        self.check(observation)
+        self._screening.add(observation)
+        if observation.push_id in self._rejected:
+            self._held[observation.push_id].append(observation)
+        else:
+            self._append(observation)
+        count = len(self._observations)
+        if count - self._screened > count // SELDOM:
+            self._screened = count
+            self._reject(self._screening)
+        return self.estimate()
+
+    def keep(self, push_id: int) -> Estimate:
+        """Keep a push in, or take it back, whatever shows that it is bad."""
+        self._kept.add(push_id)
+        if self._screening is not None:
+            self._reject(self._screening)
+        return self.estimate()
+
+    def _reject(self, screening: Screening) -> None:
+        """Leave the bad pushes out, and take those back that are so no longer."""
+        bad = {push_id: what for push_id, what in screening.rejected().items() if push_id not in self._kept}
+        for push_id in bad.keys() - self._rejected.keys():
+            self._held[push_id] = [one for one in self._observations.values() if one.push_id == push_id]
+            if self._held[push_id]:
+                self._take_out(push_id)
+        for push_id in self._rejected.keys() - bad.keys():
+            for observation in self._held.pop(push_id):
+                self._append(observation)
+        self._rejected = bad
+
+    def _append(self, observation: Observation) -> None:
         forces = support_forces(self.support_points, observation.twist, self._free)
         rows = stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns)
         self._program.add(rows)
@@ -214,7 +271,6 @@ class Estimator:
         self._observations[self._next] = observation
         self._pushes[observation.push_id] += 1
         self._next += 1
-        return self.estimate()
 
     def check(self, observation: Observation) -> None:
         """Check that `add` would take a data point.
@@ -230,9 +286,19 @@ class Estimator:
         Raises:
             ValueError: there is no data point of that push.
         """
+        if push_id not in self._pushes and push_id not in self._held:
+            known = sorted({*self._pushes, *self._held})
+            raise ValueError(f"push_id must be one of {', '.join(map(str, known)) or 'none'}, got {push_id}")
+        if push_id in self._pushes:
+            self._take_out(push_id)
+        self._held.pop(push_id, None)
+        self._rejected.pop(push_id, None)
+        if self._screening is not None:
+            self._screening.remove(push_id)
+        return self.estimate()
+
+    def _take_out(self, push_id: int) -> None:
         groups = [group for group, observation in self._observations.items() if observation.push_id == push_id]
-        if not groups:
-            raise ValueError(f"push_id must be one of {', '.join(map(str, sorted(self._pushes))) or 'none'}, got {push_id}")
         kept = np.array([observation.push_id != push_id for observation in self._observations.values()])
         for group in groups:
             self._program.remove(group)
@@ -242,7 +308,6 @@ class Estimator:
         self._forget()
         for observation in self._observations.values():
             self._look_at(observation)
-        return self.estimate()
 
     def estimate(self) -> Estimate:
         """The estimate from the present data points; without any, every w is equally good."""
@@ -273,7 +338,9 @@ class Estimator:
         for observation in self._unchecked:
             self._input.add(observation)
         self._unchecked.clear()
-        return self._input.verdict(estimate)
+        verdict = self._input.verdict(estimate)
+        change = None if self._screening is None else self._screening.change()
+        return replace(verdict, rejected=self.rejected, change=change)
 
     def _forget(self) -> None:
         """Begin to look at the data points from the first one on."""

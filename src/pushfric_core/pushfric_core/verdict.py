@@ -12,6 +12,7 @@ import numpy as np
 from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, Twist, velocity_at
+from pushfric_core.screening import Change, Rejected
 from pushfric_core.solvers.program import Status
 from pushfric_core.spread import FEWEST_PUSHES
 
@@ -48,11 +49,27 @@ class Verdict:
     """Whether an estimate may be used.
 
     Attributes:
-        use: whether it may be used.
-        reasons: why it may not, a sentence each with the likely cause and what to do; empty if it may.
+        mistakes: of the input, a sentence each with the likely cause and what to do.
+        rejected: pushes that were left out; the estimate may be used without them.
+        change: since when the object is another one; None while it seems to be the same.
     """
 
-    reasons: tuple[str, ...] = ()
+    mistakes: tuple[str, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
+    change: Change | None = None
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it may not be used; none if it may."""
+        if self.change is None:
+            return self.mistakes
+        x, y = (1e3 * value for value in self.change.shift)
+        return (
+            *self.mistakes,
+            f"the object is another one since push {self.change.since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
+            f"was moved, or it was exchanged; start again from push {self.change.since}, with reset or by leaving the earlier "
+            "pushes out",
+        )
 
     @property
     def use(self) -> bool:

@@ -14,7 +14,7 @@ from visualization_msgs.msg import MarkerArray
 from pushfric_core.contact import PushingLine
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimator import Estimator
-from pushfric_core.planar import Pose
+from pushfric_core.planar import Pose, velocity_at
 from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
 from pushfric_core.simulation import PushedObject
 from pushfric_core.table_1 import TABLE_1
@@ -432,3 +432,25 @@ def test_contradicting_data_give_a_status_and_no_values(ros):
 def test_bad_parameters_are_refused_with_a_reason(ros, parameters, error):
     with pytest.raises(InvalidInput, match=error):
         estimator(**parameters)
+
+
+def test_a_bad_push_is_left_out_and_the_service_takes_it_back(ros):
+    known = TABLE_1[NAME]
+    pushes = observations_of(known.outline, known.support, 0.5, 8, np.random.default_rng(6))
+    pushes = [
+        replace(one, tip_velocity=tuple(velocity_at(one.twist, np.asarray(one.contact_point)).tolist())) for one in pushes
+    ]
+    pushes[4] = replace(pushes[4], tip_velocity=tuple((3 * np.asarray(pushes[4].tip_velocity)).tolist()))
+    node, out, estimates = estimator_of_observations(ros)
+    for observation in pushes:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(estimates) == len(pushes), what="the estimates")
+    (rejected,) = estimates[-1].rejected
+    assert rejected.push_id == 4
+    assert "another speed than the tip" in rejected.reason
+    assert estimates[-1].pushes == len(pushes) - 1
+    assert list(estimates[-1].contact_friction.slip) == [ContactFriction.SLIP_STICKING]
+    assert sum(estimates[-1].contact_friction.slips) == len(pushes) - 1
+    assert call(ros, node, ExcludePush, "estimator/keep_push", ExcludePush.Request(push_id=4)).success
+    ros.wait_for(lambda: estimates[-1].pushes == len(pushes), what="the estimate with the push")
+    assert not estimates[-1].rejected

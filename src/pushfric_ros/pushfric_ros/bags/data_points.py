@@ -273,7 +273,7 @@ def last(results: Iterable[Taken]) -> Taken:
 
 def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
     """The estimate after the last data point; raises and warns as `taken` and `last`."""
-    return last(taken(estimator.add, data, warn))
+    return last(taken(estimator.take, data, warn))
 
 
 def recognize(recognizer: Recognizer, data: Iterable[Observation], warn: Warn) -> Ranking:

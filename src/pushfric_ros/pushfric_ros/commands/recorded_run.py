@@ -58,7 +58,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Coll
         return [*said, f"no estimate comes of the bag {bag}: {error}"]
     if empty := sorted(set(pushed) - {point.push_id for point in data} - {*settings.excluded}):
         said.append(f"no data point came of push {', '.join(str(push_id + 1) for push_id in empty)}")
-    estimator = Estimator(model.support_points, settings.estimator)
+    estimator = settings.new_estimator(model.support_points)
     usable = [point for point in data if _is_usable(estimator, point)]
     counts = len(usable), len({point.push_id for point in usable})
     live_counts = (0, 0) if live is None else (live.data_points, live.pushes)
@@ -87,8 +87,8 @@ def course_of(bag: pathlib.Path) -> tuple[list[Estimate], tuple[Observation, ...
     from pushfric_ros.bags import data_points
 
     model, settings, data = _recorded(bag)
-    estimator = Estimator(model.support_points, settings.estimator)
-    return list(data_points.taken(estimator.add, data, warn)), estimator.observations
+    estimator = settings.new_estimator(model.support_points)
+    return list(data_points.taken(estimator.take, data, warn)), estimator.observations
 
 
 def _recorded(bag: pathlib.Path) -> tuple[ObjectModel, EstimatorSettings, list[Observation]]:

@@ -36,7 +36,11 @@ def print_result(figures: dict[str, Any], json: str | None, loss: Loss) -> None:
     output.print(
         f"fit    {figures['objective'] * scale:.4f} {unit}, {figures['status']}, gap {figures['gap'] * scale:.1e} {unit}"
     )
+    if "slips" in mu:
+        output.print("slip   " + ", ".join(f"{state} {count}" for state, count in mu["slips"].items()))
     output.print(f"from   {data_of(figures['data_points'], figures['pushes'])}")
+    for one in figures["rejected"]:
+        output.print(f"       push {one['push']} is left out: {one['reason']}")
 
 
 def _coefficient(mu: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from pushfric_core.estimator import EstimatorConfig
 from pushfric_core.settings import AUTO
 from pushfric_ros.offline.chosen_settings import ChosenSettings
 
-EXCLUDE, SLIPPING = "exclude_push", "slipping_push"
+EXCLUDE, SLIPPING, KEEP = "exclude_push", "slipping_push", "keep_push"
 
 
 def option(config: type, name: str) -> Any:
@@ -33,7 +33,7 @@ def _field(config: Any, name: str) -> Any:
 
 
 def with_settings(command: Callable[..., None], without: Collection[str] = ()) -> Callable[..., None]:
-    """The command with an option for each field of EstimatorConfig, --exclude-push and --slipping-push, instead of `settings`.
+    """The command with an option for each field of EstimatorConfig and for single pushes, instead of `settings`.
 
     Args:
         command: its parameter `settings` gets them as ChosenSettings.
@@ -46,7 +46,9 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
     slips = typer.Option(
         "--slipping-push", help="The contact of this push slips, which gives mu_c; repeatable.", show_default=False
     )
-    options |= {EXCLUDE: Annotated[list[int] | None, leave_out], SLIPPING: Annotated[list[int] | None, slips]}
+    keep = typer.Option("--keep-push", help="Keep this push, even if it is unlike the others; repeatable.", show_default=False)
+    pushes = {EXCLUDE: leave_out, SLIPPING: slips, KEEP: keep}
+    options |= {name: Annotated[list[int] | None, one] for name, one in pushes.items()}
 
     def run(**given: Any) -> None:
         chosen = {name: given.pop(name) for name in options}
@@ -87,8 +89,8 @@ def _help(field: Any) -> str:
 
 def _chosen(options: dict[str, Any]) -> ChosenSettings:
     """The options that were given."""
-    excluded, slipping = (tuple(options.pop(name) or ()) for name in (EXCLUDE, SLIPPING))
+    excluded, slipping, kept = (tuple(options.pop(name) or ()) for name in (EXCLUDE, SLIPPING, KEEP))
     given = {name: value for name, value in options.items() if value is not None}
     if "terms" in given:
         given["terms"] = given["terms"].split(",")
-    return ChosenSettings(given, excluded, slipping)
+    return ChosenSettings(given, excluded, slipping, kept)

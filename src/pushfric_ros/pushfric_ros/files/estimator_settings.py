@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from pushfric_core.estimator import EstimatorConfig
+import numpy.typing as npt
+
+from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.region import RegionConfig
 from pushfric_core.settings import merged, read, setting
 from pushfric_core.trajectory import TrajectoryConfig
@@ -23,6 +25,7 @@ class PushesConfig:
 
     exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
     slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
+    keep_pushes: tuple[int, ...] = setting((), "pushes that are kept, even if they are unlike the others")
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,7 @@ class EstimatorSettings:
     excluded: tuple[int, ...] = ()  # ids of pushes whose data points are left out
     region: RegionConfig = field(default_factory=RegionConfig)
     slipping: tuple[int, ...] = ()  # ids of pushes whose contact is known to slip
+    kept: tuple[int, ...] = ()  # ids of pushes that are kept, even if they are unlike the others
 
     PARTS: ClassVar = (EstimatorConfig, TrajectoryConfig, RegionConfig, PushesConfig)
     """The dataclasses whose fields are the parameters."""
@@ -43,12 +47,23 @@ class EstimatorSettings:
         cls, estimator: EstimatorConfig, trajectory: TrajectoryConfig, region: RegionConfig, pushes: PushesConfig
     ) -> "EstimatorSettings":
         """The settings made of instances of PARTS."""
-        return cls(estimator, trajectory, pushes.exclude_pushes, region, pushes.slipping_pushes)
+        return cls(estimator, trajectory, pushes.exclude_pushes, region, pushes.slipping_pushes, pushes.keep_pushes)
 
     @property
     def with_forces(self) -> bool:
         """Whether a term needs measured forces."""
         return self.estimator.needs_force
+
+    def new_estimator(self, support_points: npt.ArrayLike) -> Estimator:
+        """An estimator without data points.
+
+        Args:
+            support_points: (n, 2) hypothesised supports in the object frame [m].
+        """
+        estimator = Estimator(support_points, self.estimator)
+        for push_id in self.kept:
+            estimator.keep(push_id)
+        return estimator
 
     def without(self, pushes: Iterable[int]) -> "EstimatorSettings":
         """The same settings, with these pushes left out as well."""
@@ -65,7 +80,7 @@ class EstimatorSettings:
 
     def parameters(self) -> dict[str, Any]:
         """The parameters of the node: a list for a tuple (left out if empty), and `auto` for None."""
-        return merged((self.estimator, self.trajectory, self.region, PushesConfig(self.excluded, self.slipping)))
+        return merged((self.estimator, self.trajectory, self.region, PushesConfig(self.excluded, self.slipping, self.kept)))
 
     def to_text(self) -> str:
         """The text that the estimator publishes."""

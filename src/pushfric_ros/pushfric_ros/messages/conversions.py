@@ -11,6 +11,7 @@ from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import Twist as TwistMsg
 
 from pushfric_core.contact import PushingLine
+from pushfric_core.contact_friction import Slip
 from pushfric_core.estimate import Estimate
 from pushfric_core.observation import STRONGEST, UNIT, Observation
 from pushfric_core.planar import FARTHEST, Pose, Twist
@@ -31,8 +32,10 @@ from pushfric_msgs.msg import (
     FrictionEstimate,
     Hypothesis,
     LimitSurface,
+    ObjectChange,
     PusherState,
     Recognition,
+    RejectedPush,
     Spread,
     SupportFriction,
     TestPush,
@@ -66,6 +69,14 @@ MODE_TO_MSG = {
 
 MODE_NAMES = {getattr(PusherState, name): name[5:].lower() for name in dir(PusherState) if name.startswith("MODE_")}
 """The modes of a pusher, in words."""
+
+
+SLIP_TO_MSG = {
+    Slip.UNKNOWN: ContactFriction.SLIP_UNKNOWN,
+    Slip.STICKING: ContactFriction.SLIP_STICKING,
+    Slip.LEFT: ContactFriction.SLIP_LEFT,
+    Slip.RIGHT: ContactFriction.SLIP_RIGHT,
+}
 
 
 def stamp_to_msg(nanoseconds: int) -> Time:
@@ -236,6 +247,13 @@ def estimate_to_msg(
         msg.mu_c = [FrictionCoefficient(value=value, low=mu_c.low, high=mu_c.high, kind=mu_c.kind.value)]
     if verdict is not None:
         msg.reasons = list(verdict.reasons)
+        msg.rejected = [RejectedPush(push_id=one.push_id, reason=one.reason) for one in verdict.rejected]
+        if verdict.change is not None:
+            msg.change = [ObjectChange(since_push=verdict.change.since, shift=_vector(verdict.change.shift))]
+    if estimate.tip is not None:
+        slips = estimate.tip.slips
+        msg.contact_friction.slips = [slips.count(state) for state in Slip]
+        msg.contact_friction.slip = [SLIP_TO_MSG[slips[-1]]] if slips else []
     return msg
 
 

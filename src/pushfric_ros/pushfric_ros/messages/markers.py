@@ -9,12 +9,12 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pushfric_core.contact import friction_cone
+from pushfric_core.contact import friction_cone, tangent
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
 from pushfric_core.push_plan import PlannedPush, planned_contact
-from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate
+from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, FrictionEstimate
 
 WHITE = ColorRGBA(r=0.9, g=0.9, b=0.9, a=1.0)
 GREY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=1.0)
@@ -38,7 +38,7 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
 
     The namespaces are: outline; support_points; support_friction, discs with an area proportional to w; center_of_friction;
     confidence, if it was computed; contact, contact_normal and friction_cone (the pusher's forces that mu_c, 90 %, allows) at
-    the newest data point; and mu_c, a text.
+    the newest data point; slip, whether its tip slides along the edge; and mu_c, a text.
 
     Args:
         estimate: from at least one data point.
@@ -62,6 +62,7 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
         *(_line("confidence", _circle(center, radius), LINE * size, RED) for radius in estimate.confidence),
         _at("contact", Marker.SPHERE, contact, _cube(2 * DOT * size), GREEN),
         _arrow("contact_normal", (contact, contact + SYMBOL * size * normal), size, GREEN),
+        *(_slip(friction.slip[0], contact, normal, size) if friction.slip else ()),
         _line("friction_cone", (contact + reach * edges[0], contact, contact + reach * edges[1]), LINE * size, GREEN),
         _at("mu_c", Marker.TEXT_VIEW_FACING, above, Vector3(z=TEXT * size), WHITE, text=words),
     ]
@@ -92,6 +93,16 @@ def _on_object(markers: list[Marker], header: Header) -> list[Marker]:
         marker.header = header
         marker.frame_locked = True  # so that a viewer moves them with the object, which moves on after the data point
     return markers
+
+
+def _slip(state: int, contact: Array, normal: Array, size: float) -> list[Marker]:
+    """An arrow along the edge if the tip slides, a dot if it sticks; nothing if that is not known."""
+    if state == ContactFriction.SLIP_STICKING:
+        return [_at("slip", Marker.SPHERE, contact, _cube(3 * DOT * size), YELLOW)]
+    if state in (ContactFriction.SLIP_LEFT, ContactFriction.SLIP_RIGHT):
+        along = tangent(normal) * (1 if state == ContactFriction.SLIP_LEFT else -1)
+        return [_arrow("slip", (contact, contact + SYMBOL * size * along), size, YELLOW)]
+    return []
 
 
 def _discs(points: Array, weights: Iterable[float], area: float, smallest: float) -> list[Marker]:

@@ -1,5 +1,6 @@
 """The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
 
+import dataclasses
 import pathlib
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
-from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.prediction import FrictionModel, model_of, predict, stability
 from pushfric_core.push_choice import next_pushes
@@ -135,6 +135,7 @@ class EstimatorNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
+        self.create_service(ExcludePush, "~/keep_push", self._on_keep_push)
         self.create_service(PredictPush, "~/predict_push", self._on_predict_push)
         self.create_service(StablePushes, "~/stable_pushes", self._on_stable_pushes)
         self._limit_surface_out = topics.advertise(LimitSurface, "limit_surface", LATCHED)
@@ -215,9 +216,10 @@ class EstimatorNode(Node):
         self._ranking: Ranking | None = None
         self._trajectory = Trajectory(model.outline, settings.trajectory)
         self._sensed_force = SensedForce() if self._settings.with_forces else None
-        self._estimator = Estimator(model.support_points, settings.estimator)
+        self._estimator = settings.new_estimator(model.support_points)
         self._recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
         self._half_planes = HalfPlanes(model.outline, settings.region.region_margin)
+        self._left_out: set[int] = set()  # pushes that the region is made without
         self._estimate: Estimate | None = None
         self._model: tuple[Estimate, FrictionModel] | None = None  # the last estimate that was asked to predict
         self._before: Estimate | None = None  # the estimate a moment ago
@@ -305,7 +307,7 @@ class EstimatorNode(Node):
     def _add(self, observation: Observation) -> bool:
         """Estimate again, with one more data point; return whether it could be used."""
         try:
-            self._estimate = self._estimator.add(observation)
+            self._estimate = self._estimator.take(observation)
         except PushfricError as error:
             self._refuse("observation", error)
             return False
@@ -337,10 +339,25 @@ class EstimatorNode(Node):
             self._publish_ranking()
 
     def _narrow(self, observation: Observation) -> None:
+        """Narrow the region down with one more data point; from the start, if other pushes are left out than before."""
+        rejected = {one.push_id for one in self._estimator.rejected}
+        if rejected != self._left_out:
+            self._narrow_again()
+        elif observation.push_id not in rejected:
+            self._cut(observation)
+
+    def _cut(self, observation: Observation) -> None:
         try:
             self._half_planes.add(line_of_motion(observation))
         except PushfricError as error:
             self._refuse("observation, for the region of p_CF,", error)
+
+    def _narrow_again(self) -> None:
+        """The region from the pushes that are not left out."""
+        self._left_out = {one.push_id for one in self._estimator.rejected}
+        self._half_planes = HalfPlanes(self._object.outline, self._settings.region.region_margin)
+        for observation in self._estimator.observations:
+            self._cut(observation)
 
     def _publish_region(self) -> None:
         stamp = self._estimate.stamp if self._estimate is not None else 0
@@ -440,9 +457,7 @@ class EstimatorNode(Node):
         response.success = True
         response.message = f"left: {data_of(estimate.data_points, estimate.pushes)}"
         self._estimate = estimate if estimate.data_points else None
-        self._half_planes = HalfPlanes(self._object.outline, self._settings.region.region_margin)
-        for observation in self._estimator.observations:
-            self._narrow(observation)
+        self._narrow_again()
         self._publish_region()
         if self._estimate is None:
             self._take_back()
@@ -452,6 +467,20 @@ class EstimatorNode(Node):
         if self._recognizer is not None and any(o.push_id == request.push_id for o in self._recognizer.observations):
             self._ranking = self._recognizer.exclude(request.push_id)
             self._publish_ranking()
+        return response
+
+    def _on_keep_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
+        estimate = self._estimator.keep(request.push_id)
+        kept = tuple(sorted({*self._settings.kept, request.push_id}))
+        self._settings = dataclasses.replace(self._settings, kept=kept)
+        self._publish_settings()
+        response.success = True
+        response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are in"
+        if estimate.data_points:
+            self._estimate = estimate
+            self._narrow_again()
+            self._publish_region()
+            self._draw(self._publish(estimate))
         return response
 
     def _friction(self) -> tuple[Estimate, FrictionModel]:
@@ -535,6 +564,9 @@ class EstimatorNode(Node):
             return Health(Level.WARN, self._trajectory.contradiction, values)
         if not self._verdict.use:
             return Health(Level.WARN, "; ".join(self._verdict.reasons), values)
+        if self._verdict.rejected:
+            words = "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in self._verdict.rejected)
+            return Health(Level.OK, words, values)
         return Health(Level.OK, "estimating" if self._estimate else "waiting for data points", values)
 
 

@@ -20,6 +20,7 @@ class ChosenSettings:
     estimator: Mapping[str, Any] = field(default_factory=dict)  # fields of EstimatorConfig
     excluded: tuple[int, ...] = ()  # pushes that are left out, besides those of the recorded run
     slipping: tuple[int, ...] = ()  # pushes known to slip, besides those of the recorded run
+    kept: tuple[int, ...] = ()  # pushes that are kept, even if they are unlike the others, besides those of the recorded run
 
     def of(self, source: pathlib.Path) -> EstimatorSettings:
         """The settings for a bag or a CSV.
@@ -37,4 +38,5 @@ class ChosenSettings:
         except ValueError as error:
             raise InvalidInput(str(error)) from error
         slipping = tuple(sorted({*recorded.slipping, *self.slipping}))
-        return dataclasses.replace(recorded.without(self.excluded), estimator=config, slipping=slipping)
+        kept = tuple(sorted({*recorded.kept, *self.kept}))
+        return dataclasses.replace(recorded.without(self.excluded), estimator=config, slipping=slipping, kept=kept)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pushfric_core.contact_friction import Slip
 from pushfric_core.estimate import Estimate
 from pushfric_core.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate, Recognition
@@ -16,6 +17,10 @@ STATUS_NAMES = {
     FrictionEstimate.STATUS_UNCERTIFIED: "uncertified",
     FrictionEstimate.STATUS_INFEASIBLE: "infeasible",
 }
+
+
+SLIP_NAMES = [state.value for state in Slip]
+"""In the order of ContactFriction.slips."""
 
 
 def report(msg: FrictionEstimate) -> dict[str, Any]:
@@ -47,7 +52,12 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
     for mu_c in msg.mu_c:
         value = None if math.isnan(mu_c.value) else mu_c.value
         figures["mu_c"] |= {"value": value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind}
+    if msg.contact_friction.slips:
+        figures["mu_c"]["slips"] = dict(zip(SLIP_NAMES, msg.contact_friction.slips, strict=True))
     figures["verdict"] = {"use": not msg.reasons, "reasons": list(msg.reasons)}
+    figures["rejected"] = [{"push": one.push_id, "reason": one.reason} for one in msg.rejected]
+    for change in msg.change:
+        figures["change"] = {"since_push": change.since_push, "shift": [change.shift.x, change.shift.y]}
     return figures
 
 

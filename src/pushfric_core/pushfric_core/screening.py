@@ -1,0 +1,352 @@
+"""Which pushes are bad, and since when the object is another one: a verdict on every push, by comparison with the others.
+
+Each push is measured in five ways. Four need no estimate: how far the contact's velocity along its normal departs from the
+tip's, where the two must agree, at worst and in sum; how much the motion jumps from one data point to the next; and how far the
+poses that were seen depart from the velocities. The fifth is the moment that a fit to the other pushes leaves unexplained. Each
+is compared with what is usual for these pushes, so that the camera's noise needs no setting.
+
+A change of the object is a shift of p_CF. One fit to all pushes is compared with one whose p_CF may shift after some push. For
+errors of a Laplace distribution, the difference in units of their scale is a log-likelihood ratio (Andrews, "Tests for
+parameter instability and structural change with unknown change point", 1993).
+
+The fit is one of its own: no support is freed, because a shift could hide behind the free forces. Instead, a data point counts
+the less, the more of its moment is open near the centre of rotation.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.constraint_rows import ConstraintRows
+from pushfric_core.contact_friction import tip_at
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Array, left_of, rotation, velocity_at, wrap
+from pushfric_core.solvers import empty_program
+from pushfric_core.support import FreeRadii, support_forces
+
+Indices = npt.NDArray[np.int64]
+
+FEWEST_PUSHES = 6
+"""With fewer pushes, none is said to be unlike the others."""
+
+NORMAL = 1.4826
+"""The standard deviation of a normal distribution over the median of its absolute values."""
+
+LIMITS = {"mismatch": 4.9, "drift": 5.2, "jump": 3.6, "poses": 2.7}
+"""Beyond this many times what is usual, a push is bad: some 3 in 1000 good simulated pushes exceed each, at either noise."""
+
+FEW = 4
+"""Of k pushes, limits are 1 + FEW / k over 1 + FEW / 14 as wide: what is usual is known the less, the fewer they are."""
+
+LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
+"""What is usual counts as this share of the tip's speed at least: an error of a finite step, not of the camera."""
+
+CONTRADICTS = 8.0
+"""A push whose moment is wrong by this many times the scale of the errors contradicts the others."""
+
+HEAVY = 5.0
+"""... and by this many times what one in ten of the others is wrong by: the errors of some supports have heavy tails."""
+
+OPEN = 0.55
+"""A support nearer to the centre of rotation than this share of the support's size has an open direction, as in `Estimator`."""
+
+USUAL = 0.03
+"""Share of the support's size by which moments are usually wrong: beyond it, what is open lowers the weight of a data point."""
+
+LEAST_ERROR = 1e-3
+"""Least scale of the errors, as a share of the support's size: noiseless data contradict nothing by rounding."""
+
+UNCHANGED = 9.0
+"""A change is believed beyond this log-likelihood ratio. For independent errors, it comes about by chance with exp(-9); but
+errors of whole pushes have something in common, so that in simulation some 5 of 100 runs of 14 pushes exceed it."""
+
+AGREEING = 3
+"""A change is believed when it explains this many of the last pushes; fewer may be bad ones."""
+
+LATEST = 4
+"""A change is looked for before each of this many last pushes, as it would have been found before."""
+
+BEFORE = 5
+"""Pushes before a change that tell what the object was."""
+
+STEPS = 10
+"""Of the reweighted least squares that find a shift of p_CF."""
+
+TINY = 1e-9
+"""Keeps the direction of a wholly free support defined; its weight is next to nothing."""
+
+REASONS = {
+    "mismatch": "the contact moves at another speed than the tip: contact was lost, or tracking jumped",
+    "drift": "the object moves into or off the tip over the whole push: tracking wandered, or another outline was touched",
+    "jump": "the motion jumps from one data point to the next: tracking jumped",
+    "poses": "the velocities disagree with the poses that were seen",
+    "moment": "it contradicts the other pushes",
+}
+"""Why a push is bad, by what shows it."""
+
+
+class Rejected(NamedTuple):
+    """A push that is left out."""
+
+    push_id: int
+    reason: str
+
+
+class Change(NamedTuple):
+    """The object is another one than before."""
+
+    since: int  # push_id of the first push after it
+    shift: tuple[float, float]  # of p_CF [m]
+
+
+class Screening:
+    """Looks at the data points of one object, push by push.
+
+    Args:
+        points: (n, 2) support points [m].
+    """
+
+    def __init__(self, points: Array) -> None:
+        self._points, self._middle = points, points.mean(axis=0)
+        self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1)))) or 1.0
+        self._radii = FreeRadii(0.0, OPEN * self._radius)
+        self._table = _Table(4 + len(points))  # mismatch, jump, poses, weight, row of the moment
+        self._last: tuple[Observation, Array] | None = None
+        self._program = empty_program(len(points))
+        self._groups: dict[int, list[int]] = {}  # of each push in the program
+        self._next = 0
+        self._bad: set[int] = set()  # pushes that are not in the program
+        self._change: Change | None = None
+        self._compared = 0  # data points in the program when pushes were last compared for a change
+
+    def add(self, observation: Observation) -> None:
+        """Take a data point.
+
+        Raises:
+            UninformativePush: it rotates exactly about a support point.
+        """
+        motion = self._motion(observation)
+        jump = poses = math.nan
+        if self._last is not None and self._last[0].push_id == observation.push_id:
+            before, moved = self._last
+            jump = float(np.linalg.norm(motion - moved))
+            poses = self._between(before, observation)
+        self._last = observation, motion
+        forces = support_forces(self._points, observation.twist, self._radii)
+        arms = left_of(self._points - observation.contact_point)
+        moments = np.einsum("ij,ij->i", arms, forces.directions / np.maximum(1 - forces.free, TINY)[:, None])
+        # a force anywhere in a disc: half the radius is its standard deviation along any direction
+        doubt = float((np.hypot(arms[:, 0], arms[:, 1]) * forces.free) @ self._program.solve().w) / 2
+        weight = 1 / math.hypot(1.0, doubt / (USUAL * self._radius))
+        self._table.append(np.concatenate(((tip_at(observation)[1], jump, poses, weight), moments)), observation.push_id)
+        if observation.push_id not in self._bad:
+            self._put(observation.push_id, moments, weight)
+
+    def remove(self, push_id: int) -> None:
+        """Forget a push."""
+        self._take_out(push_id)
+        self._bad.discard(push_id)
+        self._table.remove(push_id)
+        self._last = None
+        self._change = None
+
+    def rejected(self) -> dict[int, str]:
+        """The bad pushes, and which of REASONS shows it."""
+        pushes, place = self._places()
+        if len(pushes) < FEWEST_PUSHES:
+            return {}
+        found = self._badly_measured(pushes, place)
+        for push_id in set(found) - self._bad:
+            self._take_out(push_id)
+        for push_id in self._bad - set(found):
+            for row in self._table.rows[self._table.pushes == push_id]:
+                self._put(push_id, row[4:], float(row[3]))
+        self._bad = set(found)
+        return found | self._contradicting(pushes, place)
+
+    def change(self) -> Change | None:
+        """Since when the object is another one; None as long as it seems to be the same."""
+        count = sum(map(len, self._groups.values()))
+        if self._change is None and count != self._compared:
+            self._compared = count
+            self._change = self._changed()
+        return self._change
+
+    def _badly_measured(self, pushes: Indices, place: Indices) -> dict[int, str]:
+        """The pushes whose motion was measured wrongly."""
+        k = len(pushes)
+        wider = _wider(k)
+        values = np.abs(self._table.rows[:, :3])
+        known = np.isfinite(values)
+        worst = np.full((k, 3), np.nan)
+        np.fmax.at(worst, place, values)
+        drift = np.abs(np.bincount(place, weights=np.where(known[:, 0], self._table.rows[:, 0], 0.0), minlength=k))
+        measured = {
+            "mismatch": (worst[:, 0], NORMAL * _median(values[:, 0])),
+            "drift": (drift, NORMAL * _median(np.where(np.isfinite(worst[:, 0]), drift, np.nan))),
+            "jump": (worst[:, 1], _median(worst[:, 1])),
+            "poses": (worst[:, 2], _median(worst[:, 2])),
+        }
+        found: dict[int, str] = {}
+        for name, (sizes, usual) in measured.items():
+            with np.errstate(invalid="ignore"):
+                beyond = sizes > LIMITS[name] * wider * max(usual, LEAST[name])
+            for index in np.flatnonzero(beyond):
+                found.setdefault(int(pushes[index]), name)
+        return found
+
+    def _contradicting(self, pushes: Indices, place: Indices) -> dict[int, str]:
+        """The pushes that the others contradict: each is compared with a fit without it."""
+        since = len(pushes) if self._change is None else int(np.flatnonzero(pushes == self._change.since)[0])
+        inside = np.array([push_id not in self._bad for push_id in pushes.tolist()])
+        if inside.sum() < FEWEST_PUSHES:
+            return {}
+        found: dict[int, str] = {}
+        limit = CONTRADICTS * _wider(int(inside.sum()))
+        sizes = self._misfits(place, inside)
+        for index in np.flatnonzero(inside & (sizes > limit / 2) & (np.arange(len(pushes)) < since)):
+            push_id = int(pushes[index])
+            self._take_out(push_id)
+            others = inside.copy()
+            others[index] = False
+            sizes_without = self._misfits(place, others)
+            if sizes_without[index] > max(limit, HEAVY * float(np.quantile(sizes_without[others], 0.9))):
+                found[push_id] = "moment"
+            for row in self._table.rows[self._table.pushes == push_id]:
+                self._put(push_id, row[4:], float(row[3]))
+        return found
+
+    def _misfits(self, place: Indices, inside: npt.NDArray[np.bool_]) -> Array:
+        """Mean error of each push, over the scale of the errors of those inside the program."""
+        optimum = self._program.solve()
+        errors = self._table.rows[:, 3] * np.abs(self._table.rows[:, 4:] @ optimum.w)
+        count = int(np.count_nonzero(inside[place]))
+        scale = max(optimum.objective / _freedom(count, optimum.w), LEAST_ERROR * self._radius)
+        return np.asarray(np.bincount(place, weights=errors) / np.bincount(place) / scale)
+
+    def _changed(self) -> Change | None:
+        """Whether a shift of p_CF before some of the last pushes explains them much better than none."""
+        pushes, place = self._places()
+        inside = np.array([push_id not in self._bad for push_id in pushes.tolist()], dtype=bool)
+        k = int(inside.sum())
+        if k < BEFORE + AGREEING:
+            return None
+        used = inside[place]
+        rank = (np.cumsum(inside) - 1)[place[used]]
+        rows = self._table.rows[used]
+        optimum = self._program.solve()
+        weights, errors = rows[:, 3], rows[:, 4:] @ optimum.w
+        slopes = rows[:, 4:] @ self._shift(optimum.w)
+        found = []
+        for last in range(1, LATEST + 1):
+            if k - last < BEFORE:
+                break
+            after = rank >= k - last
+            rest, moved = (_least(errors[part], slopes[part], weights[part]) for part in (~after, after))
+            scale = max((rest[0] + moved[0]) / _freedom(len(errors) - 4, optimum.w), LEAST_ERROR * self._radius)
+            ratio = (optimum.objective - rest[0] - moved[0]) / scale
+            dx, dy = (moved[1] - rest[1]).tolist()
+            found.append((ratio, Change(int(pushes[inside][k - last]), (dx, dy))))
+        if max(ratio for ratio, _ in found[AGREEING - 1 :]) <= UNCHANGED:
+            return None
+        return max(found, key=lambda one: one[0])[1]
+
+    def _shift(self, w: Array) -> Array:
+        """(n, 2) of w by a shift of p_CF: a load that tips, on what bears it; a share on all points keeps it defined."""
+        load = w + 0.2 / len(w)
+        arms = self._points - load @ self._points / load.sum()
+        loaded = load[:, None] * arms
+        return np.asarray(loaded @ np.linalg.pinv(loaded.T @ arms))
+
+    def _put(self, push_id: int, moments: Array, weight: float) -> None:
+        cost = np.array((weight,))
+        self._program.add(ConstraintRows(moments[None], cost, cost))
+        self._groups.setdefault(push_id, []).append(self._next)
+        self._next += 1
+
+    def _take_out(self, push_id: int) -> None:
+        for group in self._groups.pop(push_id, ()):
+            self._program.remove(group)
+
+    def _places(self) -> tuple[Indices, Indices]:
+        """The pushes in order of arrival, and the index of each data point's push among them."""
+        found, first, inverse = np.unique(self._table.pushes, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        rank = np.empty(len(order), dtype=np.int64)
+        rank[order] = np.arange(len(order))
+        return np.asarray(found[order]), np.asarray(rank[inverse])
+
+    def _motion(self, observation: Observation) -> Array:
+        """Velocity of the support's middle and of its rim (3,), over the tip's speed, or over its own."""
+        vx, vy = velocity_at(observation.twist, self._middle)
+        motion = np.array((vx, vy, observation.twist.omega * self._radius))
+        tip = observation.tip_velocity
+        return np.asarray(motion / (math.hypot(*tip) if tip is not None and any(tip) else np.linalg.norm(motion)))
+
+    def _between(self, before: Observation, after: Observation) -> float:
+        """By how much the poses differ from what the velocities say, over the way of the tip; NaN if unknown."""
+        time = (after.stamp - before.stamp) / 1e9
+        tip = before.tip_velocity
+        if before.pose is None or after.pose is None or tip is None or not any(tip) or not time > 0:
+            return math.nan
+        off, turn = np.zeros(2), wrap(after.pose.theta - before.pose.theta)
+        for sign, pose, twist in ((-1, before.pose, before.twist), (1, after.pose, after.twist)):
+            turned = rotation(pose.theta)
+            off += sign * (np.array(pose[:2]) + turned @ self._middle) - time / 2 * (turned @ velocity_at(twist, self._middle))
+            turn -= time / 2 * twist.omega
+        return math.hypot(*off, self._radius * turn) / (time * math.hypot(*tip))
+
+
+class _Table:
+    """A row of numbers for each data point, with its push and room to grow."""
+
+    def __init__(self, columns: int) -> None:
+        self._room, self._pushes, self._count = np.empty((64, columns)), np.empty(64, dtype=np.int64), 0
+
+    @property
+    def rows(self) -> Array:
+        return self._room[: self._count]
+
+    @property
+    def pushes(self) -> Indices:
+        return self._pushes[: self._count]
+
+    def append(self, row: Array, push_id: int) -> None:
+        if self._count == len(self._room):
+            self._room = np.concatenate((self._room, np.empty_like(self._room)))
+            self._pushes = np.concatenate((self._pushes, np.empty_like(self._pushes)))
+        self._room[self._count], self._pushes[self._count] = row, push_id
+        self._count += 1
+
+    def remove(self, push_id: int) -> None:
+        kept = self.pushes != push_id
+        rows, pushes = self.rows[kept], self.pushes[kept]
+        self._count = len(rows)
+        self._room[: self._count], self._pushes[: self._count] = rows, pushes
+
+
+def _median(values: Array) -> float:
+    """Of those that are known; infinite if none is, so that nothing is unusual."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.inf
+
+
+def _wider(pushes: int) -> float:
+    return (1 + FEW / pushes) / (1 + FEW / 14)
+
+
+def _freedom(count: int, w: Array) -> int:
+    return max(count - int(np.count_nonzero(w > 1e-9)) + 1, 1)
+
+
+def _least(errors: Array, slopes: Array, weights: Array) -> tuple[float, Array]:
+    """The least sum of weights * |errors + slopes d|, and its d (2,): least squares, reweighted."""
+    d: Array = np.zeros(2)
+    smallest = 0.1 * float(np.abs(errors).mean()) + TINY
+    for _ in range(STEPS):
+        share = weights / np.maximum(np.abs(errors + slopes @ d), smallest)
+        weighted = slopes * share[:, None]
+        d = np.asarray(-np.linalg.lstsq(weighted.T @ slopes, weighted.T @ errors, rcond=None)[0])
+    return float(weights @ np.abs(errors + slopes @ d)), d

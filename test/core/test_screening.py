@@ -1,0 +1,117 @@
+"""Which pushes are left out, and when the object is said to be another one: four data points of each push, with noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import observations_of, square
+
+from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.planar import Twist, rotation, velocity_at
+from pushfric_core.support import Support
+
+POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
+BEFORE, AFTER = (Support(POINTS, np.array(weights)) for weights in ((0.1, 0.2, 0.3, 0.4), (0.2, 0.1, 0.2, 0.5)))
+BAD = 7
+
+
+def pushes_of(support, count, rng, first=0, noise=0.01):
+    """Each motion is seen four times, with errors of this share of the speed; the tip sticks."""
+    data = []
+    for push in observations_of(square(), support, 0.5, count, rng):
+        tip = velocity_at(push.twist, np.asarray(push.contact_point))
+        for _ in range(4):
+            errors = noise * np.hypot(*tip) * rng.normal(size=3)
+            twist = Twist(*(np.array(push.twist) + errors * (1, 1, 1 / 0.06)).tolist())
+            data.append(replace(push, twist=twist, push_id=first + push.push_id, tip_velocity=tuple(tip.tolist())))
+    return data
+
+
+def taken(data, config=None):
+    estimator = Estimator(square().grid(4, 4, 0.01), config)
+    for observation in data:
+        estimate = estimator.take(observation)
+    return estimator, estimate
+
+
+def spoilt(data, change):
+    return [change(one) if one.push_id == BAD else one for one in data]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_good_pushes_change_nothing(seed):
+    data = pushes_of(BEFORE, 14, np.random.default_rng(seed))
+    estimator, estimate = taken(data)
+    plain = Estimator(square().grid(4, 4, 0.01))
+    for observation in data:
+        expected = plain.add(observation)
+    assert estimator.rejected == ()
+    assert estimator.verdict(estimate).change is None
+    assert estimate.w == pytest.approx(expected.w, abs=1e-9)
+    assert estimate.data_points == len(data)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda one: replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())), "at another speed than the tip"),
+        (
+            lambda one: replace(
+                one, twist=Twist(*(rotation(0.9) @ one.twist[:2]).tolist(), -2 * one.twist.omega), tip_velocity=None
+            ),
+            "contradicts the other pushes",
+        ),
+    ],
+)
+def test_a_bad_push_is_left_out_and_can_be_kept(change, reason):
+    data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), change)
+    estimator, estimate = taken(data)
+    ((push_id, why),) = estimator.rejected
+    assert push_id == BAD
+    assert reason in why
+    without, _ = taken([one for one in data if one.push_id != BAD])
+    assert estimate.data_points == len(data) - 4
+    assert estimate.center_of_friction == pytest.approx(without.estimate().center_of_friction, abs=1e-9)
+    assert estimator.verdict(estimate).use
+    assert estimator.keep(BAD).data_points == len(data)
+    assert estimator.rejected == ()
+
+
+def test_a_push_that_is_left_out_can_be_excluded_for_good():
+    data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), lambda one: replace(one, twist=Twist(1e-3, 0.0, 0.0)))
+    estimator, estimate = taken(data)
+    assert [one.push_id for one in estimator.rejected] == [BAD]
+    assert estimator.exclude(BAD).data_points == estimate.data_points
+    assert estimator.rejected == ()
+    with pytest.raises(ValueError, match="push_id must be one of"):
+        estimator.exclude(BAD)
+
+
+def test_without_screening_every_push_stays():
+    data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), lambda one: replace(one, twist=Twist(1e-3, 0.0, 0.0)))
+    estimator, estimate = taken(data, EstimatorConfig(screening=False))
+    assert estimator.rejected == ()
+    assert estimate.data_points == len(data)
+
+
+def test_the_first_push_is_found_once_others_speak_against_it():
+    data = pushes_of(BEFORE, 14, np.random.default_rng(3))
+    data = [replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())) if one.push_id == 0 else one for one in data]
+    estimator, _ = taken(data)
+    assert [one.push_id for one in estimator.rejected] == [0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_moved_load_is_found_within_three_pushes(seed):
+    rng = np.random.default_rng(10 + seed)
+    data = pushes_of(BEFORE, 12, rng) + pushes_of(AFTER, 3, rng, first=12)
+    estimator = Estimator(square().grid(4, 4, 0.01))
+    for observation in data:
+        verdict = estimator.verdict(estimator.take(observation))
+        assert verdict.change is None or observation.push_id >= 12
+    assert abs(verdict.change.since - 12) <= 1
+    assert any("the object is another one since push" in reason for reason in verdict.reasons)
+    assert not verdict.use
+    x, y = verdict.change.shift  # by (-16, 0) mm, which three pushes tell only roughly
+    assert -0.025 < x < -0.004
+    assert abs(y) < 0.013
