@@ -28,6 +28,7 @@ KEYS = {
     "center_of_friction_covariance",
     "middle",
     "verdict",
+    "rejected",
     "confidence",
     "mu_c",
     "data_points",
