@@ -123,7 +123,7 @@ def test_a_package_has_what_a_release_needs(name):
 
 
 def test_the_pins_satisfy_what_the_packages_declare(script):
-    lines = (ROOT / "requirements.txt").read_text().splitlines()
+    lines = (ROOT / "requirements-libraries.txt").read_text().splitlines()
     pins = {canonicalize_name(Requirement(line).name): Requirement(line) for line in lines if line and line[0] != "#"}
     for text in script.requirements():
         wanted = Requirement(text)

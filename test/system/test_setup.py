@@ -87,3 +87,29 @@ def test_the_set_up_compiles_every_function_of_the_solver():
     done = subprocess.run([sys.executable, "-c", script.WARM_UP + tell], capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--distro"], "usage: ./pushfric setup"),
+        (["--distro", "humble"], "usage: ./pushfric setup"),
+        (["--distro", "kilted"], "pushfric: a ROS 2 is sourced, and used; --distro is for a shell without one"),
+    ],
+)
+def test_a_distribution_that_cannot_be_had_is_refused(workspace, options, said):
+    done = subprocess.run([workspace / "pushfric", "setup", *options], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith(said)
+    assert not (workspace / ".colcon").exists()
+
+
+def test_a_chosen_distribution_stays_chosen(workspace):
+    tell = "import importlib.machinery as m; script = m.SourceFileLoader('script', 'pushfric').load_module()\n"
+    tell += "print(script.DISTRO, script.VENV.name)"
+    run = [sys.executable, "-W", "ignore", "-c", tell]
+    before = subprocess.run(run, cwd=workspace, capture_output=True, text=True, check=True, timeout=60).stdout
+    (workspace / ".colcon").mkdir()
+    (workspace / ".colcon/distro").write_text("kilted")
+    after = subprocess.run(run, cwd=workspace, capture_output=True, text=True, check=True, timeout=60).stdout
+    assert (before, after) == ("jazzy .venv\n", "kilted .venv-kilted\n")
