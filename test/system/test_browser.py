@@ -75,7 +75,7 @@ def url(browser, tmp_path_factory):
     (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
     plan = PlanConfig(str(folder / "plan.yaml"), distance=STROKE, speed=0.01)
     cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan)
-    specs = graph.simulated_cell(cell, str(folder / "bag"), seed=1, speed=2.0)
+    specs = graph.simulated_cell(cell, str(folder / "bag"), seed=1, speed=1.0)
     said, served = [], threading.Event()
 
     def say(name: str, line: str) -> None:
