@@ -1,6 +1,7 @@
 """Calibration from rendered pictures of the board through a known lens, the board's PDF, and what is refused."""
 
 import http.server
+import math
 import re
 import threading
 import zlib
@@ -15,16 +16,12 @@ from matplotlib.path import Path
 from printed import picture
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import rotation
 from pushfric_ros.vision.board import Board, BoardFinder
 from pushfric_ros.vision.board_pdf import save_board
-from pushfric_ros.vision.calibration import (
-    calibrate_lens,
-    calibrate_table,
-    lens_from_source,
-    read_table_points,
-    table_from_source,
-)
 from pushfric_ros.vision.camera import Camera, Lens, load_lens, save_camera
+from pushfric_ros.vision.lens_calibration import calibrate_lens, lens_from_source
+from pushfric_ros.vision.table_calibration import Placement, calibrate_table, read_table_points, table_from_source
 
 BOARD = Board()
 LENS = Lens(640, 480, np.array(((900.0, 0, 330), (0, 905, 236), (0, 0, 1))), np.array((-0.2, 0.08, 0.001, -0.0005, 0)))
@@ -138,7 +135,7 @@ def test_the_lens_is_recovered(views):
 
 def test_the_table_is_recovered_from_the_board(flat):
     view = BoardFinder(BOARD).view(flat)
-    calibration = calibrate_table(LENS, view.pixels, view.points)
+    calibration = calibrate_table(LENS, [Placement(view.pixels, view.points)])
     assert calibration.rms_px < 0.1
     assert calibration.rms == pytest.approx(calibration.rms_px * calibration.camera.metres_per_pixel(), rel=0.1)
     np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)  # [m]
@@ -270,7 +267,7 @@ WIDE = [(100, 80), (540, 90), (560, 400), (90, 390)]
 
 
 def test_the_table_is_recovered_from_four_points(tmp_path):
-    calibration = calibrate_table(LENS, *read_table_points(measured(WIDE, tmp_path)))
+    calibration = calibrate_table(LENS, [read_table_points(measured(WIDE, tmp_path))])
     np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-6)
     assert calibration.rms_px < 1e-3
 
@@ -292,25 +289,83 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
 )
 def test_points_that_do_not_determine_the_table_are_refused(tmp_path, pixels, text):
     with pytest.raises(InvalidInput, match=text):
-        calibrate_table(LENS, *read_table_points(measured(pixels, tmp_path)))
+        calibrate_table(LENS, [read_table_points(measured(pixels, tmp_path))])
+
+
+WIDE_LENS = Lens(640, 480, np.array(((560.0, 0, 330), (0, 560, 236), (0, 0, 1))), np.zeros(5))
+FAR = (0.15, -0.1, 0.0, 0.6)
+PLACES = ((0.0, 0.0, 0.0), (0.12, 0.02, 0.4), (-0.12, 0.06, -0.3), (-0.1, -0.1, 1.6), (0.1, -0.12, -0.8))
+"""Of the board's frame on the table [m, rad]; the first is the table frame."""
+
+
+def far_places(noise_px, seed=0):
+    """A wide-angle camera 0.6 m over the table, and the corners of a board in PLACES, with noisy pixels."""
+    turn = cv2.Rodrigues(np.array((FAR[0], FAR[1], FAR[2])))[0] @ np.diag((1.0, -1, -1))
+    middle = np.array((*BOARD.size, 0)) / 2
+    shift = np.array((0, 0, FAR[3])) - turn @ middle
+    camera = WIDE_LENS.over(WIDE_LENS.K @ np.column_stack((turn[:, :2], shift)))
+    rng = np.random.default_rng(seed)
+    corners = (
+        np.stack(np.meshgrid(np.arange(1, BOARD.columns), np.arange(1, BOARD.rows)), axis=-1).reshape(-1, 2) * BOARD.square
+    )
+    about = np.array(BOARD.size) / 2
+    placements = []
+    for x, y, angle in PLACES:
+        turned = (corners - about) @ rotation(angle).T + about + (x, y)
+        pixels = camera.project(turned) + rng.normal(0, noise_px, corners.shape)
+        placements.append(Placement(pixels, corners))
+    return camera, placements
+
+
+def test_a_board_that_is_small_in_the_image_is_laid_in_several_places():
+    truth, placements = far_places(0.1)
+    with pytest.raises(InvalidInput, match=r"grows to .* px in the image's .*; add points there, or lay the board there too"):
+        calibrate_table(WIDE_LENS, placements[:1])
+    calibration = calibrate_table(WIDE_LENS, placements)
+    assert calibration.rms_px == pytest.approx(0.1 * math.sqrt(2), rel=0.2)
+    np.testing.assert_allclose(calibration.camera.unproject(grid()), truth.unproject(grid()), atol=1e-3)
+    assert calibration.map.errors.max() < 1e-3
+
+
+def test_the_map_says_how_far_places_are_off():
+    squares = []
+    for seed in range(30):
+        truth, placements = far_places(0.2, seed)
+        found = calibrate_table(WIDE_LENS, placements)
+        pixels = found.camera.project(found.map.places.reshape(-1, 2))
+        off = np.linalg.norm(truth.unproject(pixels) - found.map.places.reshape(-1, 2), axis=1)
+        squares.append((off / found.map.errors.ravel()) ** 2)
+    # the squares of errors over their sigmas average to 1, in every part of the image
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(squares, axis=0).max() < 2
+
+
+def test_places_of_the_board_are_collected_from_pictures(tmp_path, printed_board):
+    told: list[str] = []
+    for number, roll in enumerate((0.0, 0.0, 0.6)):
+        place = (0.0, 0.0, roll, 0.45, 0.03 * (number == 2), 0.0)
+        cv2.imwrite(str(tmp_path / f"{number}.png"), shown(printed_board, *place))
+    calibration = table_from_source(str(tmp_path), BOARD, LENS, told.append)
+    assert [line.split(":")[0] for line in told] == ["place 1", "place 2"]  # the second picture shows the first place
+    np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)
 
 
 def test_points_in_one_place_are_refused():
     with pytest.raises(InvalidInput, match=r"badly spread|on a line or in one place"):
-        calibrate_table(LENS, np.full((4, 2), 100.0), np.array(((0, 0), (1e-9, 0), (0, 1e-9), (1e-9, 1e-9))))
+        calibrate_table(LENS, [Placement(np.full((4, 2), 100.0), 1e-9 * np.array(((0.0, 0), (1, 0), (0, 1), (1, 1))))])
 
 
 def test_a_point_measured_wrongly_is_named(tmp_path):
     pixels, points = read_table_points(measured([*WIDE, (330, 240), (320, 100)], tmp_path))
     points[4] += (0.03, 0)
     with pytest.raises(InvalidInput, match=r"the points disagree by .* px \(.* mm\); the worst is number 5, by .* px"):
-        calibrate_table(LENS, pixels, points)
+        calibrate_table(LENS, [Placement(pixels, points)])
 
 
 def test_a_mirrored_table_is_refused(tmp_path):
     pixels, points = read_table_points(measured(WIDE, tmp_path))
     with pytest.raises(InvalidInput, match="mirrored"):
-        calibrate_table(LENS, pixels, points * (1, -1))
+        calibrate_table(LENS, [Placement(pixels, points * (1, -1))])
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import pathlib
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from pushfric_core.errors import InvalidInput
@@ -12,14 +13,10 @@ from pushfric_ros.commands.group import Group
 from pushfric_ros.nodes.tracker import TOPICS
 from pushfric_ros.vision.board import Board
 from pushfric_ros.vision.board_pdf import save_board
-from pushfric_ros.vision.calibration import (
-    calibrate_table,
-    lens_from_source,
-    read_table_points,
-    table_from_source,
-)
 from pushfric_ros.vision.camera import load_lens, save_camera
 from pushfric_ros.vision.frame_source import ACCEPTED
+from pushfric_ros.vision.lens_calibration import lens_from_source
+from pushfric_ros.vision.table_calibration import calibrate_table, read_table_points, table_from_source
 
 app = typer.Typer(cls=Group, add_completion=False, no_args_is_help=True)
 
@@ -77,14 +74,19 @@ def table(
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
+    figure: Annotated[
+        pathlib.Path | None,
+        typer.Option(help="Draw a map of the expected errors to this file (.png, .svg, .pdf).", show_default=False),
+    ] = None,
 ) -> None:
     """Calibrate the table from the board lying on it, or from at least four measured points; adds it to the camera's YAML.
 
-    The lower left corner of the board becomes the origin of the table frame, with x to the right and y up as printed.
+    The lower left corner of the board becomes the origin of the table frame, with x to the right and y up as printed. If the
+    board is small in the image, lay it in several places, one after the other: the first place gives the table frame.
     """
     known = load_lens(camera)
     if source.endswith(".csv"):
-        found = calibrate_table(known, *read_table_points(pathlib.Path(source)))
+        found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
     else:
         _check_no_topic(source)
         found = table_from_source(source, _board(columns, rows, square), known, _say)
@@ -94,6 +96,15 @@ def table(
         f" worst {1e3 * found.errors.max():.3f} mm",
         markup=False,
     )
+    console.print(
+        f"a place anywhere in the image is off by {1e3 * np.median(found.map.errors):.3f} mm (1 sigma, median),"
+        f" {1e3 * found.map.errors.max():.3f} mm at worst",
+        markup=False,
+    )
+    if figure is not None:
+        from pushfric_ros.report.figures import table_error_figure  # imported late: matplotlib takes a second to load
+
+        table_error_figure(figure, found.map.places, found.map.errors)
 
 
 def _check_no_topic(source: str) -> None:

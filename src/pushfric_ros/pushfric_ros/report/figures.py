@@ -158,6 +158,29 @@ def centers_figure(path: pathlib.Path, objects: Sequence[Centers]) -> None:
         _save(figure, path)
 
 
+def table_error_figure(path: pathlib.Path, places: Array, errors: Array) -> None:
+    """A map of how far places on the table are off because of the camera's calibration.
+
+    Args:
+        path: where to write the image; its suffix selects the format.
+        places: (rows, columns, 2) in the table frame [m].
+        errors: (rows, columns), 1 sigma [m].
+    Raises:
+        InvalidInput: the image cannot be written.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+        axes = figure.subplots()
+        x, y = MILLIMETRE * places[..., 0], MILLIMETRE * places[..., 1]
+        map_ = axes.contourf(x, y, MILLIMETRE * errors, levels=8, cmap="viridis")
+        axes.plot(0, 0, "+", color="white", ms=10)
+        axes.annotate("origin", (0, 0), (4, 4), textcoords="offset points", color="white")
+        axes.set(title="Error of a place on the table, 1 sigma", xlabel="x [mm]", ylabel="y [mm]")
+        axes.set_aspect("equal")
+        figure.colorbar(map_, label="mm")
+        _save(figure, path)
+
+
 def _closed(points: Array) -> Array:
     return np.vstack((points, points[:1]))
 
