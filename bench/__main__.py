@@ -15,10 +15,10 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, footprint, fuzz, pipeline, prediction, real_pushes, recording, tracker, updates
+from bench import display, footprint, fuzz, pipeline, prediction, real_pushes, recording, soak, tracker, updates
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
@@ -82,6 +82,16 @@ def bench(
             show_default=False,
         ),
     ] = None,
+    soaking: Annotated[
+        float | None,
+        typer.Option(
+            "--soak",
+            help="Measure only whether the memory, threads and files of a running cell's nodes grow, for this long.",
+            metavar="MINUTES",
+            min=0,
+            show_default=False,
+        ),
+    ] = None,
     json: JsonOption = None,
 ) -> int:
     """Measure the CPU time of one new data point in pushfric and in other solvers of the same program, and that of a frame.
@@ -93,6 +103,8 @@ def bench(
     if fuzzing is not None:
         seed = time.time_ns() % 2**32
         return int(fuzz.campaign(60 * fuzzing, print, seed) > 0)
+    if soaking is not None:
+        return _soak(soaking)
     points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
     if unknown := set(supports) - set(GRIDS):
@@ -161,6 +173,14 @@ def bench(
     return int(bool(measured["disagreements"]))
 
 
+def _soak(minutes: float) -> int:
+    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=None)
+        figures = soak.measure(minutes, lambda what: bar.update(task, description=what))
+    Console().print(display.soak_table(figures))
+    return int(not all(one.flat for one in figures["growth"]))
+
+
 def _measure_footprint(json: str | None) -> int:
     with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
         task = bar.add_task("", total=footprint.STEPS, completed=-1)
@@ -181,6 +201,9 @@ def main() -> None:
     except InvalidInput as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
+    except PushfricError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
     except UsageError as error:
         print(f"error: {error.format_message().rstrip('.')}", file=sys.stderr)  # type: ignore[attr-defined]
         sys.exit(2)

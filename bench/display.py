@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from rich import box
+from rich.markup import escape
 from rich.table import Table
 
 from bench.contenders import CONTENDERS
@@ -151,6 +152,16 @@ def footprint_table(figures: Figures) -> Table:
     for name in ("alone", "together", "together_busy"):
         label = f"SIGINT to the end, {name.replace('_', ', ')}"
         table.add_row(label, f"{ends[name]:.2f} s", f"{ends['bare']:.2f} s" if name == "alone" else "")
+    return table
+
+
+def soak_table(figures: Figures) -> Table:
+    """How the nodes of a running cell grew."""
+    title = f"{figures['minutes']:g} minutes, {figures['data_points']} data points"
+    table = Table("node", "figure", "after warm-up", "at the end", "per hour", "", title=title)
+    for one in figures["growth"]:
+        cells = (f"{value:.0f}" for value in (one.first, one.last, one.slope))
+        table.add_row(one.node, escape(one.kind), *cells, "flat" if one.flat else "GROWS")
     return table
 
 

@@ -92,7 +92,7 @@ def _interrupt(after: float, run: CellRun) -> None:
 
 
 ANY = (0, 1)
-STARTED_AGAIN = ("tracker",)
+STARTED_AGAIN = ("tracker", "estimator")
 
 NODE_CASES = [
     *(
@@ -113,7 +113,7 @@ NODE_CASES = [
             f"SIGTERM to {node}",
             "the run has failed and says which node",
             (1,),
-            f"error: {node} (has finished, but the plan has not|ended with exit code 0)",
+            f"error: {node} (has finished, but the plan has not|ended with exit code [01])",
             partial(_signal, node, signal.SIGTERM),
             quick=node == "experiment",
         )

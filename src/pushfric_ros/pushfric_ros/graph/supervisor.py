@@ -89,6 +89,11 @@ class Supervisor:
         """The first node that was asked to end and ended with an error, as a recorder that found messages missing."""
         return self._at_the_end
 
+    @property
+    def processes(self) -> dict[str, int]:
+        """The process ids of the nodes that run."""
+        return {name: process.pid for name, process in self._processes.items() if process.returncode is None}
+
     def poll(self) -> Ended | None:
         """Restart processes that have died; return how the run ended, once it has.
 
