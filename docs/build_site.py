@@ -43,7 +43,7 @@ def setup(app):
 
 PARTS = {
     "How to": ("hardware", "view", "safety", "security", "planning", "many"),
-    "Reference": ("files", "cell", "graph", "interfaces", "commands", "python", "conventions"),
+    "Reference": ("files", "cell", "graph", "interfaces", "reliability", "commands", "python", "conventions"),
     "Explanation": ("estimation", "derivation", "paper", "architecture"),
 }
 """The parts of the site and their pages; those of this folder, and those made here."""

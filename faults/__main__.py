@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import signal
 import sys
 from typing import Annotated
 
@@ -32,6 +33,8 @@ def main(
     times: Annotated[int, typer.Option(help="How often each is tried.", min=1)] = 1,
 ) -> None:
     """Do to running cells what can go wrong, and judge what follows; writes docs/reliability.md. All takes about an hour."""
+    # a shell starts background jobs with SIGINT ignored, and the runs would inherit that
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     cases = [case for case in CASES if only in case.fault and (case.quick or not quick)]
