@@ -1,6 +1,7 @@
 """The command `run`."""
 
 import pathlib
+import tempfile
 import time
 from dataclasses import replace
 from typing import Annotated
@@ -14,7 +15,7 @@ from pushfric_ros.commands.recorded_run import RUNS, telling_what_is_left
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.files.node_settings import ExperimentConfig
+from pushfric_ros.files.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph import graph
 
@@ -37,24 +38,43 @@ def run(
         pathlib.Path | None,
         typer.Option(help="Write a model to keep there (.yaml).", show_default="estimator.save of the cell"),
     ] = None,
+    simulated_camera: Annotated[
+        bool,
+        typer.Option("--simulated-camera", help="The cell's controller moves, without an object; the camera is rendered."),
+    ] = False,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="Controller and camera are simulated, five times as fast; nothing moves.")
+    ] = False,
 ) -> None:
+    """With --simulated-camera, the tip pushes an object that exists only in the rendered pictures, in real time: take the real
+    one away. With --simulated, nothing of the cell is needed but its files. An object that is not of Table 1 then bears on its
+    support points evenly, and simulation.contact_friction of the cell's file is its mu_c."""
+    if simulated and simulated_camera:
+        raise InvalidInput("give --simulated or --simulated-camera, not both")
     file = load_cell(cell)
     given = {"model": model_file, "save": save}
     file = replace(file, model=replace(file.model, **{name: str(path) for name, path in given.items() if path is not None}))
     model = load_object(file.object)
     bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
-    if file.driver is not None and (absence := file.driver.absence()) is not None:
+    if not simulated and file.driver is not None and (absence := file.driver.absence()) is not None:
         raise InvalidInput(f"{cell}: pusher: {absence}")
     shown = view_at(view, file.view)
-    specs = graph.cell(file, str(bag), start)
-    if shown is not None:
-        specs = graph.with_view(specs, file.object, shown)
+    how = " --simulated" * simulated + " --simulated-camera" * simulated_camera
 
     def go_on(push: int) -> None:
-        console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}", markup=False)
+        console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
     live = console.is_terminal and not headless
-    with telling_what_is_left(bag):
+    with telling_what_is_left(bag), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
+        rendered = replace(file, camera=replace(file.camera, source="topic"))
+        if simulated:
+            specs = graph.simulated_cell(graph.with_port(rendered, f"{scratch}/pusher"), str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start)
+        elif simulated_camera:
+            specs = graph.simulated_camera(rendered, str(bag), start)
+        else:
+            specs = graph.cell(file, str(bag), start)
+        if shown is not None:
+            specs = graph.with_view(specs, file.object, shown)
         ended, _ = watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on, recorded=bag)
     if ended.code:
         fail(ended.reason, ended.code)

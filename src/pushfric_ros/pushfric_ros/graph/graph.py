@@ -13,6 +13,7 @@ from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.node_settings import NAMESPACE, ViewConfig
 from pushfric_ros.node_kit import network
 from pushfric_ros.pushers.grbl_config import GrblConfig
+from pushfric_ros.vision.tracker_settings import ContourConfig
 
 if TYPE_CHECKING:  # only a replay reads bags
     from pushfric_ros.bags.data_points import Source
@@ -129,7 +130,7 @@ def _movers(file: CellFile, frames: Mapping[str, Any], start: int) -> list[NodeS
     ]
 
 
-def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[NodeSpec]:
+def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int = 1) -> list[NodeSpec]:
     """The nodes of a cell whose camera and serial port are simulated.
 
     Args:
@@ -137,21 +138,15 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
         bag: folder of the bag to record.
         seed: of the simulation.
         speed: of the simulated clock, as a multiple of real time.
+        start: number of the push of the plan to begin with.
+    Raises:
+        InvalidInput: the cell's driver is not that of a GRBL controller, or its tracker looks for more than an outline.
     """
     if file.camera is None or file.pusher is None:
         raise InvalidInput("the simulated cell has a camera and a pusher, expected the sections camera and pusher")
     if not isinstance(file.driver, GrblConfig):
         raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
-    simulation = {
-        "object": file.object,
-        "calibration": file.camera.calibration,
-        "port_link": file.driver.port,
-        "seed": seed,
-        "speed": speed,
-        **plain(file.frames),
-        **plain(file.pusher.stage),
-        **plain(file.simulation),
-    }
+    simulation = {"port_link": file.driver.port, "seed": seed, "speed": speed}
     # at a multiple of real time, the object may be unseen only because the machine is busy, and the controller silent
     late = PATIENCE * speed  # of simulated time, by the stamps of a busy machine
     plan = replace(
@@ -164,10 +159,29 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float) -> list[No
     slow = {name: max(getattr(file.pusher, name), PATIENCE) for name in ("owner_timeout", "requires_timeout")}
     pusher = replace(file.pusher, memory="", **slow)  # a simulated pusher does not outlive its run
     patient = replace(file, plan=plan, pusher=pusher, driver=driver)
-    reached = network.asked_for(file.discovery)
-    simulated = NodeSpec("simulated_cell", simulation, environment=reached)
-    specs = [simulated, *map(with_simulated_time, cell(patient, bag))]
+    specs = [_simulation(file, simulation), *map(with_simulated_time, cell(patient, bag, start))]
     return with_own_clock(specs, file.namespace)
+
+
+def simulated_camera(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
+    """The nodes of a cell with its own controller, in real time, whose camera, object and operator are simulated.
+
+    Args:
+        file: the cell; its camera source must be `topic`.
+        bag: folder of the bag to record.
+        start: number of the push of the plan to begin with.
+    Raises:
+        InvalidInput: the cell's tracker looks for more than an outline.
+    """
+    return [_simulation(file, {}), *cell(file, bag, start)]
+
+
+def _simulation(file: CellFile, parameters: Mapping[str, Any]) -> NodeSpec:
+    if not isinstance(file.tracker, ContourConfig):
+        raise InvalidInput(f"a rendered camera shows an outline, expected camera.tracker contour, got {file.camera.tracker!r}")
+    place = {"calibration": file.camera.calibration, "object_height": file.camera.object_height, "object": file.object}
+    stage = {**plain(file.frames), **plain(file.pusher.stage), **plain(file.simulation)}
+    return NodeSpec("simulated_cell", {**place, **parameters, **stage}, environment=network.asked_for(file.discovery))
 
 
 def replay(

@@ -1,10 +1,15 @@
-"""The simulated cell: physics, camera, GRBL controller and operator behind the real interfaces; it publishes the clock."""
+"""The simulated cell: physics, camera, GRBL controller and operator behind the real interfaces; it publishes the clock.
+
+With a real controller, the physics, the camera and the operator remain: they follow the tip that the actuator reports, in real
+time, and no clock is published.
+"""
 
 import array
 import contextlib
 import os
 import pathlib
 import time
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,13 +21,16 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import CameraInfo, Image
 
 from pushfric_core.contact import pushing_line
-from pushfric_core.errors import InvalidInput, SolverFailed
+from pushfric_core.errors import SolverFailed
 from pushfric_core.planar import Pose
-from pushfric_core.settings import REQUIRED, setting
+from pushfric_core.settings import REQUIRED, check_ranges, setting
 from pushfric_core.simulation import PushedObject
+from pushfric_core.support import Support
 from pushfric_core.table_1 import TABLE_1
+from pushfric_msgs.msg import PusherState
 from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
-from pushfric_ros.messages.conversions import pose_from_msg, stamp_to_msg
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.messages.conversions import pose_from_msg, pusher_sample_from_msg, stamp_to_msg
 from pushfric_ros.messages.frames import CAMERA
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
@@ -40,18 +48,26 @@ STEPS_PER_FRAME = 4
 START = 1_000_000_000_000_000_000
 """Simulated time begins here [ns], so that no stamp looks like the 0 of a missing stamp."""
 
+LAG = 0.15
+"""With a real controller, a frame shows the world this long ago [s]: where the tip was then lies between two of its reports."""
+
+REPORTS = 100
+"""So many of the pusher's reports are kept."""
+
 
 @dataclass(frozen=True)
 class SimulatedCellConfig:
     """Where the simulated camera and controller take the place of real ones."""
 
     calibration: str = setting(REQUIRED, "path of the camera's calibration YAML")
-    port_link: str = setting(REQUIRED, "path at which the controller's serial port appears")
+    port_link: str = setting("", "path at which the controller's serial port appears; empty: the controller is a real one")
+    object_height: float = setting(0.0, "of the outline over the table [m]; 0: as the object's file says", 0.0, 1.0)
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if not self.calibration:
             raise ValueError("calibration must name the camera's calibration YAML, got ''")
-        if not self.port_link or not pathlib.Path(self.port_link).parent.is_dir():
+        if self.port_link and not pathlib.Path(self.port_link).parent.is_dir():
             raise ValueError(f"port_link must be a path in an existing folder, got {self.port_link!r}")
 
 
@@ -63,61 +79,99 @@ class SimulatedCellNode(Node):
         self._place = place = declare(self, SimulatedCellConfig)
         name, stage, run = declare(self, ObjectConfig).object, declare(self, StageConfig), declare(self, SimulatedRunConfig)
         self._config = config = declare(self, SimulationConfig)
-        if name not in TABLE_1:
-            raise InvalidInput(f"the simulated cell has no object {name!r}; expected one of {', '.join(TABLE_1)}")
-        truth = TABLE_1[name]
         self._rng = np.random.default_rng(run.seed)
         self._line = pushing_line(stage.line_origin, stage.line_direction, stage.tip_radius)
-        self._object = PushedObject(truth.outline, truth.support, truth.mu_c, Pose(0.0, 0.0, 0.0))
+        self._object = pushed_object(name, config.contact_friction)
         self._present = False
         self._placing: tuple[float, Pose] | None = None  # (when [s], where)
         self._elapsed = 0.0
         self._steps = 0
         camera = load_camera(place.calibration)
+        height = place.object_height or load_object(name).height
         self._camera = SimulatedCamera(
-            camera, truth.outline.vertices, 0.0, self._rng, noise_sigma=config.noise, blur_px=config.blur
+            camera, self._object.outline.vertices, height, self._rng, noise_sigma=config.noise, blur_px=config.blur
         )
         self._info = CameraInfo(**camera.info_fields())
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
-        self._clock_out = topics.advertise(ClockMsg, "/clock", RELIABLE)
         self._image_out = topics.advertise(Image, "image_raw", SENSOR_DATA)
         self._info_out = topics.advertise(CameraInfo, "camera_info", SENSOR_DATA)
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
-        self._grbl = SimulatedGrbl(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
-        self._grbl.start()
-        self._link(place.port_link)
-        period = 1 / (config.frame_rate * STEPS_PER_FRAME)
-        self._period = period
+        self._grbl: SimulatedGrbl | None = None
+        self._reports: deque[tuple[int, float]] = deque(maxlen=REPORTS)  # (when [ns], where [m]) of a real pusher
         self._wall_start = time.monotonic()
-        self.create_timer(period / run.speed, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        if place.port_link:
+            self._clock_out = topics.advertise(ClockMsg, "/clock", RELIABLE)
+            self._grbl = SimulatedGrbl(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
+            self._grbl.start()
+            self._link(place.port_link)
+            period, step = 1 / (config.frame_rate * STEPS_PER_FRAME) / run.speed, self._step
+            self._period = period * run.speed
+        else:
+            topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+            period, step = 1 / config.frame_rate, self._follow
+        self.create_timer(period, step, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
-        """Remove the serial port, too."""
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(self._place.port_link)
-        self._grbl.close()
+        """Remove the simulated serial port, too."""
+        if self._grbl is not None:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(self._place.port_link)
+            self._grbl.close()
         super().destroy_node()
 
     def _link(self, path: str) -> None:
         """Link the pseudo-terminal, whose name is not known beforehand, to a known path."""
+        assert self._grbl is not None
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)
         os.symlink(self._grbl.port, path)
 
     def _step(self) -> None:
+        """In simulated time, which goes on from step to step."""
+        assert self._grbl is not None
         self._steps += 1
         self._elapsed = self._steps * self._period
         stamp = stamp_to_msg(START + round(self._elapsed * 1e9))
         self._operate()
-        if self._present:
-            try:
-                self._object.push(self._line, self._grbl.position())
-            except SolverFailed as error:
-                self.get_logger().error(f"the object was taken away: {error}")
-                self._present = False
+        self._push(self._grbl.position())
         self._clock_out.publish(ClockMsg(clock=stamp))
         if self._steps % STEPS_PER_FRAME == 0:
             self._publish_frame(stamp)
+
+    def _follow(self) -> None:
+        """In real time, with a real controller: a frame of what was a moment ago."""
+        then = self.get_clock().now().nanoseconds - round(LAG * 1e9)
+        self._elapsed = time.monotonic() - self._wall_start
+        self._operate()
+        if (position := self._reported(then)) is not None:
+            self._push(position)
+        self._publish_frame(stamp_to_msg(then))
+
+    def _reported(self, then: int) -> float | None:
+        """Where the tip was [m], as the actuator reported it before and after; None: nothing was reported yet."""
+        if not self._reports:
+            return None
+        stamps, positions = zip(*self._reports, strict=True)
+        first = stamps[0]  # differences of stamps are exact as floats, stamps are not
+        return float(np.interp(then - first, [stamp - first for stamp in stamps], positions))
+
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        try:
+            sample = pusher_sample_from_msg(msg)
+        except ValueError as error:
+            self.get_logger().error(f"pusher_state refused: {error}", once=True)
+            return
+        if not self._reports or sample.stamp > self._reports[-1][0]:
+            self._reports.append((sample.stamp, msg.position))
+
+    def _push(self, position: float) -> None:
+        """Move the tip to a stroke position [m], and the object out of its way."""
+        if self._present:
+            try:
+                self._object.push(self._line, position)
+            except SolverFailed as error:
+                self.get_logger().error(f"the object was taken away: {error}")
+                self._present = False
 
     def _operate(self) -> None:
         """Put the object down once the operator has held it long enough."""
@@ -152,6 +206,21 @@ class SimulatedCellNode(Node):
         speed = self._elapsed / max(time.monotonic() - self._wall_start, 1e-9)
         values = {"simulated time [s]": round(self._elapsed, 3), "multiple of real time": round(speed, 2)}
         return Health(Level.OK, "simulating", values)
+
+
+def pushed_object(name: str, contact_friction: float) -> PushedObject:
+    """What is pushed: an object of Table 1 as it is, or one from a file with its weight evenly on the support points.
+
+    Raises:
+        InvalidInput: there is no such object.
+    """
+    model = load_object(name)
+    if name in TABLE_1:
+        support, mu_c = TABLE_1[name].support, TABLE_1[name].mu_c
+    else:
+        count = len(model.support_points)
+        support, mu_c = Support(model.support_points, np.full(count, 1 / count)), contact_friction
+    return PushedObject(model.outline, support, mu_c, Pose(0.0, 0.0, 0.0))
 
 
 def main() -> None:
