@@ -844,8 +844,8 @@ def terminal(clock) -> Iterator[tuple[SimulatedGrbl, Terminal]]:
         ("$G", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"),
         ("100", "error:1"), ("G1 Xa", "error:2"), ("$Q", "error:3"), ("$100=-1", "error:4"), ("G1 X1 F-1", "error:4"),
         ("$H", "error:5"), ("$20=1", "error:10"), ("X" + "1" * 90, "error:11"), ("$J=G1 X1 F1", "error:16"),
-        ("G2 X1", "error:20"), ("M3", "error:20"), ("U1", "error:20"), ("G0 G1 X1", "error:21"), ("G1 X1", "error:22"),
-        ("$J=X1", "error:22"), ("X1 X2", "error:25"), ("G1 F10", "error:26"),
+        ("G2 X1", "error:35"), ("G28", "error:20"), ("U1", "error:20"), ("G0 G1 X1", "error:24"), ("G1 X1", "error:22"),
+        ("$J=X1", "error:22"), ("X1 X2", "error:25"), ("G1 F10", "ok"),
     ],
 )  # fmt: skip
 def test_the_firmware_answers_as_grbl_does(terminal, line, answer):

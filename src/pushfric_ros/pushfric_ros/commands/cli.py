@@ -30,6 +30,7 @@ COMMANDS = {
     "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
     "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",
+    "rehearse": "Bring about every fault of docs/safety.md on a real controller without an object, and measure how it rests.",
     "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
     "bag": "Check and recover bags.",
     "stop": "Stop the pusher of a running cell; nothing moves before ./pushfric reset.",

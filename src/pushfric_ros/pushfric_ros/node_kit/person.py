@@ -50,7 +50,9 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self._executor.add_node(self._node)
         self._states: list[PusherState] = []
         self._health: list[Any] = []
-        self._node.create_subscription(PusherState, "pusher_state", self._states.append, RELIABLE)
+        self.on_state: Callable[[PusherState], None] = lambda state: None
+        """Called with each state, while this person waits for anything."""
+        self._node.create_subscription(PusherState, "pusher_state", self._take, RELIABLE)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self._health.extend(msg.status), RELIABLE)
         self._actuator = f"{self._node.get_namespace().rstrip('/')}/actuator"
 
@@ -58,6 +60,14 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
+
+    def spin(self, seconds: float) -> None:
+        """Wait a moment, and take what comes."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def _take(self, state: PusherState) -> None:
+        self._states = [state]
+        self.on_state(state)
 
     def say_stop(self) -> None:
         """On the topic, which also reaches who serves no service."""

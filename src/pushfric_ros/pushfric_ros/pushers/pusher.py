@@ -105,7 +105,7 @@ class PusherConfig(StageConfig):
     retract_speed: float = setting(0.05, "speed of the way back after a push; at most max_speed [m/s]", 0.0001, 10.0)
     poll_rate: float = setting(20.0, "reports of the pusher's position [Hz]", 1.0, 100.0)
     owner_timeout: float = setting(
-        0.3, "a push is stopped when its client shows no sign of life for this long; 0: none is needed [s]", 0.0, 60.0
+        0.25, "a push is stopped when its client shows no sign of life for this long; 0: none is needed [s]", 0.0, 60.0
     )
     requires: tuple[str, ...] = setting((), "nodes that must show signs of life during a push, such as tracker and estimator")
     requires_timeout: float = setting(

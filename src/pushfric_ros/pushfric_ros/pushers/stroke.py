@@ -110,7 +110,7 @@ class Plausibility:
     """
 
     SLACK = 0.5e-3  # [m]
-    JITTER = 5e-3  # of the moment that a report describes [s]
+    JITTER = 0.05  # of the moment that a report describes: somebody else may have asked, or the line repeated a question [s]
     MARGIN = 1.2
 
     def __init__(self) -> None:

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]"
 UNLOCK = "[MSG:'$H'|'$X' to unlock]"
-HELP = "[HLP:$$ $G $I $N $x=val $J=line $X $H ~ ! ? ctrl-x]"
+HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
 BOOT = 0.1  # from the opening of the port to the greeting [s]
 TICK = 0.005  # [s]
-PLANNER_BLOCKS, RECEIVER_BYTES, LONGEST_LINE = 15, 128, 80
-WCO_EVERY = {True: 10, False: 30}  # reports; at rest, in motion
+PLANNER_BLOCKS, RECEIVER_BYTES, LONGEST_LINE = 15, 128, 79
+WCO_EVERY, OVERRIDES_EVERY = {True: 10, False: 30}, {True: 10, False: 20}  # reports; at rest, in motion
 INCH = 25.4  # [mm]
 PULL_OFF, SEEK_RATE = 1.0, 1500.0  # homing [mm], [mm/min]
 MINUTE = 60.0  # [s]
@@ -31,10 +31,17 @@ OVERRIDES: dict[int, tuple[str, int, bool]] = {
 LEAST_FEED, MOST_FEED = 10, 200  # overrides [%]
 WORDS = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
 GROUPS: dict[str, dict[float, str]] = {
-    "G": {0: "motion", 1: "motion", 4: "dwell", 17: "plane", 20: "units", 21: "units", 54: "coordinates", 90: "distance",
-          91: "distance", 94: "feed mode"},
-    "M": {5: "spindle", 9: "coolant"},
+    "G": {0: "motion", 1: "motion", 2: "motion", 3: "motion", 80: "motion", 4: "dwell", 53: "dwell", 17: "plane", 18: "plane",
+          19: "plane", 20: "units", 21: "units", 40: "cutter", 49: "tool", 61: "control", 90: "distance", 91: "distance",
+          93: "feed mode", 94: "feed mode", **dict.fromkeys(range(54, 60), "coordinates")},
+    "M": {0: "stop", 2: "stop", 30: "stop", **dict.fromkeys((3, 4, 5), "spindle"), 8: "coolant", 9: "coolant"},
 }  # fmt: skip
+"""Modal groups. Offsets, probing and arcs are not there: what asks for them is an unknown command, or lacks a centre."""
+OFFSETS = ["G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"]
+MOST_LINES, MOST_TOOLS = 10_000_000, 255
+WHOLE = {0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32}
+"""Settings that are whole numbers."""
+SHORTEST_PULSE = 3  # $0 [us]
 
 
 class Motion(NamedTuple):
@@ -123,7 +130,8 @@ def _ramps(way: float, first: float, last: float, fastest: float, acceleration: 
 class SimulatedGrbl:
     """GRBL 1.1h on a board with one carriage on axis X, home switch at the negative end.
 
-    Arcs, probing and spindle are not there. Opening the port restarts the controller, as the DTR line of most boards does,
+    Its answers are those of GRBL 1.1h to the byte, as far as a pusher needs them; offsets, arcs, probing and spindle are not
+    there. Opening the port restarts the controller, as the DTR line of most boards does,
     unless it is made without; the coordinates survive. Faults on request: see the last methods; for faults of the line there
     is FaultyLine. Use as a context manager or between `start` and `close`.
     """
@@ -162,7 +170,8 @@ class SimulatedGrbl:
         self._canceling = False  # a jog
         self._percent = {"feed": 100, "rapid": 100}  # overrides
         self._line = ""
-        self._until_wco = 0
+        self._until_wco = self._until_overrides = 0  # reports
+        self._owed = False  # an `ok` for the line that hit a soft limit; it comes with the reset
         self._restart(keep_coordinates=False)
 
     def start(self) -> "SimulatedGrbl":
@@ -260,7 +269,8 @@ class SimulatedGrbl:
     def _receive(self, data: bytes) -> None:
         """Real-time bytes are picked out wherever they stand; the rest becomes lines."""
         with self._lock:
-            for byte in data:
+            # of several resets that come together there is one
+            for byte in data.replace(b"\x18\x18", b"\x18"):
                 self._advance()
                 match byte:
                     case 0x3F:  # ?
@@ -300,18 +310,26 @@ class SimulatedGrbl:
     def _report(self) -> str:
         carriage, speed = self._now()
         substate = "" if self._state != "Hold" else ":1" if self._motion else ":0"
-        fields = [self._state + substate, f"MPos:{carriage + self._offset:.3f},0.000,0.000",
-                  f"Bf:{PLANNER_BLOCKS - len(self._plan)},{RECEIVER_BYTES - len(self._line)}",
-                  f"FS:{abs(speed) * MINUTE:.0f},0"]  # fmt: skip
+        inches, mask = self._settings[13] != "0", int(self._settings[10])
+        unit, digits = (INCH, 4) if inches else (1.0, 3)
+        nowhere = f"{0:.{digits}f}"
+        kind = "MPos" if mask & 1 else "WPos"
+        fields = [self._state + substate, f"{kind}:{(carriage + self._offset) / unit:.{digits}f},{nowhere},{nowhere}"]
+        if mask & 2:
+            fields.append(f"Bf:{PLANNER_BLOCKS - len(self._plan)},{RECEIVER_BYTES - len(self._line)}")
+        fields.append(f"FS:{abs(speed) * MINUTE / unit:.{int(inches)}f},0")
         if not -PULL_OFF < carriage < self._travel + PULL_OFF:
             fields.append("Pn:X")
-        self._until_wco -= 1
-        if self._until_wco <= 0:
-            self._until_wco = WCO_EVERY[self._motion is None]
-            fields.append("WCO:0.000,0.000,0.000")
-            self._overrides_due = True
-        elif self._overrides_due:
-            self._overrides_due = False
+        at_rest = self._motion is None
+        if self._until_wco > 0:
+            self._until_wco -= 1
+        else:
+            self._until_wco, self._until_overrides = WCO_EVERY[at_rest] - 1, max(1, self._until_overrides)
+            fields.append(f"WCO:{nowhere},{nowhere},{nowhere}")
+        if self._until_overrides > 0:
+            self._until_overrides -= 1
+        else:
+            self._until_overrides = OVERRIDES_EVERY[at_rest] - 1
             fields.append(f"Ov:{self._percent['feed']},{self._percent['rapid']},100")
         return f"<{'|'.join(fields)}>"
 
@@ -368,7 +386,7 @@ class SimulatedGrbl:
     def _override(self, what: str, percent: int, added: bool) -> None:
         before = self._percent[what]
         self._percent[what] = min(max(before + percent, LEAST_FEED), MOST_FEED) if added else percent
-        self._overrides_due = True
+        self._until_overrides = 0
         if self._state == "Run":
             self._set_out()
 
@@ -404,6 +422,8 @@ class SimulatedGrbl:
 
     def _reset_softly(self) -> None:
         with self._lock:
+            if self._owed:
+                self._respond(0)
             if self._motion is not None:
                 code = 6 if self._state == "Home" else 3
                 self._halt()
@@ -412,7 +432,7 @@ class SimulatedGrbl:
             self._restart(keep_coordinates=True)
 
     def _restart(self, keep_coordinates: bool) -> None:
-        locked = self._state == "Alarm" if keep_coordinates else self._settings[22] != "0"
+        locked = self._state in ("Alarm", "Sleep") if keep_coordinates else self._settings[22] != "0"
         self._state = "Alarm" if locked else "Idle"
         if not keep_coordinates:
             self._offset = -self._carriage  # machine coordinate of the carriage's 0 [mm]
@@ -422,13 +442,17 @@ class SimulatedGrbl:
         self._percent = {"feed": 100, "rapid": 100}
         self._lines: deque[str] = deque()
         self._line = ""
-        self._asked = self._deaf = self._overrides_due = False
-        self._until_wco = 0
-        self._feed: float | None = None  # [mm/min]
-        self._units, self._absolute, self._motion_mode = 1.0, True, 0
+        self._asked = self._deaf = self._owed = False
+        self._until_wco = self._until_overrides = 0
+        self._forget_modes()
         self._say(GREETING)
         if locked:
             self._say(UNLOCK)
+
+    def _forget_modes(self) -> None:
+        self._feed: float | None = None  # [mm/min]
+        self._modes = {"motion": 0, "coordinates": 54, "plane": 17, "units": 21, "distance": 90, "feed mode": 94, "spindle": 5,
+                       "coolant": 9}  # fmt: skip
 
     # Lines
 
@@ -443,59 +467,99 @@ class SimulatedGrbl:
             elif line and self._state in ("Alarm", "Jog"):
                 self._respond(9)
             else:
-                self._respond(self._gcode(line) if line else 0)
+                code = self._gcode(line) if line else 0
+                self._owed = self._deaf
+                if not self._owed:
+                    self._respond(code)
 
     @property
     def _listens(self) -> bool:
-        return not self._deaf and not self._canceling and self._state not in ("Hold", "Home")
+        return not self._deaf and not self._canceling and self._state not in ("Hold", "Home", "Sleep")
 
     def _respond(self, code: int) -> None:
-        self._say(f"error:{code}" if code else "ok")
+        if code >= 0:  # less: it has been said
+            self._say(f"error:{code}" if code else "ok")
 
     def _system(self, line: str) -> None:
         code = 0
-        assignment = re.fullmatch(r"\$(\d+)=([-+.\d]+)", line)
-        if line.startswith("$J=") and len(line) > 3:
+        assignment = re.fullmatch(r"\$(\d*)=(.*)", line)
+        if line.startswith("$J="):
             code = self._gcode(line[3:], jog=True) if self._state in ("Idle", "Jog") else 8
         elif line in ("$", "$G"):
-            self._say(HELP if line == "$" else self._modes())
-        elif self._state not in ("Idle", "Alarm"):
-            code = 8
-        elif line == "$$":
+            self._say(HELP if line == "$" else self._shown_modes())
+        elif line == "$X":
+            if self._state == "Alarm":
+                self._state = "Idle"
+                self._say("[MSG:Caution: Unlocked]")
+        elif line == "$C":
+            code = self._check()
+        elif line == "$$" and self._state not in ("Run", "Hold"):
             for number, value in sorted(self._settings.items()):
                 self._say(f"${number}={value}")
+        elif self._state not in ("Idle", "Alarm"):
+            code = 8
+        elif line == "$#":
+            for name in OFFSETS:
+                self._say(f"[{name}:0.000,0.000,0.000]")
+            self._say("[TLO:0.000]")
+            self._say("[PRB:0.000,0.000,0.000:0]")
         elif line == "$I":
             self._say("[VER:1.1h.20190830:]")
             self._say("[OPT:V,15,128]")
         elif line == "$N":
             self._say("$N0=")
             self._say("$N1=")
-        elif line == "$X":
-            if self._state == "Alarm":
-                self._state = "Idle"
-                self._say("[MSG:Caution: Unlocked]")
+        elif line == "$SLP":
+            self._respond(0)
+            self._say("[MSG:Sleeping]")
+            self._state = "Sleep"
+            return
         elif line == "$H" and self._settings[22] != "0":
             self._home()
             return  # `ok` follows when it is done
         elif line == "$H":
             code = 5
-        elif assignment is not None and int(assignment[1]) in self._settings:
-            code = self._set(int(assignment[1]), assignment[2])
+        elif assignment is not None:
+            code = self._set(assignment[1], assignment[2])
         else:
             code = 3
         self._respond(code)
 
-    def _set(self, number: int, value: str) -> int:
-        if float(value) < 0:
-            return 4
-        if number == 20 and value != "0" and self._settings[22] == "0":
-            return 10
-        self._settings[number] = value
+    def _check(self) -> int:
+        """Into the mode in which lines are read and nothing moves; out of it with a reset."""
+        if self._state == "Check":
+            self._say("[MSG:Disabled]")
+            self._respond(0)
+            self._state = "Idle"
+            self._restart(keep_coordinates=True)
+            return -1
+        if self._state != "Idle":
+            return 8
+        self._state = "Check"
+        self._say("[MSG:Enabled]")
         return 0
 
-    def _modes(self) -> str:
-        distance, units = 90 if self._absolute else 91, 21 if self._units == 1 else 20
-        return f"[GC:G{self._motion_mode} G54 G17 G{units} G{distance} G94 M5 M9 T0 F{self._feed or 0:.0f} S0]"
+    def _set(self, number: str, text: str) -> int:
+        if not number or re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)", text) is None:
+            return 2
+        value, which = float(text), int(number)
+        if value < 0:
+            return 4
+        if which not in self._settings:
+            return 3
+        if which == 0 and value < SHORTEST_PULSE:
+            return 6
+        if which == 20 and value and self._settings[22] == "0":
+            return 10
+        self._settings[which] = f"{value:.0f}" if which in WHOLE else f"{value:.3f}"
+        self._until_wco = 0 if which in (10, 13) else self._until_wco
+        return 0
+
+    def _shown_modes(self) -> str:
+        modes = self._modes
+        feed = (self._feed or 0) / (INCH if modes["units"] == 20 else 1.0)
+        words = " ".join(f"G{modes[name]}" for name in ("motion", "coordinates", "plane", "units", "distance", "feed mode"))
+        return f"[GC:{words} M{modes['spindle']} M{modes['coolant']} T0 F{feed:.0f} S0]"
 
     def _home(self) -> None:
         """To the switch and back off it, as one motion."""
@@ -507,41 +571,62 @@ class SimulatedGrbl:
 
     def _gcode(self, line: str, jog: bool = False) -> int:
         """Parse a block, plan its motion; 0 or the code of an error."""
+        if not line:
+            return 22
         words = WORDS.findall(line)
         if "".join(letter + number for letter, number in words) != line:
             return 2 if line[0].isalpha() else 1
         modes: dict[str, int] = {}  # by modal group
         values: dict[str, float] = {}
         for letter, text in words:
+            value = float(text)
             if letter in GROUPS:
-                group = GROUPS[letter].get(float(text))
+                if int(value) in GROUPS[letter] and value != int(value):
+                    return 23
+                group = GROUPS[letter].get(value)
                 if group is None:
-                    return 20
+                    return 23 if letter == "M" and value != int(value) else 20
                 if group in modes:
-                    return 21
-                modes[group] = int(float(text))
-            elif letter not in AXES + "FNSTP":
+                    return 24 if group == "motion" else 21
+                modes[group] = int(value)
+            elif letter not in AXES + "FIJKLNPRST":
                 return 20
             elif letter in values:
                 return 25
+            elif value < 0 and letter in "FNPST":
+                return 4
             else:
-                values[letter] = float(text)
-        if values.get("F", 0) < 0:
-            return 4
-        if jog and not modes.keys() <= {"units", "distance"}:
+                values[letter] = value
+        if values.get("N", 0) > MOST_LINES:
+            return 27
+        if values.get("T", 0) > MOST_TOOLS:
+            return 38
+        machine = modes.get("dwell") == 53
+        if jog and not modes.keys() <= {"units", "distance", *["dwell"] * machine}:
             return 16
-        units = INCH if modes.get("units") == 20 else 1.0 if "units" in modes else self._units
-        absolute = modes.get("distance", 90 if self._absolute else 91) == 90
-        rapid = not jog and modes.get("motion", self._motion_mode) == 0
+        dwells = modes.get("dwell") == 4
+        if dwells and "P" not in values:
+            return 28
+        moves = any(axis in values for axis in AXES) and not dwells
+        now = self._modes | modes
+        if moves and not jog and now["motion"] in (2, 3):
+            return 35
+        if set(values) & set("IJKLR" + "P" * (not dwells) + "ST" * jog):
+            return 36
+        units = INCH if now["units"] == 20 else 1.0
+        rapid = not jog and now["motion"] != 1
         feed = values["F"] * units if "F" in values else None if jog else self._feed
-        moves = any(axis in values for axis in AXES) and "dwell" not in modes
         if moves and not rapid and not feed:
             return 22
-        if not moves and (jog or modes.get("motion") == 1):
-            return 26
         if not jog:
-            self._units, self._absolute, self._motion_mode, self._feed = units, absolute, 0 if rapid else 1, feed
-        return self._plan_to(values, units, absolute, None if rapid else feed, jog) if moves else 0
+            self._feed = feed
+            self._modes |= {group: mode for group, mode in modes.items() if group in self._modes}
+            if modes.get("stop") in (2, 30):
+                self._say("[MSG:Pgm End]")
+                self._modes |= {"motion": 1, "plane": 17, "distance": 90, "feed mode": 94, "coordinates": 54}
+        if not moves or self._state == "Check":
+            return 0
+        return self._plan_to(values, units, machine or now["distance"] == 90, None if rapid else feed, jog)
 
     def _plan_to(self, values: dict[str, float], units: float, absolute: bool, feed: float | None, jog: bool) -> int:
         """Queue the carriage's part of a move; no motor turns for the other axes."""
@@ -549,7 +634,9 @@ class SimulatedGrbl:
             return 0
         self._advance()
         before = self._plan[-1].target if self._plan else self._carriage
-        target = values["X"] * units + (-self._offset if absolute else before)
+        wanted = values["X"] * units + (-self._offset if absolute else before)
+        steps = float(self._settings[100])
+        target = math.floor(wanted * steps + 0.5) / steps if steps > 0 else wanted
         machine = target + self._offset
         if self._settings[20] != "0" and not -self._travel - 1e-9 <= machine <= 1e-9:
             if jog:

@@ -1,0 +1,112 @@
+"""The command `rehearse`."""
+
+import sys
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.console import console, warn
+from pushfric_ros.commands.options import JsonFlag
+from pushfric_ros.commands.settings_options import option
+from pushfric_ros.pushers.grbl_settings import GrblSettings
+from pushfric_ros.rehearsal.faults import FAULTS, Outcome, rehearse
+from pushfric_ros.rehearsal.kills import KINDS, kill
+from pushfric_ros.rehearsal.stage import Rehearsed, Stage
+from pushfric_ros.report.report import to_json
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command("rehearse")
+def rehearsal(
+    port: Annotated[str, typer.Option(help="Serial port of the GRBL controller.", show_default=False)],
+    stroke: Annotated[
+        float | None,
+        typer.Option(
+            help="So far may the pusher go forward from where it stands (mm).", min=1.0, max=1000.0, show_default="asked for"
+        ),
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Of the pushes (mm/s).", min=1.0, max=1000.0)] = 20.0,
+    axis: Annotated[str, typer.Option(help="Of the controller; -X: the stroke goes to negative coordinates.")] = "X",
+    baud: Annotated[int, typer.Option(help="bit/s", min=300, max=4_000_000)] = 115200,
+    silence: Annotated[float, option(GrblSettings, "silence")] = GrblSettings.silence,
+    kills: Annotated[
+        int, typer.Option(help="Instead: kill -9 of the host's processes, so many times at random moments.", min=0, max=100_000)
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Of these moments.", min=0, max=2**31)] = 0,
+    json: JsonFlag = False,
+) -> None:
+    """Bring about the faults of docs/safety.md in mid-push, one after the other, and measure when and where the pusher rests.
+
+    Take the object away, bring the tip to the beginning of its stroke, and keep a hand on the emergency stop. The pusher moves
+    between where it stands and the stroke that you allow. In the end it is back, and the controller is as it was.
+
+    A faulty line stands between the actuator and the controller: it loses, changes and delays bytes. What the controller itself
+    reports is the truth that all is measured by. Ctrl-C stops the pusher where it is.
+
+    Exit code 1: a fault did not end as it must.
+    """
+    try:
+        GrblSettings(port=port, baud=baud, axis=axis, silence=silence)
+    except ValueError as error:
+        raise InvalidInput(f"--{error}") from error
+    if stroke is None:
+        if not sys.stdin.isatty():
+            raise InvalidInput("--stroke is missing: how far the pusher may go forward from where it stands (mm)")
+        stroke = typer.prompt(
+            "The pusher will move. How far may it go forward from where it stands (mm)?", type=float, err=True
+        )
+    outcomes: list[Outcome] = []
+    with Stage(Rehearsed(port, baud, axis, 1e-3 * stroke, 1e-3 * speed, silence), warn) as stage:
+        console.print(f"strokes of {1e3 * stage.reach:.1f} mm at {speed:g} mm/s; Ctrl-C stops the pusher", highlight=False)
+        for outcome in kill(stage, kills, seed) if kills else rehearse(stage, FAULTS):
+            outcomes.append(outcome)
+            console.print(line(outcome), highlight=False, markup=False)
+        changed = stage.bring_back()
+    for what in changed:
+        warn(f"not as it was: {what}")
+    if json:
+        print(to_json({"outcomes": [outcome._asdict() for outcome in outcomes], "changed": changed}))
+    else:
+        Console().print(distribution(outcomes) if kills else table(outcomes))
+    if changed or any(outcome.problem for outcome in outcomes):
+        sys.exit(1)
+
+
+def line(outcome: Outcome) -> str:
+    """What came of a fault, as soon as it is known."""
+    return f"{outcome.fault}: {outcome.problem or 'as it must be'}"
+
+
+def table(outcomes: list[Outcome]) -> Table:
+    """A row for each fault."""
+    shown = Table(box=None)
+    for column in ("fault", "rests after", "travelled", "allowed", ""):
+        shown.add_column(column, justify="left" if column in ("fault", "") else "right")
+    for outcome in outcomes:
+        seconds = "" if outcome.seconds is None else f"{outcome.seconds:.2f} s"
+        lengths = ["" if way is None else f"{1e3 * way:.1f} mm" for way in (outcome.travelled, outcome.allowed)]
+        shown.add_row(outcome.fault, seconds, *lengths, outcome.problem or "ok")
+    return shown
+
+
+def distribution(outcomes: list[Outcome]) -> Table:
+    """Of each kind of process, how far the pusher went after it was killed."""
+    shown = Table(box=None)
+    for column in ("killed", "times", "median", "90 %", "farthest", "allowed", "failed"):
+        shown.add_column(column, justify="left" if column == "killed" else "right")
+    for kind in KINDS:
+        ours = [outcome for outcome in outcomes if outcome.fault == kind]
+        ways = sorted(outcome.travelled for outcome in ours if outcome.travelled is not None)
+        if ways:
+            chosen = (ways[len(ways) // 2], ways[(9 * len(ways)) // 10], ways[-1], ours[0].allowed or 0.0)
+            shown.add_row(kind, str(len(ours)), *(f"{1e3 * way:.2f} mm" for way in chosen), str(sum(map(failed, ours))))
+    return shown
+
+
+def failed(outcome: Outcome) -> bool:
+    """Whether a fault did not end as it must."""
+    return outcome.problem is not None

@@ -1,0 +1,377 @@
+"""The faults that are rehearsed: how each is brought about, and what must come of it."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+from pushfric_core.errors import PushfricError
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.node_kit.person import NoAnswer
+from pushfric_ros.pushers.check import Level
+from pushfric_ros.pushers.grbl_checks import check_controller
+from pushfric_ros.pushers.stroke import OFF_WAY
+from pushfric_ros.rehearsal.stage import REACTION, SAME, EndedEarly, Stage, words_of
+from pushfric_ros.simulated.faulty_line import Filter, nothing, once
+
+OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
+RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
+WATCHED = 1.0  # a pusher that rests is watched for so long [s]
+TRIES = 5
+LATE_GREETING = 3.0  # [s]
+TRUE = 1e-4  # a published position is true within [m]
+LATELY = 2.0  # of where it was lately [s]
+HOSTILE = ((b"$120=", b"0"), (b"$100=", b"0.000"), (b"$22=", b"1e999"), (b"$110=", b"9" * 4300), (b"$27=", b"-1"))
+
+
+class Outcome(NamedTuple):
+    """What came of a fault."""
+
+    fault: str
+    seconds: float | None  # from the fault to rest; None: the pusher was not to be stopped [s]
+    travelled: float | None  # after the fault [m]
+    allowed: float | None  # of that [m]
+    problem: str | None  # None: as it must be
+
+
+class Fault(NamedTuple):
+    """One row of the table."""
+
+    name: str
+    bring_about: Callable[[Stage], float | None]
+    """Does it; returns when, or None where the pusher goes on as if nothing had happened."""
+    within: float | None = REACTION
+    """The pusher may go on for so long [s]; None: until it is off its way, wherever that is."""
+    check: Callable[[Stage], str | None] = lambda stage: None
+    """Afterwards, at rest: what is not as it must be."""
+
+
+class Excess(PushfricError):
+    """A fault did not end as it must."""
+
+
+def rehearse(stage: Stage, faults: tuple[Fault, ...]) -> Iterator[Outcome]:
+    """Bring each fault about, one after the other; the pusher is brought back between them."""
+    for fault in faults:
+        yield tried(partial(_rehearsed, stage, fault), fault.name)
+
+
+def tried(once: Callable[[], Outcome], name: str) -> Outcome:
+    """Again where the push ended before the fault; not for ever."""
+    for _ in range(TRIES):
+        try:
+            return once()
+        except EndedEarly as error:
+            early = error
+    return Outcome(name, None, None, None, str(early))
+
+
+def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
+    stage.ready()
+    first = len(stage.heard)
+    try:
+        begin = fault.bring_about(stage)
+        outcome = judged(stage, fault.name, begin, first, fault.within)
+        if outcome.problem is None:
+            outcome = outcome._replace(problem=fault.check(stage) or traceback_in(stage))
+    except (Excess, NoAnswer) as error:
+        return Outcome(fault.name, None, None, None, str(error))
+    return outcome
+
+
+def judged(stage: Stage, name: str, begin: float | None, first: int, within: float | None) -> Outcome:
+    """Wait for rest, and for what must not follow.
+
+    Args:
+        begin: when the fault was brought about; None: the pusher was to go on to the end of its push.
+        first: index of the first report of this push.
+        within: see Fault.
+    """
+    at_rest = stage.rest()
+    given = stage.given
+    seconds = travelled = allowed = problem = None
+    if begin is None:
+        if abs(at_rest.along - stage.reach) > SAME:
+            problem = f"it rests at {1e3 * at_rest.along:.2f} mm, the push ends at {1e3 * stage.reach:.2f} mm"
+        elif (fastest := max(one.speed for one in stage.heard[first:])) > 1.05 * given.speed:
+            problem = f"it went at {1e3 * fastest:.1f} mm/s"
+    else:
+        there = stage.at(begin)
+        seconds, travelled = max(0.0, at_rest.when - begin), abs(at_rest.along - there)
+        if within is None:
+            allowed = max(0.0, stage.reach - there) + OFF_WAY + REACTION * given.speed + stage.braking
+        else:
+            allowed = within * given.speed + stage.braking
+        if travelled > allowed + RESOLUTION:
+            problem = "it went too far"
+    furthest = max(one.along for one in stage.heard[first:])
+    if furthest > given.stroke:
+        problem = f"it went to {1e3 * furthest:.1f} mm, beyond the stroke"
+    until = time.monotonic() + WATCHED
+    stage.wait(lambda: time.monotonic() > until, "nothing")
+    if abs(stage.along() - at_rest.along) > SAME:
+        problem = "it moved again"
+    return Outcome(name, seconds, travelled, allowed, problem or untrue(stage, stage.heard[first].when, at_rest.when))
+
+
+def untrue(stage: Stage, since: float, rested: float) -> str | None:
+    """A published state that is not so: the pusher was not there shortly before it came, or it has come to rest since."""
+    for when, state in stage.states:
+        if when < since or state.mode == PusherState.MODE_DISCONNECTED:
+            continue
+        lately = [one.along for one in stage.between(when - LATELY, when)]
+        if not min(lately) - TRUE <= state.position - stage.position <= max(lately) + TRUE:
+            places = f"{1e3 * min(lately):.2f} to {1e3 * max(lately):.2f} mm"
+            return f"{1e3 * (state.position - stage.position):.2f} mm was published, lately it was at {places}"
+    if stage.states and stage.mode() == PusherState.MODE_RUNNING and stage.states[-1][0] > rested + WATCHED / 2:
+        return "the published state says that it moves, and it rests"
+    return None
+
+
+def traceback_in(stage: Stage) -> str | None:
+    """Whether an actuator died of a fault that nobody thought of."""
+    return "the actuator ended with a traceback" if "Traceback" in stage.log.read_text(errors="replace") else None
+
+
+# How each is brought about
+
+
+def damaged(filtered: Filter) -> Callable[[Stage], float]:
+    """The next command that the filter knows, in mid-push."""
+
+    def bring_about(stage: Stage) -> float:
+        stage.under_way(0.5)
+        stage.line.to_controller = filtered
+        return time.monotonic()
+
+    return bring_about
+
+
+def report_damaged(stage: Stage) -> None:
+    """A wrong digit; what is published then must not follow it."""
+    stage.under_way()
+    stage.states.clear()
+    stage.line.to_host = once(b"Pos:", b"Pos:9")
+
+
+def published_nonsense(stage: Stage) -> str | None:
+    """A published position off the way of the push."""
+    for _, state in stage.states:
+        if not -SAME <= state.position - stage.position <= stage.reach + SAME:
+            return f"{1e3 * state.position:.1f} mm was published"
+    return None
+
+
+def modes_changed(stage: Stage) -> None:
+    """Somebody sends inches, incremental distances and 200 % of the feed, and the push comes after that."""
+    for line in ("G20", "G91"):
+        stage.ask(line)
+    stage.line.tell_controller(b"\x91" * 10)
+    stage.under_way()
+    stage.line.tell_controller(b"\x91" * 10)
+
+
+def signalled(number: signal.Signals, client: bool) -> Callable[[Stage], float]:
+    """To the actuator or the client, in mid-push."""
+
+    def bring_about(stage: Stage) -> float:
+        stage.under_way()
+        process = stage.client if client else stage.actuator
+        assert process is not None
+        begin = time.monotonic()
+        process.send_signal(number)
+        return begin
+
+    return bring_about
+
+
+def goes_on_and_moves_nothing(stage: Stage) -> str | None:
+    """A process that stood still is let go on."""
+    rest = stage.along()
+    for process in (stage.actuator, stage.client):
+        assert process is not None
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+    until = time.monotonic() + 2 * WATCHED
+    stage.wait(lambda: time.monotonic() > until, "nothing")
+    return "it moved again when the process went on" if abs(stage.along() - rest) > SAME else None
+
+
+def client_is_told(stage: Stage) -> str | None:
+    """The client gets a result, and the last state is true."""
+    assert stage.client is not None
+    end_of_client = stage.client
+    stage.wait(lambda: end_of_client.poll() is not None, "the end of the client")
+    said = words_of(end_of_client)
+    if "told to end" not in said:
+        return f"the client was told: {said}"
+    state = stage.states[-1][1]
+    true = stage.position + stage.along()
+    if state.mode == PusherState.MODE_RUNNING or abs(state.position - true) > TRUE:
+        return f"the last state says mode {state.mode} at {1e3 * state.position:.2f} mm, it rests at {1e3 * true:.2f} mm"
+    return None
+
+
+def mute(stage: Stage) -> float:
+    """Nothing that the controller says arrives."""
+    stage.under_way()
+    stage.line.to_host = nothing
+    return time.monotonic()
+
+
+def cut(stage: Stage) -> float:
+    """Nothing arrives, either way."""
+    stage.under_way()
+    stage.line.to_host = stage.line.to_controller = nothing
+    return time.monotonic()
+
+
+def waits_for_a_person(stage: Stage) -> str | None:
+    """With the line whole again, the actuator knows that it does not know."""
+    stage.line.to_host = stage.line.to_controller = bytes
+    rest = stage.along()
+    stage.states.clear()
+    stage.wait(lambda: stage.mode() == PusherState.MODE_ALARM, "the actuator to say that the position is not known")
+    try:
+        stage.person.jog(1e-3, stage.given.speed)
+    except NoAnswer:
+        return "it moved unasked" if abs(stage.along() - rest) > SAME else None
+    return "it took a push without a reset"
+
+
+def found_moving(stage: Stage) -> float:
+    """A new actuator on a controller that carries out somebody else's line."""
+    stage.end_actuator()
+    asked: list[float] = []
+
+    def listen(data: bytes) -> bytes:
+        asked.append(time.monotonic())
+        return data
+
+    move_alone(stage)
+    stage.line.to_controller = listen
+    stage.start_actuator()
+    stage.wait(lambda: asked, "the first question")
+    return asked[0]
+
+
+def move_alone(stage: Stage) -> None:
+    """One line of somebody else's, in millimetres whatever the modes, over the whole reach and as long as it takes."""
+    sign = -1 if stage.given.axis[0] == "-" else 1
+    slow = min(stage.given.speed, stage.reach / ALONE)
+    line = f"$J=G21G91{stage.given.axis[-1]}{sign * 1e3 * stage.reach:.3f}F{60e3 * slow:.3f}\n"
+    stage.line.tell_controller(line.encode())
+    stage.wait(lambda: stage.along() > 0.02 * stage.reach, "somebody else's motion")
+
+
+ALONE = 6.0
+"""Somebody else's motion takes so long, so that a new process is there before its end [s]."""
+
+
+def late_greeting(stage: Stage) -> float:
+    """A stop ends with a reset, to which the controller answers late."""
+    stage.under_way()
+
+    def late(data: bytes) -> bytes:
+        stage.line.delay = LATE_GREETING if b"rbl" in data else 0.0
+        return data
+
+    stage.line.to_host = late
+    begin = time.monotonic()
+    stage.person.call("actuator/stop")
+    return begin
+
+
+def stopped(stage: Stage) -> float:
+    """Somebody calls the service."""
+    stage.under_way()
+    begin = time.monotonic()
+    stage.person.call("actuator/stop")
+    return begin
+
+
+def is_released(stage: Stage) -> str | None:
+    """A person says so, and it is no alarm that ends by it."""
+
+    def over() -> bool:
+        return stage.mode() == PusherState.MODE_HOLD
+
+    until = time.monotonic() + LATE_GREETING
+    stage.wait(lambda: time.monotonic() > until, "nothing")
+    stage.states.clear()
+    stage.wait(lambda: stage.mode() is not None, "a state")
+    if not over():
+        return f"the published mode is {stage.mode()}, expected that of a hold"
+    answer = stage.person.call("actuator/reset")
+    return None if answer == "released" else f"a reset was answered with {answer!r}"
+
+
+def hostile_settings(stage: Stage) -> None:
+    """Settings that no controller has; the doctor and the driver say so in one line."""
+    stage.end_actuator()
+    config, driver = stage.config()
+    for key, value in HOSTILE:
+        stage.line.to_host = in_lines(key, value)
+        check, limits = check_controller(driver, config)
+        if check.level is not Level.FAILED or limits is not None or "\n" in check.finding or len(check.finding) > 300:
+            raise Excess(f"{key.decode()}{value[:10].decode()} was answered with {check.finding[:100]!r}")
+    stage.line.to_host = bytes
+    stage.start_actuator()
+    stage.make_ready()
+    stage.under_way()
+
+
+def in_lines(key: bytes, value: bytes) -> Filter:
+    """A filter that gives a setting another value, wherever the pieces end that come."""
+    left = [b""]
+
+    def filtered(data: bytes) -> bytes:
+        *lines, left[0] = (left[0] + data).split(b"\n")
+        if not left[0].startswith(b"$"):  # all else passes at once
+            lines, left[0] = [*lines, left[0]], b""
+            return b"\n".join(key + value + b"\r" if line.startswith(key) else line for line in lines)
+        return b"".join((key + value + b"\r" if line.startswith(key) else line) + b"\n" for line in lines)
+
+    return filtered
+
+
+def looked_at(stage: Stage) -> None:
+    """The doctor, while the controller moves: it sends nothing but questions, and says that it moves."""
+    stage.end_actuator()
+    sent = bytearray()
+
+    def listen(data: bytes) -> bytes:
+        sent.extend(data)
+        return data
+
+    move_alone(stage)
+    stage.line.to_controller = listen
+    config, driver = stage.config()
+    check, _ = check_controller(driver, config)
+    stage.line.to_controller = bytes
+    if set(sent) != {ord("?")}:
+        raise Excess(f"the doctor sent {bytes(sent)[:40]!r}")
+    if "it moves now" not in check.finding:
+        raise Excess(f"the doctor found {check.finding!r}")
+
+
+FAULTS = (
+    Fault("a byte of a command is lost", damaged(once(b".", b"")), None),
+    Fault("a digit is added to a command", damaged(once(b"X", b"X9")), None),
+    Fault("inches, increments and 200 % feed by somebody else", modes_changed),
+    Fault("kill -9 of the actuator", signalled(signal.SIGKILL, client=False)),
+    Fault("SIGSTOP of the actuator", signalled(signal.SIGSTOP, client=False), check=goes_on_and_moves_nothing),
+    Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),
+    Fault("kill -9 of the push's client", signalled(signal.SIGKILL, client=True), OWNER),
+    Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
+    Fault("the controller falls mute", mute),
+    Fault("the cable is cut", cut, check=waits_for_a_person),
+    Fault("a new actuator finds the controller moving", found_moving, check=waits_for_a_person),
+    Fault("somebody calls actuator/stop", stopped, check=is_released),
+    Fault("the greeting after a stop comes 3 s late", late_greeting, check=is_released),
+    Fault("settings that cannot be", hostile_settings),
+    Fault("a wrong digit in a report", report_damaged, check=published_nonsense),
+    Fault("the doctor looks at a moving controller", looked_at),
+)
+"""All that can be brought about without an object."""

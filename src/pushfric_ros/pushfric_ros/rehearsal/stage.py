@@ -1,0 +1,431 @@
+"""The stage of a rehearsal: a controller behind a line that can fail, the truth as it says it itself, and the processes."""
+
+import bisect
+import contextlib
+import ctypes
+import math
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.settings import plain
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.graph.graph import NodeSpec
+from pushfric_ros.graph.supervisor import command
+from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.pushers.grbl import Grbl
+from pushfric_ros.pushers.grbl_config import GrblConfig
+from pushfric_ros.pushers.grbl_protocol import RealTime, parse_status
+from pushfric_ros.pushers.grbl_settings import GrblSettings
+from pushfric_ros.pushers.pusher import Limits, Mode, PusherConfig, PusherError
+from pushfric_ros.pushers.stroke import OFF_WAY
+from pushfric_ros.simulated.faulty_line import FaultyLine
+
+REACTION = 0.3
+"""Whatever breaks, the pusher may go on for so long, and then brakes [s]."""
+INCH = 25.4  # [mm]
+SAME = 2e-5  # of two positions [m]
+LISTENING = 0.02  # the stage asks for a report when none was heard for so long [s]
+AT_REST = 0.5  # for so long at the same place [s]
+PATIENCE = 60.0  # for what a busy machine does in the end [s]
+LEAST_PUSH = 0.5  # of a push at its speed [s]
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+class NotRehearsed(PushfricError):
+    """The rehearsal cannot go on."""
+
+
+class EndedEarly(PushfricError):
+    """A push ended before the fault that was to come: on a busy machine, the controller may seem silent."""
+
+
+@dataclass(frozen=True)
+class Rehearsed:
+    """What is rehearsed with."""
+
+    port: str
+    baud: int
+    axis: str
+    stroke: float  # the pusher may move this far forward from where it stands [m]
+    speed: float  # of the pushes [m/s]
+    silence: float = GrblSettings.silence  # of the controller, while it moves [s]
+
+
+class Heard(NamedTuple):
+    """What the controller said of itself."""
+
+    when: float  # [s]
+    along: float  # the stroke, from where the rehearsal began [m]
+    speed: float  # [m/s]
+    state: str
+
+
+class Stage(contextlib.AbstractContextManager["Stage"]):
+    """Use as a context manager: on leaving, processes are ended and the pusher rests; `bring_back` is the caller's to call."""
+
+    def __init__(self, given: Rehearsed, say: Callable[[str], None]) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            given: what to rehearse with.
+            say: called with what goes wrong on the way, for people.
+        """
+        self.given, self.say = given, say
+        self.namespace = f"/rehearsal_{os.getpid()}"
+        self.heard: list[Heard] = []
+        self.states: list[tuple[float, PusherState]] = []  # published, and when
+        self.broken_out: float | None = None  # where the pusher left the stroke, if it did [m]
+        self.actuator: subprocess.Popen[str] | None = None
+        self.client: subprocess.Popen[str] | None = None
+        self.limits = Limits()  # of the controller
+        self._lines: list[str] = []
+        self._rest = b""
+        self._unit, self._zero = 1.0, math.nan  # [mm]
+        self._heard_at = 0.0
+        self._leaving = contextlib.ExitStack()
+
+    def __enter__(self) -> "Stage":
+        """Raises NotConnected, NotRehearsed, and InvalidInput where the stroke is too short."""
+        given = self.given
+        with self._leaving as leaving:
+            self.folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
+            try:
+                self.line = leaving.enter_context(FaultyLine(given.port, given.baud))
+            except OSError as error:
+                raise InvalidInput(f"cannot open {given.port}: {error}") from error
+            self.line.heard = self._listen
+            leaving.callback(self._come_to_rest)
+            with self.driver(only_look=True) as pusher:
+                if pusher.mode is not Mode.IDLE:
+                    raise NotRehearsed(f"the controller is {pusher.mode.value}: expected one that rests, unlocked and homed")
+                self.limits = pusher.limits
+            settings = self.ask("$$")
+            self._unit = INCH if "$13=1" in settings else 1.0
+            before = self._heard_at
+            self.wait(lambda: self._heard_at > before, "a report")
+            self._zero = self._raw
+            self.position = self.place()
+            self.before = self.known()
+            self._check()
+            leaving.callback(self._end_processes)
+            self.person = leaving.enter_context(Person(self.namespace))
+            self.person.on_state = self._on_state
+            self._leaving = leaving.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._leaving.close()
+
+    def _check(self) -> None:
+        given = self.given
+        if self.position < -SAME:
+            here = f"the controller stands at {1e3 * self.position:.3f} mm"
+            raise NotRehearsed(f"{here}, expected 0 or more along axis {given.axis}: set its work zero, or turn the axis round")
+        if given.speed > self.limits.max_speed:
+            raise InvalidInput(f"--speed must be at most {1e3 * self.limits.max_speed:g} mm/s, as the controller is set")
+        least = self.margin + LEAST_PUSH * given.speed
+        if given.stroke < least:
+            raise InvalidInput(f"--stroke must be at least {1e3 * least:.0f} mm at this speed, got {1e3 * given.stroke:g} mm")
+
+    @property
+    def braking(self) -> float:
+        """Way of the braking [m]."""
+        return self.given.speed**2 / (2 * self.limits.acceleration)
+
+    @property
+    def margin(self) -> float:
+        """Of the stroke, what is left free beyond the pushes for what a fault may add [m]."""
+        return OFF_WAY + REACTION * self.given.speed + self.braking + 1e-3
+
+    @property
+    def reach(self) -> float:
+        """Length of the pushes [m]."""
+        return self.given.stroke - self.margin
+
+    # The truth
+
+    def _listen(self, data: bytes) -> None:
+        """In the line's thread."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for raw in lines:
+            text = raw.decode("ascii", errors="replace").strip()
+            status = parse_status(text)
+            if status is None:
+                self._lines.append(text)
+                continue
+            place = status.machine_position or status.work_position
+            index = "XYZABC".index(self.given.axis[-1])
+            if place is None or len(place) <= index:
+                continue
+            self._raw = place[index] * self._unit
+            self._heard_at = time.monotonic()
+            sign = -1 if self.given.axis[0] == "-" else 1
+            along = sign * (self._raw - self._zero) * 1e-3
+            self.heard.append(Heard(self._heard_at, along, (status.feed or 0.0) * self._unit / 60e3, status.state))
+            if self.broken_out is None and (along < -self.margin or along > self.given.stroke):
+                self.broken_out = along
+                self.line.tell_controller(RealTime.HOLD.value)
+
+    def spin(self, seconds: float = 0.005) -> None:
+        """Let things happen; the controller is asked where nobody else asks it."""
+        if time.monotonic() - self._heard_at > LISTENING:
+            self.line.tell_controller(RealTime.ASK.value)
+            self._heard_at = time.monotonic()
+        if hasattr(self, "person"):
+            self.person.spin(seconds)
+        else:
+            time.sleep(seconds)
+
+    def wait(self, condition: Callable[[], object], what: str, seconds: float = PATIENCE) -> None:
+        """Raises NotRehearsed where it does not come."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if self.broken_out is not None:
+                raise NotRehearsed(f"the pusher left its stroke, at {1e3 * self.broken_out:.1f} mm: held")
+            if time.monotonic() > deadline:
+                raise NotRehearsed(f"waited {seconds:g} s in vain for {what}")
+            self.spin()
+
+    def along(self) -> float:
+        """Where the pusher is, as last heard, from where the rehearsal began [m]."""
+        return self.heard[-1].along
+
+    def at(self, when: float) -> float:
+        """Where it was then [m], between two reports."""
+        before = next(one for one in reversed(self.heard) if one.when <= when)
+        after = next((one for one in self.heard if one.when > when), before)
+        share = (when - before.when) / (after.when - before.when) if after is not before else 0.0
+        return before.along + share * (after.along - before.along)
+
+    def between(self, begin: float, end: float) -> list[Heard]:
+        """What was heard in that time, and what was known when it began."""
+        times = [one.when for one in self.heard]
+        return self.heard[max(0, bisect.bisect_right(times, begin) - 1) : bisect.bisect_right(times, end)]
+
+    def rest(self) -> Heard:
+        """Wait until the pusher rests; the first report from there."""
+        since = time.monotonic()
+
+        def rests() -> bool:
+            nonlocal since
+            last = self.heard[-1]
+            moved = [one.when for one in reversed(self.heard[-200:]) if one.along != last.along or one.state in ("Run", "Jog")]
+            since = max(since, moved[0]) if moved else since
+            return last.when - since > AT_REST
+
+        self.wait(rests, "the pusher to rest")
+        last = self.heard[-1].along
+        first = len(self.heard)
+        while first and abs(self.heard[first - 1].along - last) <= SAME:
+            first -= 1
+        return self.heard[first]
+
+    def ask(self, line: str) -> list[str]:
+        """What the controller answers to a line, at rest."""
+        self._lines.clear()
+        self.line.tell_controller(line.encode() + b"\n")
+        self.wait(lambda: "ok" in self._lines or any(text.startswith("error") for text in self._lines), f"the answer to {line}")
+        return list(self._lines)
+
+    def known(self) -> dict[str, list[str]]:
+        """What must be afterwards as it was before."""
+        return {line: self.ask(line) for line in ("$$", "$#", "$G")}
+
+    def place(self) -> float:
+        """Stroke position as the driver counts it [m]."""
+        with self.driver(only_look=True) as pusher:
+            return pusher_position(pusher)
+
+    # The host
+
+    @contextlib.contextmanager
+    def driver(self, **options: Any) -> Iterator[Grbl]:
+        """The driver alone, in this process, connected."""
+        pusher = Grbl(self.line.port, self.given.baud, self.given.axis, silence=self.given.silence, **options)
+        with contextlib.closing(pusher):
+            pusher.connect()
+            drive(pusher)
+            yield pusher
+
+    def config(self) -> tuple[PusherConfig, GrblConfig]:
+        """The settings of the actuator: those of any cell but for the place."""
+        given = self.given
+        stroke = self.position + given.stroke
+        config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, stroke, min(self.limits.max_speed, 10.0))
+        config = replace(config, memory=str(self.folder / "memory"))
+        return config, GrblConfig(port=self.line.port, baud=given.baud, axis=given.axis, silence=given.silence)
+
+    def start_actuator(self) -> None:
+        config, driver = self.config()
+        spec = NodeSpec("actuator", {**plain(config), **plain(driver)})
+        self.states.clear()
+        with open(self.log, "a") as log:
+            self.actuator = self.process(command(spec, self.namespace, self.folder), log)
+
+    def end_actuator(self) -> None:
+        if self.actuator is not None:
+            end(self.actuator)
+            self.actuator = None
+
+    def ready(self) -> None:
+        """An actuator that would push, and the pusher where the rehearsal began."""
+        self.line.to_controller = self.line.to_host = bytes
+        self.line.delay = 0.0
+        if self.client is not None:
+            end(self.client)
+        if self.actuator is not None:
+            self.actuator.send_signal(signal.SIGCONT)
+        if self.actuator is None or self.actuator.poll() is not None:
+            self.start_actuator()
+        self.make_ready()
+        if abs(self.along()) > SAME:
+            try:
+                self.person.jog(-self.along(), min(5 * self.given.speed, self.limits.max_speed))
+            except NoAnswer as error:
+                raise EndedEarly(f"the pusher could not be brought back: {error}") from error
+            self.wait(lambda: abs(self.along()) <= SAME, "the pusher to be back")
+        self.make_ready()
+
+    def make_ready(self) -> None:
+        """What a person does about an actuator that waits for one."""
+
+        def idle() -> bool:
+            if self.mode() == PusherState.MODE_IDLE:
+                return True
+            if self.states and self.mode() in (PusherState.MODE_ALARM, PusherState.MODE_HOLD):
+                with contextlib.suppress(NoAnswer):
+                    self.person.call("actuator/reset")
+                self.states.clear()
+            return False
+
+        try:
+            self.wait(idle, "the actuator to be ready")
+        except NotRehearsed as error:
+            last = (self.log.read_text(errors="replace").strip().splitlines() or ["nothing"])[-1]
+            raise NotRehearsed(f"{error}; it said last: {last}") from error
+
+    def push(self) -> None:
+        """Another process, which owns a push over the whole reach."""
+        way, speed = 1e3 * self.reach, 1e3 * self.given.speed
+        self.client = self.process(
+            [sys.executable, "-m", "pushfric_ros", "jog", "--namespace", self.namespace, "--speed", f"{speed}", f"{way}"]
+        )
+
+    def under_way(self, share: float = 0.3) -> None:
+        """A push that has come so far."""
+        self.push()
+        assert self.client is not None
+        self.wait(lambda: self.along() > share * self.reach or self.client.poll() is not None, "the push")  # type: ignore
+        if self.client.poll() is not None:
+            raise EndedEarly(f"the push ended before the fault: {words_of(self.client)}")
+
+    def mode(self) -> int | None:
+        """As last published."""
+        return self.states[-1][1].mode if self.states else None
+
+    def _on_state(self, state: PusherState) -> None:
+        self.states.append((time.monotonic(), state))
+
+    @property
+    def log(self) -> pathlib.Path:
+        """What the actuators say."""
+        return self.folder / "actuator.log"
+
+    def process(self, arguments: Sequence[str], output: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
+        """Out of reach of the terminal's Ctrl-C; it ends with this process."""
+        return subprocess.Popen(
+            arguments,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            preexec_fn=_die_with_parent,
+        )
+
+    def _end_processes(self) -> None:
+        for process in (self.client, self.actuator):
+            if process is not None:
+                end(process)
+
+    def _come_to_rest(self) -> None:
+        """Whatever it does: a connection holds what moves, and takes away what is queued."""
+        self.line.to_controller = self.line.to_host = bytes
+        self.line.delay = 0.0
+        try:
+            with self.driver():
+                pass
+        except PusherError as error:
+            self.say(f"the controller may not rest: {error}")
+
+    def bring_back(self) -> list[str]:
+        """Leave all as it was; what is not."""
+        self._end_processes()
+        self.line.to_controller = self.line.to_host = bytes
+        self.line.delay = 0.0
+        with self.driver() as pusher:
+            pusher.recover()
+            drive(pusher)
+            pusher.move_to(self.position, min(5 * self.given.speed, self.limits.max_speed))
+            drive(pusher)
+        modes = " ".join(word for word in self.before["$G"][0].strip("[]GC:").split() if word in RESTORED)
+        self.ask(modes)
+        now = self.known()
+        changed = [line for line, answer in self.before.items() if comparable(answer) != comparable(now[line])]
+        return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > SAME)
+
+
+RESTORED = {"G20", "G21", "G90", "G91", "G17", "G18", "G19", "G93", "G94", *(f"G{n}" for n in range(54, 60))}
+"""Modal words that a reset of the controller changes, and that a line sets again."""
+
+
+def comparable(answer: list[str]) -> list[str]:
+    """Without what says nothing: the last feed, and the motion mode, which goes with the next line."""
+    words = [[word for word in text.split() if not word.startswith(("F", "[GC:"))] for text in answer]
+    return [" ".join(text) for text in words]
+
+
+def drive(pusher: Grbl) -> None:
+    """Poll until it is no longer busy."""
+    while pusher.busy:
+        pusher.poll()
+        time.sleep(0.003)
+
+
+def pusher_position(pusher: Grbl) -> float:
+    """Stroke position of a connected driver [m]."""
+    pusher.ask(0)
+    deadline = time.monotonic() + PATIENCE
+    while (report := pusher.poll()) is None:
+        if time.monotonic() > deadline:
+            raise NotRehearsed("the controller reports no position")
+        time.sleep(0.003)
+    return report.position
+
+
+def words_of(process: "subprocess.Popen[str]") -> str:
+    """The last line that an ended process said."""
+    assert process.stdout is not None
+    return (process.stdout.read().strip().splitlines() or ["nothing"])[-1]
+
+
+def end(process: "subprocess.Popen[str]") -> None:
+    """Ask it to end, then end it."""
+    for number, seconds in ((signal.SIGCONT, 0.0), (signal.SIGTERM, 8.0), (signal.SIGKILL, 8.0)):
+        if process.poll() is None:
+            process.send_signal(number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(seconds)
+
+
+def _die_with_parent() -> None:
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -1,0 +1,114 @@
+"""`./pushfric rehearse` on the simulated firmware: a sample of its table, and what it leaves behind."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pushfric_ros.commands import rehearse
+from pushfric_ros.rehearsal.faults import FAULTS
+from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
+
+PATIENT = 30.0  # silence, for a busy machine [s]
+QUICK = {
+    "inches, increments and 200 % feed by somebody else",
+    "kill -9 of the actuator",
+    "settings that cannot be",
+    "a wrong digit in a report",
+}
+
+
+def chosen(*names: str):
+    return tuple(fault for fault in FAULTS if fault.name in names)
+
+
+def call(controller: SimulatedGrbl, **options) -> None:
+    given = {
+        "stroke": 40.0,
+        "speed": 20.0,
+        "axis": "X",
+        "baud": 115200,
+        "silence": PATIENT,
+        "kills": 0,
+        "seed": 0,
+    }
+    rehearse.rehearsal(port=controller.port, json=True, **given | options)
+
+
+def test_faults_that_end_as_they_must(monkeypatch, capsys):
+    monkeypatch.setattr(rehearse, "FAULTS", chosen(*QUICK))
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
+        before = dict(controller._settings)
+        try:
+            call(controller)
+        except SystemExit:  # on a busy machine a kill comes later than it is said to have come, and so nothing else
+            assert "kill -9 of the actuator: it went too far" in capsys.readouterr().err
+        else:
+            said = capsys.readouterr()
+            assert said.err.count("as it must be") == len(QUICK)
+            assert '"changed": []' in " ".join(said.out.split())
+        assert controller.position() == pytest.approx(0.0, abs=1e-9)
+        assert controller._settings == before
+        assert controller._state == "Idle"
+
+
+def test_a_fault_that_ends_otherwise_is_exit_code_1(monkeypatch, capsys):
+    (fault,) = chosen("kill -9 of the actuator")
+    monkeypatch.setattr(rehearse, "FAULTS", (fault._replace(within=0.001),))  # more than any pusher can
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller, pytest.raises(SystemExit) as ended:
+        call(controller)
+    assert ended.value.code == 1
+    assert "kill -9 of the actuator: it went too far" in capsys.readouterr().err
+
+
+def pushfric(*arguments: object) -> subprocess.Popen:
+    command = [sys.executable, "-m", "pushfric_ros", "rehearse", *map(str, arguments)]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_ctrl_c_stops_the_pusher():
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
+        process = pushfric("--port", controller.port, "--stroke", 40, "--silence", PATIENT)
+        deadline = time.monotonic() + 120
+        while controller.position() < 0.003:
+            assert time.monotonic() < deadline, "nothing moves"
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+        assert process.returncode == 130, err
+        assert "Traceback" not in out + err
+        rest = controller.position()
+        assert controller._motion is None
+        time.sleep(0.3)
+        assert controller.position() == rest < 0.04
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        ([], "--stroke is missing: how far the pusher may go forward from where it stands (mm)"),
+        (["--stroke", 5], "--stroke must be at least 19 mm at this speed, got 5 mm"),
+        (["--stroke", 60, "--speed", 200], "--speed must be at most 100 mm/s, as the controller is set"),
+        (["--stroke", 60, "--axis", "Q"], "--axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got 'Q'"),
+    ],
+)
+def test_wrong_input_is_one_line(arguments, error):
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
+        process = pushfric("--port", controller.port, *arguments)
+        _, err = process.communicate(timeout=120)
+        assert err.strip().splitlines()[-1] == f"error: {error}"
+        assert process.returncode == 2
+        assert controller.position() == 0.0
+
+
+def test_a_controller_in_alarm_is_left_alone():
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
+        controller.alarm(3)
+        process = pushfric("--port", controller.port, "--stroke", 60)
+        _, err = process.communicate(timeout=120)
+        assert "the controller is alarm: expected one that rests, unlocked and homed" in err
+        assert process.returncode == 1
+        assert controller._state == "Alarm"
