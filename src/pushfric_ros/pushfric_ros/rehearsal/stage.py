@@ -113,6 +113,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             before = self._heard_at
             self.wait(lambda: self._heard_at > before, "a report")
             self._zero = self._raw
+            self.heard.clear()
             self.position = self.place()
             self.before = self.known()
             self._check()
