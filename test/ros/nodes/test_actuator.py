@@ -881,3 +881,19 @@ def test_unusable_parameters_are_refused(ros, parameters, text):
 def test_the_stage_must_be_described(ros):
     with pytest.raises(InvalidInput, match=r"actuator: parameter line_origin must be given: centre of the round tip"):
         ActuatorNode(parameter_overrides=overrides(port="/dev/x"))
+
+
+def test_a_push_that_would_go_too_far_is_refused(ros, controller, tmp_path, capfd):
+    cell = Cell(ros, tmp_path / "port", max_distance=0.02).ready()
+    assert not cell.send(0.021).accepted
+    assert "push 7 rejected: distance must be at most max_distance 0.02 m, got 0.021 m\n" in capfd.readouterr().err
+    assert cell.result(cell.send(0.02)).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+def test_a_push_that_takes_too_long_is_stopped(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", max_time=2.0).ready()
+    result = cell.result(cell.halfway(controller)).result
+    assert result.outcome == Push.Result.OUTCOME_ABORTED
+    assert result.message == "the push took longer than max_time 2 s"
+    cell.comes_to_rest(controller)
+    ros.wait_for(lambda: cell.faults[-1:] == ["time"], what="the fault")

@@ -216,7 +216,7 @@ def prepared() -> ForkServer:
 
 def main() -> None:
     """Run the server: `python3 -m pushfric_ros.graph.fork_server SOCKET MODULE... ROOM`."""
-    _die_with_parent(signal.SIGKILL)
+    die_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # also because more would be threads of the server
     os.environ["SPT_NOENV"] = "1"  # setproctitle leaves the environment as it is, for those who look at it in /proc
@@ -291,7 +291,7 @@ def _run_node(output: int, arguments: list[str], environment: Mapping[str, str])
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    _die_with_parent(signal.SIGTERM)
+    die_with_parent(signal.SIGTERM)
     for stream in (1, 2):
         os.dup2(output, stream)
     os.close(output)
@@ -304,7 +304,7 @@ def _run_node(output: int, arguments: list[str], environment: Mapping[str, str])
     runpy.run_path(sys.argv[0], run_name="__main__")
 
 
-def _die_with_parent(number: int) -> None:
+def die_with_parent(number: int) -> None:
     """Have the kernel send this process a signal when the one that started it ends, even if that is killed."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
 

@@ -64,6 +64,7 @@ class Topic(NamedTuple):
 TOPICS = (
     Topic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_data"),
     Topic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
+    Topic("pusher_fault", "std_msgs/msg/String", "latched"),
     Topic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
     Topic("plan_progress", "pushfric_msgs/msg/PlanProgress", "latched"),
     Topic("observation", "pushfric_msgs/msg/Observation", "reliable"),
@@ -77,7 +78,10 @@ TOPICS = (
     Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
     Topic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
 )
-"""The topics that a cell records: all except images."""
+"""The topics that a cell records: all except images, and the heartbeats: 80 messages a second that say only that nothing hangs.
+
+What a heartbeat that stays away leads to is a fault, which is recorded.
+"""
 
 WRENCH = Topic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
 """Recorded as well if the estimate uses measured forces."""

@@ -255,6 +255,8 @@ class ActuatorNode(LifecycleNode):
         for name in config.requires:
             if self._life.silent(name) > config.requires_timeout:
                 self._revoke(Fault.NODES, f"{name} showed no sign of life for {config.requires_timeout:g} s")
+        if time.monotonic() - self._accepted > config.max_time:
+            self._revoke(Fault.TIME, f"the push took longer than max_time {config.max_time:g} s")
         if config.max_force and time.monotonic() - self._forced > FORCE_SILENCE:
             self._revoke(Fault.FORCE, f"no force was measured for {FORCE_SILENCE:g} s")
 
@@ -464,6 +466,8 @@ class ActuatorNode(LifecycleNode):
             return NOT_ENABLED
         if push.distance == 0 or not math.isfinite(push.distance):
             return f"distance must be a length, negative for the way back, got {push.distance} m"
+        if abs(push.distance) > config.max_distance:
+            return f"distance must be at most max_distance {config.max_distance} m, got {push.distance} m"
         if push.distance < 0 and push.retract:
             return f"retract must be false for a way back, got {push.retract}"
         if not 0 < push.speed <= config.max_speed:

@@ -103,6 +103,10 @@ class PusherConfig(StageConfig):
     driver: str = setting("grbl", "what drives the pusher: an entry point of the group pushfric.pushers")
     home: bool = setting(False, "seek the home switch at activation; otherwise the controller's work zero is stroke position 0")
     retract_speed: float = setting(0.05, "speed of the way back after a push; at most max_speed [m/s]", 0.0001, 10.0)
+    max_distance: float = setting(
+        10.0, "greatest distance of a push, in either direction; a longer one is refused [m]", 0.001, 10.0
+    )
+    max_time: float = setting(600.0, "longest time of a push with its way back; then it is stopped [s]", 0.1, 86400.0)
     poll_rate: float = setting(20.0, "reports of the pusher's position [Hz]", 1.0, 100.0)
     owner_timeout: float = setting(
         0.25, "a push is stopped when its client shows no sign of life for this long; 0: none is needed [s]", 0.0, 60.0

@@ -2,7 +2,6 @@
 
 import bisect
 import contextlib
-import ctypes
 import math
 import os
 import pathlib
@@ -13,12 +12,14 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.settings import plain
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.graph.graph import NodeSpec
+from pushfric_ros.graph.fork_server import die_with_parent
+from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.person import NoAnswer, Person
 from pushfric_ros.pushers.grbl import Grbl
@@ -37,7 +38,6 @@ LISTENING = 0.02  # the stage asks for a report when none was heard for so long 
 AT_REST = 0.5  # for so long at the same place [s]
 PATIENCE = 60.0  # for what a busy machine does in the end [s]
 LEAST_PUSH = 0.5  # of a push at its speed [s]
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 class NotRehearsed(PushfricError):
@@ -118,7 +118,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.before = self.known()
             self._check()
             leaving.callback(self._end_processes)
-            self.person = leaving.enter_context(Person(self.namespace))
+            self.person = leaving.enter_context(Person(self.namespace, enclave(self.namespace, COMMAND_LINE)))
             self.person.on_state = self._on_state
             self._leaving = leaving.pop_all()
         return self
@@ -350,7 +350,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
-            preexec_fn=_die_with_parent,
+            preexec_fn=partial(die_with_parent, signal.SIGTERM),
         )
 
     def _end_processes(self) -> None:
@@ -426,7 +426,3 @@ def end(process: "subprocess.Popen[str]") -> None:
             process.send_signal(number)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(seconds)
-
-
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
