@@ -901,7 +901,7 @@ def test_a_jog_can_be_canceled(terminal, clock):
     terminal.type("G1 X1 F10", "error:9")
     clock[0] += 0.5
     assert "<Jog|" in terminal.press(b"?", ">")
-    terminal.type("$$", "error:8")
+    terminal.type("$I", "error:8")
     assert "<Jog|" in terminal.press(b"\x85?", ">")
     clock[0] += 0.6
     assert "<Idle|MPos:25.000" in terminal.press(b"?", ">")

@@ -21,7 +21,7 @@ WATCHED = 1.0  # a pusher that rests is watched for so long [s]
 TRIES = 5
 LATE_GREETING = 3.0  # [s]
 TRUE = 1e-4  # a published position is true within [m]
-LATELY = 2.0  # of where it was lately [s]
+LATELY = 0.5  # a state speaks of this moment or one as near [s]
 HOSTILE = ((b"$120=", b"0"), (b"$100=", b"0.000"), (b"$22=", b"1e999"), (b"$110=", b"9" * 4300), (b"$27=", b"-1"))
 
 
@@ -116,11 +116,11 @@ def judged(stage: Stage, name: str, begin: float | None, first: int, within: flo
 
 
 def untrue(stage: Stage, since: float, rested: float) -> str | None:
-    """A published state that is not so: the pusher was not there shortly before it came, or it has come to rest since."""
+    """A published state that is not so: the pusher was not there about the moment it speaks of, or has come to rest before."""
     for when, state in stage.states:
         if when < since or state.mode == PusherState.MODE_DISCONNECTED:
             continue
-        lately = [one.along for one in stage.between(when - LATELY, when)]
+        lately = [one.along for one in stage.between(when - LATELY, when + LATELY)]
         if not min(lately) - TRUE <= state.position - stage.position <= max(lately) + TRUE:
             places = f"{1e3 * min(lately):.2f} to {1e3 * max(lately):.2f} mm"
             return f"{1e3 * (state.position - stage.position):.2f} mm was published, lately it was at {places}"

@@ -21,6 +21,7 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.graph.fork_server import die_with_parent
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import command
+from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.node_kit.person import NoAnswer, Person
 from pushfric_ros.pushers.grbl import Grbl
 from pushfric_ros.pushers.grbl_config import GrblConfig
@@ -82,7 +83,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.given, self.say = given, say
         self.namespace = f"/rehearsal_{os.getpid()}"
         self.heard: list[Heard] = []
-        self.states: list[tuple[float, PusherState]] = []  # published, and when
+        self.states: list[tuple[float, PusherState]] = []  # published, and of when
         self.broken_out: float | None = None  # where the pusher left the stroke, if it did [m]
         self.actuator: subprocess.Popen[str] | None = None
         self.client: subprocess.Popen[str] | None = None
@@ -334,7 +335,9 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         return self.states[-1][1].mode if self.states else None
 
     def _on_state(self, state: PusherState) -> None:
-        self.states.append((time.monotonic(), state))
+        """A state speaks of the moment of its stamp, whenever it comes."""
+        ago = time.time() - 1e-9 * stamp_from_msg(state.header.stamp)
+        self.states.append((time.monotonic() - ago, state))
 
     @property
     def log(self) -> pathlib.Path:
