@@ -8,6 +8,7 @@ import time
 import pytest
 
 from pushfric_ros.commands import rehearse
+from pushfric_ros.commands.json_option import STDOUT
 from pushfric_ros.rehearsal.faults import FAULTS
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
@@ -34,7 +35,7 @@ def call(controller: SimulatedGrbl, **options) -> None:
         "kills": 0,
         "seed": 0,
     }
-    rehearse.rehearsal(port=controller.port, json=True, **given | options)
+    rehearse.rehearsal(port=controller.port, json=STDOUT, **given | options)
 
 
 def test_faults_that_end_as_they_must(monkeypatch, capsys):

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console, warn
-from pushfric_ros.commands.options import JsonFlag
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.pushers.grbl_settings import GrblSettings
 from pushfric_ros.rehearsal.faults import FAULTS, Outcome, rehearse
@@ -37,7 +37,7 @@ def rehearsal(
         int, typer.Option(help="Instead: kill -9 of the host's processes, so many times at random moments.", min=0, max=100_000)
     ] = 0,
     seed: Annotated[int, typer.Option(help="Of these moments.", min=0, max=2**31)] = 0,
-    json: JsonFlag = False,
+    json: JsonOption = None,
 ) -> None:
     """Bring about the faults of docs/safety.md in mid-push, one after the other, and measure when and where the pusher rests.
 
@@ -68,9 +68,8 @@ def rehearsal(
         changed = stage.bring_back()
     for what in changed:
         warn(f"not as it was: {what}")
-    if json:
-        print(to_json({"outcomes": [outcome._asdict() for outcome in outcomes], "changed": changed}))
-    else:
+    write_json(to_json({"outcomes": [outcome._asdict() for outcome in outcomes], "changed": changed}), json)
+    if json != STDOUT:
         Console().print(distribution(outcomes) if kills else table(outcomes))
     if changed or any(outcome.problem for outcome in outcomes):
         sys.exit(1)

@@ -66,11 +66,12 @@ def run(
 
     live = console.is_terminal and not headless
     with telling_what_is_left(bag), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
-        rendered = replace(file, camera=replace(file.camera, source="topic"))
         if simulated:
-            specs = graph.simulated_cell(graph.with_port(rendered, f"{scratch}/pusher"), str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start)
+            specs = graph.simulated_cell(
+                graph.rendered(file, f"{scratch}/pusher"), str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start
+            )
         elif simulated_camera:
-            specs = graph.simulated_camera(rendered, str(bag), start)
+            specs = graph.simulated_camera(graph.rendered(file), str(bag), start)
         else:
             specs = graph.cell(file, str(bag), start)
         if shown is not None:

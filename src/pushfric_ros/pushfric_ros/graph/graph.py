@@ -180,7 +180,21 @@ def simulated_camera(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]
     return [_simulation(file, {}), *cell(file, bag, start)]
 
 
+def rendered(file: CellFile, port: str | None = None) -> CellFile:
+    """The same cell with a rendered camera; with `port`, that of a simulated controller, too.
+
+    Raises:
+        InvalidInput: the cell has no camera or no pusher that could be simulated.
+    """
+    if file.camera is None or file.pusher is None:
+        raise InvalidInput("a simulated part takes the place of a camera and a pusher, expected the sections camera and pusher")
+    cell = replace(file, camera=replace(file.camera, source="topic"))
+    return replace(cell, driver=replace(file.driver, port=port)) if port and isinstance(file.driver, GrblConfig) else cell
+
+
 def _simulation(file: CellFile, parameters: Mapping[str, Any]) -> NodeSpec:
+    assert file.camera is not None
+    assert file.pusher is not None
     if not isinstance(file.tracker, ContourConfig):
         raise InvalidInput(f"a rendered camera shows an outline, expected camera.tracker contour, got {file.camera.tracker!r}")
     place = {"calibration": file.camera.calibration, "object_height": file.camera.object_height, "object": file.object}
