@@ -77,7 +77,10 @@ def rehearsal(
 
 def line(outcome: Outcome) -> str:
     """What came of a fault, as soon as it is known."""
-    return f"{outcome.fault}: {outcome.problem or 'as it must be'}"
+    result = outcome.problem or "as it must be"
+    if outcome.travelled is None or outcome.seconds is None:
+        return f"{outcome.fault}: {result}"
+    return f"{outcome.fault}: {result}, {1e3 * outcome.travelled:.2f} mm in {outcome.seconds:.2f} s"
 
 
 def table(outcomes: list[Outcome]) -> Table:

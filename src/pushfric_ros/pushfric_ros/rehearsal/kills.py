@@ -12,7 +12,7 @@ from functools import partial
 
 from pushfric_core.settings import plain
 from pushfric_ros.rehearsal.faults import Outcome, judged, traceback_in, tried, waits_for_a_person
-from pushfric_ros.rehearsal.stage import REACTION, EndedEarly, Stage, end, words_of
+from pushfric_ros.rehearsal.stage import REACTION, EndedEarly, NotRehearsed, Stage, end, words_of
 from pushfric_ros.vision.camera import Camera, save_camera
 
 KINDS = ("actuator", "client of a push", "experiment", "command line")
@@ -64,7 +64,12 @@ def _of_a_cell(stage: Stage, kind: str, share: float) -> Outcome:
     ]
     run = stage.process([sys.executable, "-m", "pushfric_ros", *arguments])
     try:
-        stage.wait(lambda: stage.along() > share * distance or run.poll() is not None, "the push of a cell")
+        try:
+            stage.wait(lambda: stage.along() > share * distance or run.poll() is not None, "the push of a cell")
+        except NotRehearsed as error:
+            if stage.broken_out is not None:
+                raise
+            raise EndedEarly(str(error)) from error
         if run.poll() is not None:
             raise EndedEarly(f"the cell ended before the fault: {words_of(run)}")
         pid = run.pid if kind == "command line" else _pid_of("experiment_node", stage.namespace)
