@@ -88,6 +88,9 @@ def judged(stage: Stage, name: str, begin: float | None, first: int, within: flo
         first: index of the first report of this push.
         within: see Fault.
     """
+    client = stage.client
+    if begin is None and client is not None:  # on a busy machine a push may pause
+        stage.wait(lambda: client.poll() is not None, "the end of the push")
     at_rest = stage.rest()
     given = stage.given
     seconds = travelled = allowed = problem = None
