@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Quaternion, TransformStamped
+from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped
 from nav_msgs.msg import Odometry
+from rclpy.parameter import Parameter
 
 from pushfric_core.planar import Pose as Planar
 from pushfric_core.planar import compose, transform
@@ -16,7 +17,10 @@ from pushfric_ros.adapters.pose_array import PoseArrayConfig
 from pushfric_ros.adapters.pose_stamped import PoseStampedConfig
 from pushfric_ros.adapters.transforms import FIXED, MOVING, TransformsConfig
 from pushfric_ros.files.plugins import SOURCES, plugin
+from pushfric_ros.messages.conversions import pose_sample_from_msg
 from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+from pushfric_ros.nodes.pose_source import PoseSourceNode
 
 POSE = Pose(position=Point(x=0.3, y=-0.2, z=0.1), orientation=Quaternion(z=math.sin(0.4), w=math.cos(0.4)))
 
@@ -141,3 +145,20 @@ def test_mounts_are_checked():
         MountConfig(origin=(0.0, 1.0))
     with pytest.raises(ValueError, match=r"source must be an entry point of pushfric.sources \(.*transforms\), got 'radar'"):
         plugin(SOURCES, "radar")
+
+
+def test_transforms_become_poses_of_the_object(ros):
+    tf2 = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
+    given = {"source": "transforms", "frame": "tag36h11:3", "reference": "table", "turn": 0.1}
+    ros.compose(PoseSourceNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]))
+    node = ros.node("detector", namespace="/cell")
+    seen = []
+    node.create_subscription(PoseWithCovarianceStamped, "object_pose", seen.append, SENSOR_QUEUE)
+    fixed, moving = node.create_publisher(tf2.TFMessage, FIXED, LATCHED), node.create_publisher(tf2.TFMessage, MOVING, RELIABLE)
+    down = about((1, 0, 0), math.pi)  # the camera looks down from 1 m
+    fixed.publish(tf2.TFMessage(transforms=[transform_msg("table", "camera", (0.2, 0, 1), down)]))
+    tag = transform_msg("camera", "tag36h11:3", (0.1, -0.3, 0.97), down, 5)
+    ros.wait_for(lambda: moving.publish(tf2.TFMessage(transforms=[tag])) or seen, 60.0, "a pose")
+    pose = pose_sample_from_msg(seen[0])
+    assert pose.stamp == 5_000_000_000
+    assert pose.pose == pytest.approx((0.3, 0.3, 0.1))
