@@ -26,12 +26,12 @@ def rehearsal(
     stroke: Annotated[
         float | None,
         typer.Option(
-            help="So far may the pusher go forward from where it stands (mm).", min=1.0, max=1000.0, show_default="asked for"
+            help="So far may the pusher go forward from where it stands [mm].", min=1.0, max=1000.0, show_default="asked for"
         ),
     ] = None,
-    speed: Annotated[float, typer.Option(help="Of the pushes (mm/s).", min=1.0, max=1000.0)] = 20.0,
+    speed: Annotated[float, typer.Option(help="Of the pushes [mm/s].", min=1.0, max=1000.0)] = 20.0,
     axis: Annotated[str, typer.Option(help="Of the controller; -X: the stroke goes to negative coordinates.")] = "X",
-    baud: Annotated[int, typer.Option(help="bit/s", min=300, max=4_000_000)] = 115200,
+    baud: Annotated[int, typer.Option(help="Of the port [bit/s].", min=300, max=4_000_000)] = 115200,
     silence: Annotated[float, option(GrblSettings, "silence")] = GrblSettings.silence,
     kills: Annotated[
         int, typer.Option(help="Instead: kill -9 of the host's processes, so many times at random moments.", min=0, max=100_000)
