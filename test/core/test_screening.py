@@ -13,6 +13,7 @@ from pushfric_core.support import Support
 POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
 BEFORE, AFTER = (Support(POINTS, np.array(weights)) for weights in ((0.1, 0.2, 0.3, 0.4), (0.2, 0.1, 0.2, 0.5)))
 BAD = 7
+SCREENING = EstimatorConfig(screening=True)
 
 
 def pushes_of(support, count, rng, first=0, noise=0.01):
@@ -27,7 +28,7 @@ def pushes_of(support, count, rng, first=0, noise=0.01):
     return data
 
 
-def taken(data, config=None):
+def taken(data, config=SCREENING):
     estimator = Estimator(square().grid(4, 4, 0.01), config)
     for observation in data:
         estimate = estimator.take(observation)
@@ -105,7 +106,7 @@ def test_the_first_push_is_found_once_others_speak_against_it():
 def test_a_moved_load_is_found_within_three_pushes(seed):
     rng = np.random.default_rng(10 + seed)
     data = pushes_of(BEFORE, 12, rng) + pushes_of(AFTER, 3, rng, first=12)
-    estimator = Estimator(square().grid(4, 4, 0.01))
+    estimator = Estimator(square().grid(4, 4, 0.01), SCREENING)
     for observation in data:
         verdict = estimator.verdict(estimator.take(observation))
         assert verdict.change is None or observation.push_id >= 12

@@ -102,7 +102,7 @@ class EstimatorConfig:
         True, "of equally good w, take the one nearest to equal weights; only with simplex and l1, and without the term force"
     )
     confidence: bool = setting(True, "compute how far p_CF can be trusted; only with simplex and l1, and not if p_CF is given")
-    screening: bool = setting(True, "leave pushes out that are unlike the others, and look for a change of the object")
+    screening: bool = setting(False, "leave pushes out that are unlike the others, and look for a change of the object")
 
     def __post_init__(self) -> None:
         check_ranges(self)

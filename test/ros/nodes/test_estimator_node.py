@@ -62,10 +62,10 @@ def publisher(ros, node, kind, topic, qos):
     return out
 
 
-def estimator_of_observations(ros):
+def estimator_of_observations(ros, **parameters):
     """A node next to a running estimator, its publisher of data points, and the list of estimates it receives."""
     node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=NAME, source="observations"))
+    ros.compose(estimator(object=NAME, source="observations", **parameters))
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
     out = publisher(ros, node, Observation, "observation", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
@@ -441,7 +441,7 @@ def test_a_bad_push_is_left_out_and_the_service_takes_it_back(ros):
         replace(one, tip_velocity=tuple(velocity_at(one.twist, np.asarray(one.contact_point)).tolist())) for one in pushes
     ]
     pushes[4] = replace(pushes[4], tip_velocity=tuple((3 * np.asarray(pushes[4].tip_velocity)).tolist()))
-    node, out, estimates = estimator_of_observations(ros)
+    node, out, estimates = estimator_of_observations(ros, screening=True)
     for observation in pushes:
         out.publish(observation_to_msg(observation, NAME))
     ros.wait_for(lambda: len(estimates) == len(pushes), what="the estimates")
