@@ -390,5 +390,5 @@ def test_an_ellipsoid_needs_a_motion_or_a_wrench():
 
 def test_a_motion_that_is_not_found_is_an_error(monkeypatch):
     monkeypatch.setattr(limit_surface, "STEPS", 1)
-    with pytest.raises(SolverFailed, match="motion under a wrench did not converge"):
+    with pytest.raises(SolverFailed, match="the motion did not converge; most steps allowed: 1"):
         LimitSurface(TABLE_1["wood_rect4"].support).twist(Wrench(0.3, 0.9, 0.01))

@@ -11,15 +11,15 @@ that support appears as a flat part of the surface, a facet: all its wrenches ha
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.contact import tangent
-from pushfric_core.errors import SolverFailed
-from pushfric_core.planar import Array, Twist, Wrench, cross, left_of
+from pushfric_core.damped_newton import Step, minimized
+from pushfric_core.planar import Array, Indices, Twist, Wrench, cross, left_of
 from pushfric_core.records import comparable
 from pushfric_core.support import Support
 
@@ -28,9 +28,6 @@ SMOOTHING = 10.0 ** -np.arange(1, 10)
 
 STEPS = 100
 """Cap on Newton's steps at each of them; about five are usual."""
-
-CONVERGED = 1e-14
-"""Newton stops when one more step would lower h by less than this fraction."""
 
 RIM = 1e-9
 """A wrench counts as on a facet if it is this fraction of the radius inside its rim; on the rim other motions may fit, too."""
@@ -311,31 +308,11 @@ class LimitSurface:
         one = np.cross(wrenches, least)
         one /= np.linalg.norm(one, axis=1)[:, None]
         directions = np.stack((one, np.cross(wrenches, one)), axis=1)  # (s, 2, 3)
-        twists = wrenches.copy()
+        twists = wrenches
         mean_speed = self._dissipation(twists, np.zeros(len(twists)))
         for share in SMOOTHING:
             floor = (share * mean_speed) ** 2
-            moving = np.arange(len(twists))
-            for _ in range(STEPS):
-                if not len(moving):
-                    break
-                value, step, decrease = self._newton_step(twists[moving], directions[moving], floor[moving])
-                going = decrease > CONVERGED * value
-                moving, value, step, decrease = moving[going], value[going], step[going], decrease[going]
-                # shorten each step until it gains what was expected, or until the expected gain is lost in rounding
-                length = np.ones(len(moving))
-                searching = np.arange(len(moving))
-                while len(searching):
-                    trial = twists[moving[searching]] + length[searching, None] * step[searching]
-                    gain = value[searching] - self._dissipation(trial, floor[moving[searching]])
-                    searching = searching[gain < 0.1 * length[searching] * decrease[searching]]
-                    length[searching] /= 2
-                    length[length * decrease <= CONVERGED * value] = 0.0
-                    searching = searching[length[searching] > 0]
-                twists[moving] += length[:, None] * step
-                moving = moving[length > 0]
-            else:
-                raise SolverFailed("the motion under a wrench did not converge")
+            twists = minimized(twists, partial(self._newton_step, directions, floor), partial(self._smoothed, floor), STEPS)
         return np.asarray(twists / self._dissipation(twists, np.zeros(len(twists)))[:, None])
 
     def _dissipation(self, twists: Array, floor: Array) -> Array:
@@ -348,8 +325,13 @@ class LimitSurface:
         x, y = self._arms.T
         return twists[:, :1] - twists[:, 2:] * y, twists[:, 1:2] + twists[:, 2:] * x
 
-    def _newton_step(self, twists: Array, directions: Array, floor: Array) -> tuple[Array, Array, Array]:
-        """h (s,), Newton's step (s, 3) within the directions (s, 2, 3), and by how much h should fall (s,)."""
+    def _smoothed(self, floor: Array, rows: Indices, twists: Array) -> Array:
+        """h (s,) of the twists (s, 3) of some rows, with `floor` added to the squared speeds."""
+        return self._dissipation(twists, floor[rows])
+
+    def _newton_step(self, directions: Array, floor: Array, rows: Indices, twists: Array) -> Step:
+        """Newton's step (s, 3) on that h from the twists (s, 3) of some rows, within their directions (., 2, 3)."""
+        directions, floor = directions[rows], floor[rows]
         x, y = self._arms.T
         vx, vy = self._velocities(twists)
         speeds = np.sqrt(vx**2 + vy**2 + floor[:, None])
@@ -369,7 +351,8 @@ class LimitSurface:
         # a trace of curvature keeps the step finite if the dissipation is linear
         hessian += np.eye(2) * (RIDGE * share.sum(axis=1))[:, None, None]
         shift = -np.linalg.solve(hessian, slope[..., None])[..., 0]
-        return speeds @ self._support.weights, np.sum(shift[..., None] * directions, axis=1), -np.sum(slope * shift, axis=1)
+        step = np.sum(shift[..., None] * directions, axis=1)
+        return Step(speeds @ self._support.weights, step, -np.sum(slope * shift, axis=1))
 
 
 class Measurement(NamedTuple):

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 FARTHEST = 1e3
 """No position or length is larger [m]: one that is comes from a broken sensor or program, and its squares could overflow."""

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.contact import tangent
+from pushfric_core.damped_newton import Step, minimized
 from pushfric_core.errors import SolverFailed
-from pushfric_core.planar import Array, cross, left_of
+from pushfric_core.planar import Array, Indices, cross, left_of
 from pushfric_core.records import comparable
-from pushfric_core.simulation import CONVERGED, ITERATIONS, STILL, ContactMode
+from pushfric_core.simulation import ITERATIONS, STILL, ContactMode
 from pushfric_core.support import check_points
 
 MODES = (ContactMode.FREE, ContactMode.STICKING, ContactMode.SLIDING)
@@ -37,8 +38,6 @@ SUM = 1e-6
 
 TINY = 1e-300
 """Keeps a division defined where the divisor may be zero and the quotient is not used."""
-
-Indices = npt.NDArray[np.int64]
 
 
 @comparable
@@ -328,45 +327,30 @@ def _sliding(weights: Array, arms: Array, edges: Array) -> tuple[Array, Array, A
     reach = np.sum(arms * edges[:, None], axis=2)  # and across it
     squares = lever**2 + reach**2
     trace = 1e-9 * np.array((np.full(len(edges), arms.shape[1]), squares.sum(axis=1))).T
-    u = np.zeros((len(edges), 2))
 
     def speeds_at(rows: Indices, u: Array) -> tuple[Array, Array, Array]:
         ahead, across = 1 + u[:, 1:] * lever[rows], u[:, :1] + u[:, 1:] * reach[rows]
         return ahead, across, np.sqrt(ahead**2 + across**2 + STILL**2)
 
-    going = np.arange(len(edges))
-    for _ in range(ITERATIONS):
-        if not len(going):
-            break
-        w = weights[going]
-        ahead, across, speed = speeds_at(going, u[going])
+    def newton(rows: Indices, u: Array) -> Step:
+        w = weights[rows]
+        ahead, across, speed = speeds_at(rows, u)
         share = w / speed
-        growth = ahead * lever[going] + across * reach[going]
+        growth = ahead * lever[rows] + across * reach[rows]
         bend = share / speed**2
         gradient = np.column_stack((np.sum(share * across, axis=1), np.sum(share * growth, axis=1)))
-        a = np.sum(share - bend * across**2, axis=1) + trace[going, 0]
-        b = np.sum(share * reach[going] - bend * across * growth, axis=1)
-        c = np.sum(share * squares[going] - bend * growth**2, axis=1) + trace[going, 1]
+        a = np.sum(share - bend * across**2, axis=1) + trace[rows, 0]
+        b = np.sum(share * reach[rows] - bend * across * growth, axis=1)
+        c = np.sum(share * squares[rows] - bend * growth**2, axis=1) + trace[rows, 1]
         determinant = a * c - b * b
         step = np.column_stack((b * gradient[:, 1] - c * gradient[:, 0], b * gradient[:, 0] - a * gradient[:, 1]))
         step /= determinant[:, None]
-        decrease = -np.sum(gradient * step, axis=1)
-        value = np.sum(w * speed, axis=1)
-        length = np.where(decrease > CONVERGED * value, 1.0, 0.0)
-        # shorten each step until it gains what it promises, or until what it promises drowns in rounding
-        searching = np.flatnonzero(length)
-        while len(searching):
-            rows = going[searching]
-            trial = u[rows] + length[searching, None] * step[searching]
-            gain = value[searching] - np.sum(weights[rows] * speeds_at(rows, trial)[2], axis=1)
-            searching = searching[gain < 0.1 * length[searching] * decrease[searching]]
-            length[searching] /= 2
-            length[length * decrease <= CONVERGED * value] = 0.0
-            searching = searching[length[searching] > 0]
-        u[going] += length[:, None] * step
-        going = going[length > 0]
-    else:
-        raise SolverFailed("the motion of a pushed object did not converge")
+        return Step(np.sum(w * speed, axis=1), step, -np.sum(gradient * step, axis=1))
+
+    def dissipation(rows: Indices, u: Array) -> Array:
+        return np.asarray(np.sum(weights[rows] * speeds_at(rows, u)[2], axis=1))
+
+    u = minimized(np.zeros((len(edges), 2)), newton, dissipation, ITERATIONS)
     ahead, across, speed = speeds_at(np.arange(len(edges)), u)
     share = weights / speed
     force = np.sum(share * ahead, axis=1)[:, None] * edges + np.sum(share * across, axis=1)[:, None] * left_of(edges)

@@ -22,11 +22,9 @@ import numpy.typing as npt
 from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.contact_friction import tip_at
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Array, left_of, rotation, velocity_at, wrap
+from pushfric_core.planar import Array, Indices, left_of, rotation, velocity_at, wrap
 from pushfric_core.solvers import empty_program
 from pushfric_core.support import FreeRadii, support_forces
-
-Indices = npt.NDArray[np.int64]
 
 FEWEST_PUSHES = 6
 """With fewer pushes, none is said to be unlike the others."""

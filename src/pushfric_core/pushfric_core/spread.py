@@ -17,14 +17,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pushfric_core.constraint_rows import ConstraintRows
-from pushfric_core.planar import Array
+from pushfric_core.planar import Array, Indices
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import finite
-
-Indices = npt.NDArray[np.int64]
 
 SHARE = 0.9
 """The truth lies within the ellipse this often."""
