@@ -121,6 +121,16 @@ def without_fields(app: Sphinx, what: str, name: str, obj: Any, skip: bool, opti
     return True if (inspect.getdoc(obj) or "").startswith("Alias for field number") else None
 
 
+LINK = re.compile(r"\[([^\]]*)\]\(([^)]*)\)")
+"""A link: its text and its target."""
+
+
+def on_the_site(target: str, folder: pathlib.Path) -> bool:
+    """Whether a link's target is an address, a heading, or a file among the sources of the site."""
+    file, _, heading = target.partition("#")
+    return "://" in target or bool(heading and not file) or (".." not in file and (folder / file).is_file())
+
+
 def write_sources(folder: pathlib.Path) -> None:
     """All pages of the site, and what they show."""
     shutil.copytree(
@@ -129,9 +139,9 @@ def write_sources(folder: pathlib.Path) -> None:
     for page, text in {"index": front_page(), "commands": commands(), "python": python_names()}.items():
         (folder / f"{page}.md").write_text(text, encoding="utf-8")
     for page in folder.glob("*.md"):
-        # sources, folders, and other files of the project are not part of the site
-        text = re.sub(r"\[([^\]]*)\]\((?:\.\./[^)]*|CHANGELOG[^)]*|LICENSE|\w+)\)", r"\1", page.read_text(encoding="utf-8"))
-        page.write_text(text.replace("](api.md)", "](python.md)").replace("```csv", "```text"), encoding="utf-8")
+        text = page.read_text(encoding="utf-8").replace("](api.md)", "](python.md)").replace("```csv", "```text")
+        # sources, folders, and other files of the project are not part of the site: a link to one becomes its text
+        page.write_text(LINK.sub(lambda link: link[0] if on_the_site(link[2], folder) else link[1], text), encoding="utf-8")
     configuration = CONFIGURATION.format(folder=str(ROOT / "docs"), version=pushfric_core.__version__)
     (folder / "conf.py").write_text(configuration, encoding="utf-8")
 

@@ -327,7 +327,7 @@ def test_a_cells_estimator_section_becomes_parameters(write):
         ("{terms: [moment, moments]}", "estimator: terms must be of moment, .*, force_angle, got the unknown 'moments'$"),
         ("{terms: [moment, cone]}", "estimator: the term cone needs a mu_bound, .*, got none$"),
         ("{exclude_pushes: [1, a]}", r"estimator: exclude_pushes must be a list of whole numbers, got \[1, 'a'\]$"),
-        ("{grid: 5}", "estimator: expected any of terms, .*, slipping_pushes, model, save, got grid$"),
+        ("{grid: 5}", "estimator: expected any of terms, .*, keep_pushes, model, save, got grid$"),
     ],
 )
 def test_a_bad_estimator_section_is_refused_in_one_line(write, section, error):

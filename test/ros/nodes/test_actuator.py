@@ -156,8 +156,9 @@ class Cell:
 
     def halfway(self, controller: SimulatedGrbl, **goal):
         """Start a motion that lasts longer than any timeout; return the handle of its goal."""
+        start = controller.position()
         handle = self.send(**{"distance": 0.08, "speed": 0.004} | goal)
-        self.ros.wait_for(lambda: controller.position() > 0.001, what="the motion")
+        self.ros.wait_for(lambda: controller.position() > start + 0.001, what="the motion")
         return handle
 
     def refuses(self, controller: SimulatedGrbl, capfd, why: str) -> None:
@@ -206,7 +207,8 @@ def test_a_push_and_its_retraction(ros, controller, tmp_path):
     assert min(back) == pytest.approx(-0.05, rel=0.01)
     assert all(state.push_id == PusherState.NO_PUSH for state in cell.states if state.speed < 0)
     for state in pushing:
-        assert (state.header.frame_id, state.tip_radius) == ("table", 0.004)
+        # the frames of a cell in a namespace begin with it
+        assert (state.header.frame_id, state.tip_radius) == (f"{cell.node.get_namespace()[1:]}/table", 0.004)
         assert (state.direction.x, state.direction.y) == (0.0, 1.0)
         assert (state.tip.x, state.tip.y) == (0.1, pytest.approx(-0.2 + state.position))
     stamps = [state.header.stamp.sec * 10**9 + state.header.stamp.nanosec for state in cell.states]
