@@ -106,10 +106,14 @@ class Ros:
 def ros() -> Iterator[Ros]:
     import rclpy
 
+    from pushfric_ros.node_kit.network import configured
+
     gc.collect()  # nodes of earlier tests live on in reference cycles, and would be taken for nodes of this one
-    rclpy.init()
     with contextlib.ExitStack() as stack:
-        stack.callback(rclpy.try_shutdown)
+        with configured():
+            rclpy.init()
+            stack.callback(rclpy.try_shutdown)
+            stack.callback(rclpy.create_node("test").destroy_node)  # with it is made what all nodes of a process share
         ros = Ros()
         stack.callback(ros.close)
         yield ros

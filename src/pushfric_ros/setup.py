@@ -24,7 +24,7 @@ setup(
     license="Apache-2.0",
     packages=find_packages(),
     package_data={
-        "pushfric_ros.node_kit": ["fastdds_*.xml"],
+        "pushfric_ros.node_kit": ["fastdds*.xml"],
         "pushfric_ros.paper": ["report.html.j2"],
         "pushfric_ros.view": ["page/*"],
     },

@@ -197,7 +197,7 @@ def test_without_any_tick_nothing_is_lost(ros, outputs, tmp_path):
     wait_until_matched(ros, outputs)
     outputs[2].publish(String(data="timeless"))
     ros.wait_for(lambda: node._waiting, what="the message")
-    assert node._health()[:2] == (Level.WARN, "1 messages wait for a first /clock")
+    assert node._health()[:2] == (Level.WARN, "1 message waiting for a first /clock")
     node.destroy_node()
     assert [m.log_time_ns for m in Bag(tmp_path / "bag").messages()] == [0]
 

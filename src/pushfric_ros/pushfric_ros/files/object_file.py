@@ -191,10 +191,13 @@ def save_object(model: ObjectModel, path: pathlib.Path) -> None:
     """Write the YAML file of an object.
 
     Raises:
-        OSError: the file cannot be written.
+        InvalidInput: the file cannot be written.
     """
     content = model.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    try:
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:

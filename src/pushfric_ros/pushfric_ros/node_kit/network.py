@@ -4,6 +4,8 @@ Nodes can be reached from this machine alone unless the cell's file says otherwi
 from *looking for* others: with Fast DDS its sockets stay open to every network, and whoever sends to them is let in. So the
 files of profiles next to this module bind the sockets to the loopback interface.
 
+Processes that start together find each other at once: Fast DDS alone lets them miss each other for 3 s, every other time.
+
 Fast DDS passes messages between processes of one machine through a segment of the sender's shared memory. Its half MiB is too
 small for one 640 x 480 colour image, so at camera rate most of such images are lost without an error. Processes that publish
 images have more. A camera driver can use `fastdds_images.xml`, too.
@@ -34,6 +36,7 @@ FILES = ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml")
 """Files of profiles that Fast DDS takes from the working folder."""
 
 HERE = pathlib.Path(__file__).parent
+NETWORK = HERE / "fastdds.xml"
 THIS_MACHINE = HERE / "fastdds_this_machine.xml"
 IMAGES = HERE / "fastdds_images.xml"
 IMAGES_ON_THIS_MACHINE = HERE / "fastdds_images_this_machine.xml"
@@ -94,7 +97,7 @@ def _settings(images: bool) -> Mapping[str, str | None]:
         return {RANGE: Discovery.LOCALHOST.name} if local else {}
     roomy = images and SHARED_MEMORY.is_dir() and shutil.disk_usage(SHARED_MEMORY).free >= FREE
     if not local:
-        return {_file_variable(): str(IMAGES)} if roomy else {}
+        return {_file_variable(): str(IMAGES if roomy else NETWORK)}
     # with LOCALHOST, ROS 2 would add transports of its own, which are open to every network
     profiles = IMAGES_ON_THIS_MACHINE if roomy else THIS_MACHINE
     return {RANGE: "SYSTEM_DEFAULT", "ROS_LOCALHOST_ONLY": None, _file_variable(): str(profiles)}

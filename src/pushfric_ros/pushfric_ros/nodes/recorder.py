@@ -55,13 +55,13 @@ class RecorderNode(Node):
         model = load_object(recording.object) if recording.object else None
         self._bag = BagWriter(recording.bag)
         folder = pathlib.Path(recording.bag)
-        try:
-            if model is not None:
-                save_object(model, folder / OBJECT_FILE)
-            if recording.model:
+        if model is not None:
+            save_object(model, folder / OBJECT_FILE)
+        if recording.model:
+            try:
                 shutil.copyfile(recording.model, folder / PRIOR_FILE)
-        except OSError as error:
-            raise InvalidInput(f"{error.filename}: cannot be written: {error.strerror}") from error
+            except OSError as error:
+                raise InvalidInput(f"{recording.model}: cannot be copied to {folder / PRIOR_FILE}: {error.strerror}") from error
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
         self._losses: dict[str, Losses] = {}  # by topic
