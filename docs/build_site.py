@@ -42,8 +42,8 @@ def setup(app):
 """
 
 PARTS = {
-    "How to": ("hardware", "view", "safety", "security", "planning", "many"),
-    "Reference": ("files", "cell", "graph", "interfaces", "reliability", "commands", "python", "conventions"),
+    "How to": ("hardware", "pushes", "planning", "limit_surface", "view", "many", "safety", "security"),
+    "Reference": ("commands", "files", "cell", "estimator", "graph", "interfaces", "python", "conventions", "reliability"),
     "Explanation": ("estimation", "derivation", "paper", "architecture"),
 }
 """The parts of the site and their pages; those of this folder, and those made here."""

@@ -1,11 +1,11 @@
-"""The Python examples of docs/estimation.md run, and their results are as the comments say."""
+"""The Python examples of docs/limit_surface.md run, and their results are as the comments say."""
 
 import pathlib
 import re
 
 import pytest
 
-TEXT = (pathlib.Path(__file__).parents[3] / "docs/estimation.md").read_text()
+TEXT = (pathlib.Path(__file__).parents[3] / "docs/limit_surface.md").read_text()
 
 
 def test_the_examples_run_and_their_numbers_hold(tmp_path, monkeypatch):
