@@ -1,7 +1,7 @@
 """Friction parameters of pushed objects (Lynch 1993): pure maths, no ROS, no files, no clocks.
 
-The names below are the public interface. Each is loaded when it is first used, so that importing the package costs next to
-nothing, and everything but the solvers works without their packages, numba and osqp.
+The names below are the public interface. Each is loaded when it is first used. So importing the package costs next to nothing,
+and everything but the solvers works without numba and osqp, the packages that they need.
 """
 
 import importlib
@@ -77,7 +77,7 @@ _MODULES = {  # the same as above: a test compares them
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 
-__all__ = sorted(_HOMES)  # noqa: PLE0605 - computed, so that the names stand here no third time
+__all__ = sorted(_HOMES)  # noqa: PLE0605 - computed, so that no name is written a third time
 
 
 def __getattr__(name: str) -> object:

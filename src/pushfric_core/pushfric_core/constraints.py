@@ -32,7 +32,7 @@ class Constraint(ABC):
     """Whether the rows have one more column than there are supports, that of the scale (see ConstraintRows)."""
 
     needs_force: ClassVar[bool] = False
-    """Whether data points without a measured force bring no rows."""
+    """Whether data points without a measured force add no rows."""
 
     @abstractmethod
     def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
@@ -42,7 +42,7 @@ class Constraint(ABC):
             observation: the data point, object frame.
             forces: the friction forces of the supports, as far as the motion determines them.
         Returns:
-            Rows of n columns, n + 1 with a scale, whose cost is in metres of moment.
+            Rows with n columns, or n + 1 with a scale. Their costs are in metres of moment.
         """
 
 
@@ -76,8 +76,8 @@ class NormalForce(Constraint):
     """The pusher cannot pull: f . n >= 0 (eq. 7).
 
     Args:
-        weight: cost of a unit of force that pulls [m]; hard if infinite. With a weight above the multiplier of the hard
-            constraint the optimum is the same.
+        weight: cost of a unit of force that pulls [m]; hard if infinite. If the weight exceeds the multiplier of the hard
+            constraint, the optimum is the same.
     """
 
     weight: float = math.inf
@@ -118,7 +118,7 @@ class Cone(Constraint):
 
 @dataclass(frozen=True)
 class SensedForce(Constraint):
-    """The friction force is opposite to the measured one, and to scale: f + s F = 0, component by component (section 3.2).
+    """The friction force is opposite to the measured one, up to the scale s: f + s F = 0 in x and in y (section 3.2).
 
     Args:
         weight: cost of a unit of difference [m].
@@ -139,9 +139,9 @@ class SensedForce(Constraint):
 
 @dataclass(frozen=True)
 class SensedDirection(Constraint):
-    """The friction force lies within a cone about the opposite of the measured one, whose magnitude is not used.
+    """The friction force lies within a cone about the opposite of the measured force, whose magnitude is not used.
 
-    A force of zero gives no direction, and no rows.
+    A measured force of zero has no direction and adds no rows.
 
     Args:
         half_angle: of the cone [rad], in [0, pi/2).
@@ -171,7 +171,9 @@ def center_of_friction_rows(center: npt.ArrayLike, support_points: Array) -> Con
 
     Args:
         center: p_CF (2,) [m], object frame.
-        support_points: (n, 2) [m].
+        support_points: (n, 2) [m], object frame.
+    Returns:
+        Two rows of n columns.
     """
     hard = np.full(2, np.inf)
     return ConstraintRows((support_points - np.asarray(center, dtype=float)).T, hard, hard)
@@ -182,11 +184,11 @@ def functional_rows(functional: Array, forces: SupportForces, above: float, belo
 
     Args:
         functional: c, (2,) for all supports or (n, 2) for each.
-        forces: of the n supports, f_j = w_j (directions_j + any force of at most free_j).
+        forces: those of the n supports, f_j = w_j (directions_j + any force of at most free_j).
         above: cost of a unit of r > 0 [m]; infinite: r <= 0 is a hard constraint.
         below: the same for r < 0.
     Returns:
-        One row. If supports are free: one row for each side with a cost, which the free forces lower as far as they can.
+        One row; if supports are free, one row for each side with a cost, lowered as far as the free forces can lower it.
     """
     products = functional * forces.directions
     a = products[:, 0] + products[:, 1]

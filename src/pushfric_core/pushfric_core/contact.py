@@ -31,6 +31,10 @@ class PushingLine(NamedTuple):
 def pushing_line(origin: Sequence[float], direction: Sequence[float], tip_radius: float) -> PushingLine:
     """A pushing line along a direction of any length.
 
+    Args:
+        origin: (2,) centre of the tip at stroke position 0, table frame [m].
+        direction: (2,) of the forward stroke, table frame.
+        tip_radius: [m].
     Raises:
         ValueError: origin or direction are not two finite numbers each, or the direction has no length.
     """
@@ -55,7 +59,7 @@ def contact_interval(point: npt.ArrayLike, normal: npt.ArrayLike, half_width: fl
 
 
 def friction_cone(normal: npt.ArrayLike, mu: float) -> tuple[Array, Array]:
-    """Unit forces of the pusher ON the object at the two edges of the friction cone: tilted towards -t, then towards +t."""
+    """Unit forces (2,) of the pusher ON the object at the edges of the friction cone: tilted towards -t, then towards +t."""
     inward, along = -np.asarray(normal, dtype=float), mu * tangent(normal)
     norm = np.hypot(1.0, mu)
     return (inward - along) / norm, (inward + along) / norm

@@ -13,16 +13,16 @@ from pushfric_core.records import comparable
 from pushfric_core.support import SupportForces
 
 SLIP_TOLERANCE = 0.05
-"""A tip slides where its velocity along the edge, relative to the object, exceeds this share of its speed, at least."""
+"""A tip counts as sliding only if its velocity along the edge, relative to the object, exceeds this share of its speed ..."""
 
 MISMATCHES = 2.0
-"""... and this many times the median of what it seems to move across the edge, where it cannot: so large are the errors."""
+"""... and this many times its median apparent velocity across the edge: the tip cannot move there, so that is an error."""
 
 FEWEST_SLIPS = 3
-"""Pushes that must slip for mu_c to be more than a bound."""
+"""Unless this many pushes slip, mu_c is only bounded."""
 
 LEAST_NORMAL = 0.05
-"""Data points whose pusher hardly presses say nothing of mu_c; in units of the support friction."""
+"""Below this normal force, in units of the support friction, the pusher hardly presses: the data point says nothing of mu_c."""
 
 CONFIDENT = 1.645
 """Standard deviations on either side that hold 90 % of a normal distribution."""
@@ -33,11 +33,11 @@ TINY = 1e-300
 
 @comparable
 class ContactForces(NamedTuple):
-    """Forces of supports of unit weight along the normals and tangents of m contacts."""
+    """Forces of n supports of unit weight along the normals and tangents of m contacts."""
 
     normal: Array  # (m, n)
     along: Array  # (m, n)
-    free: Array  # (m, n) 1 where a support may push any way with a force of at most its weight, else 0
+    free: Array  # (m, n) 1 if a support may push any way with a force of at most its weight, else 0
 
 
 def contact_forces(observation: Observation, forces: SupportForces) -> ContactForces:
@@ -101,7 +101,7 @@ class Slip(StrEnum):
 
 @comparable
 class Tip(NamedTuple):
-    """What was seen and measured of the tip at m contacts; NaN where nothing was."""
+    """What was seen and measured of the tip at m contacts; NaN if nothing was."""
 
     slip: Array  # (m,) its velocity along t relative to the object, over its speed
     mismatch: Array  # (m,) the same along n, where it cannot move: an error
@@ -110,7 +110,7 @@ class Tip(NamedTuple):
 
     @property
     def tolerance(self) -> float:
-        """Of the slip: beyond it, a tip slides."""
+        """The slip beyond which a tip counts as sliding."""
         seen = np.abs(self.mismatch[np.isfinite(self.mismatch)])
         return max(SLIP_TOLERANCE, MISMATCHES * float(np.median(seen))) if len(seen) else SLIP_TOLERANCE
 
@@ -131,9 +131,9 @@ class Tip(NamedTuple):
 class MuC(NamedTuple):
     """The contact friction coefficient."""
 
-    value: float | None  # None of a mere bound
-    low: float  # it lies in [low, high] with 90 %
-    high: float  # infinite of a bound
+    value: float | None  # None if there is only a bound
+    low: float  # mu_c lies in [low, high] with a probability of 90 %
+    high: float  # infinite if there is only a bound
     kind: Kind
 
 
@@ -156,17 +156,17 @@ def tip_at(observation: Observation) -> tuple[float, float, float, float]:
 def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
     """mu_c, from the sharpest evidence there is.
 
-    A sliding contact is at the edge of its friction cone: |f . t| = mu_c f . n, with the sign of the slip. mu_c is the one for
-    which these errors add up to the least, a median weighted with f . n; for this, no support is freed. Where forces were
-    measured while the tip slid, it is the median of theirs. The interval is that of a median from this many pushes, and holds
-    the values of all the w.
+    A sliding contact is at the edge of its friction cone: |f . t| = mu_c f . n, with the sign of the slip. The mu_c that is
+    returned minimises the sum of these errors: it is a median weighted with f . n, for which no support is freed. If forces
+    were measured while the tip slid, it is the median of their ratios. The interval is that of a median from this many
+    pushes, and holds the values under all w.
 
     Args:
         forces: at m contacts.
         tip: at the same contacts.
-        weights: (k, n) w to go by, the likeliest first.
+        weights: (k, n) the w to consider, the likeliest first.
     Returns:
-        None without any data point that presses.
+        None if the pusher presses in no data point.
     """
     directions = tip.directions
     with np.errstate(invalid="ignore"):
@@ -193,7 +193,7 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
 
 
 def _median(values: Array, weights: Array, pushes: Array) -> tuple[float, float, float]:
-    """A weighted median, and the interval that holds that of the population with 90 %."""
+    """A weighted median, and the interval that holds the population's median with a probability of 90 %."""
     order = np.argsort(values)
     shares = np.cumsum(weights[order])
     reach = CONFIDENT / 2 / math.sqrt(len(np.unique(pushes)))

@@ -1,7 +1,7 @@
 """A damped Newton method on many small convex functions at once, one for each row.
 
-`simulation` has its own for a single function: it is called some thousand times a second, and simulated data stay the same to
-the last bit.
+`simulation` has a method of its own for a single function, for two reasons: it is called some thousand times a second, and
+simulated data must stay the same to the last bit.
 """
 
 from collections.abc import Callable
@@ -33,10 +33,10 @@ def minimized(
     """The minima (s, k), found from x (s, k).
 
     Args:
-        x: where to begin.
+        x: (s, k) where to begin.
         newton: gives the step of some rows at their x.
         value: gives the functions (t,) of some rows (t,) at x (t, k).
-        steps: the most steps of a row.
+        steps: largest number of steps of a row.
     Raises:
         SolverFailed: a row has not converged after that many steps.
     """

@@ -29,10 +29,10 @@ class Estimate:
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
         conflicts: data points whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
-        spread: how far p_CF and w can be trusted; None where it is not computed, or cannot be told.
-        lack: what the pushes lack to tell that, in words; None where they vary enough.
+        spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not tell.
+        lack: why the pushes do not tell the spread, in words; None if they vary enough.
         tip: what was seen and measured of the pusher's tip at each contact.
-        moment_error: mean error of a data point [m, unit force]; None where other terms and losses have a part in it.
+        moment_error: mean moment error of a data point [m, unit force]; None if the fit has other terms or another loss.
     """
 
     support_points: Array
@@ -81,7 +81,7 @@ class Estimate:
 
     @property
     def confidence(self) -> float | None:
-        """Radius about p_CF that holds the truth with 90 % [m]; None without a spread."""
+        """Radius about p_CF that holds the true one with a probability of 90 % [m]; None without a spread."""
         return None if self.spread is None else self.spread.radius
 
     @cached_property

@@ -45,7 +45,7 @@ WRENCHES = 1000
 """Number of points of the surface to which the ellipsoid is fitted."""
 
 DISTINGUISHABLE = 3.0
-"""Standard deviations of the noise that a difference of motions must exceed to be told from it."""
+"""Two motions can be told apart if they differ by more than this many standard deviations of the noise."""
 
 
 @comparable
@@ -194,8 +194,8 @@ class LimitSurface:
         The plane fx = 0 of Figure 12 is that of (0, 1, 0) and (0, 0, 1).
 
         Args:
-            first: unit of the first coordinate.
-            second: unit of the second coordinate.
+            first: the wrench whose multiples are the first coordinate.
+            second: the wrench whose multiples are the second coordinate.
             count: number of points of the curve besides the ends of its straight parts.
         Raises:
             ValueError: a wrench is zero or not finite, they are parallel, or count < 4.
@@ -372,7 +372,7 @@ class Separation(NamedTuple):
 
     @property
     def distinguishable(self) -> bool:
-        """Whether a single data point of that push would do; M of them do with deviations larger than 3 / sqrt(M)."""
+        """Whether one data point of that push is enough; M of them are enough if the deviations exceed 3 / sqrt(M)."""
         return self.deviations > DISTINGUISHABLE
 
 

@@ -15,7 +15,7 @@ UNIT = 1e-3
 
 
 TINY = 1e-100
-"""Twists smaller than this, or larger than 1 over this, would leave the range of floating point in the computation."""
+"""The largest component of a twist lies between this and its inverse; beyond, the computation would under- or overflow."""
 
 STRONGEST = 1e9
 """No force is larger [N]."""
@@ -35,17 +35,17 @@ class Observation:
         contact_point: p_c [m].
         contact_normal: n, unit, outward.
         twist: velocity of the object-frame origin [m/s, m/s, rad/s]; only its direction matters.
-        push_id: number of the push that it belongs to.
+        push_id: number of the push that the data point belongs to.
         half_width: half the interval of possible contact points along the edge [m].
         duration: time between the two poses that were differenced [s]; 0 if unknown.
         stamp: time of the middle image [ns]; 0 if unknown.
         pose: of the object in the table frame at the stamp; None if unknown.
         force: measured force of the pusher ON the object [N]; None without a force sensor.
-        tip_velocity: of the pusher's tip over the table, in the object frame, per the unit of time of the twist; None where
-            unknown.
+        tip_velocity: of the pusher's tip over the table, in the object frame [m/s], in the unit of time of the twist; None
+            if unknown.
     Raises:
-        ValueError: a value that is not finite, beyond its limit or of another type, a normal that is not unit, a
-            negative half-width or duration.
+        ValueError: a value is not finite, beyond its limit or of another type; the normal does not have unit length; the
+            half-width or the duration is negative.
         UninformativePush: the twist is zero.
     """
 
@@ -100,7 +100,7 @@ class Observation:
         """Refuse a contact that is not on the object.
 
         Raises:
-            ValueError: it is farther than OFF_OUTLINE from the outline.
+            ValueError: the contact is farther than OFF_OUTLINE from the outline.
         """
         distance = outline.distance_to(self.contact_point)
         if distance > OFF_OUTLINE:

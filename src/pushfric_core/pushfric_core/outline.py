@@ -76,7 +76,7 @@ class Outline:
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
-        """The same as a polygon of shapely."""
+        """The outline as a shapely polygon."""
         return shapely.Polygon(self.vertices)
 
     @cached_property
@@ -145,7 +145,8 @@ class Outline:
     def nearest(self, point: npt.ArrayLike) -> Touch:
         """The point of the outline that is nearest to a point (2,) [m].
 
-        `distance` is that of the point from the edge's line, negative inside; at a corner, from the corner, and the edge None.
+        `distance` is that of the point from the edge's line, negative inside [m]. If a corner is nearest, it is the distance
+        from that corner, and the edge is None.
         """
         at = np.asarray(point, dtype=float)
         along = np.sum((at - self.vertices) * self.edges, axis=1) / self.lengths**2

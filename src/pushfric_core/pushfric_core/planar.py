@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 FARTHEST = 1e3
-"""No position or length is larger [m]: one that is comes from a broken sensor or program, and its squares could overflow."""
+"""Largest position or length [m]: a larger one comes from a broken sensor or program, and its squares could overflow."""
 
 
 class Pose(NamedTuple):
@@ -62,7 +62,7 @@ def rotation(theta: float) -> Array:
 
 
 def transform(pose: Pose, points: npt.ArrayLike) -> Array:
-    """Points (..., 2) of the frame at `pose`, expressed in the frame `pose` is given in."""
+    """Points (..., 2) [m] given in the frame at `pose`, expressed in the frame in which `pose` itself is given."""
     return np.asarray(np.asarray(points, dtype=float) @ rotation(pose.theta).T + (pose.x, pose.y))
 
 

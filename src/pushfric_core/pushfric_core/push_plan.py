@@ -25,7 +25,7 @@ def even_pushes(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
         outline: of the object.
         counts: number of pushes for each edge.
     Raises:
-        ValueError: not one count for each edge, or a negative one.
+        ValueError: not one count for each edge, or a negative count.
     """
     if len(counts) != len(outline.vertices) or min(counts) < 0:
         raise ValueError(f"expected {len(outline.vertices)} counts, one for each edge, none negative; got {tuple(counts)}")
@@ -46,6 +46,11 @@ def planned_contact(outline: Outline, push: PlannedPush) -> tuple[Array, Array]:
 def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: float) -> Pose:
     """The pose in the table frame at which the tip, at stroke `position` [m], touches the planned point at the planned angle.
 
+    Args:
+        outline: of the object.
+        push: which point is to be touched, and from which direction.
+        line: on which the tip moves, table frame.
+        position: of the tip along the line [m].
     Raises:
         ValueError: the outline has no such edge, the offset lies off it, or the push would come from inside.
     """

@@ -77,11 +77,11 @@ class _Known(Constraint):
 
 
 def _estimator(hypothesis: Hypothesis, config: EstimatorConfig) -> Estimator:
-    """What judges a hypothesis: a program over its w; where w is known, over one support that stands for all of them."""
+    """The program that judges a hypothesis: over its w; if w is known, over one support that stands for all of them."""
     if hypothesis.weights is None:
         return Estimator(hypothesis.support_points, config, hypothesis.center_of_friction)
     support = Support(hypothesis.support_points, hypothesis.weights)
-    # eq. 7 narrows down w, but of a known w one data point's noise must not make it impossible
+    # eq. 7 narrows down w; but if w is known, the noise of one data point must not make it impossible
     terms = replace(config, nonnegative_force=False).constraints
     free = free_radii(support.points, config)
     known = tuple(_Known(term, support.points, support.weights, free) for term in terms)

@@ -1,4 +1,4 @@
-"""The measured forces that belong to a data point: a force sensor's samples over the time its motion was measured."""
+"""The measured force of a data point: the force sensor's samples from the time in which its motion was measured."""
 
 from collections import deque
 from dataclasses import replace
@@ -21,7 +21,10 @@ class ForceSample(NamedTuple):
 
 
 class SensedForce:
-    """Gives data points their forces. A data point waits for a sample from after its motion, so that only the stamps matter."""
+    """Gives data points their forces.
+
+    A data point waits until a sample from after its motion has come. So only the stamps matter, not the order of arrival.
+    """
 
     def __init__(self) -> None:
         self._samples: deque[ForceSample] = deque(maxlen=REMEMBERED)
@@ -54,7 +57,7 @@ class SensedForce:
         """Take a data point and return the data points that became complete.
 
         Raises:
-            ValueError: it has no pose, so that the force cannot be expressed in its frame.
+            ValueError: the data point has no pose, so the force cannot be expressed in the object frame.
         """
         if observation.pose is None:
             raise ValueError("a data point needs its pose to be given a force")

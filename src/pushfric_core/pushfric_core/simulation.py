@@ -26,7 +26,7 @@ TOUCHING = 1e-7
 """The tip is at the outline if it is nearer than this [m]."""
 
 ITERATIONS = 200
-"""Bound on Newton's steps; about ten are usual, some tens if the object rotates about a support."""
+"""Cap on Newton's steps; about ten are usual, some tens if the object rotates about a support."""
 
 
 class ContactMode(Enum):

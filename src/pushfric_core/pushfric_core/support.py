@@ -11,7 +11,7 @@ from pushfric_core.planar import Array, Twist, Wrench, cross, velocity_at
 from pushfric_core.records import comparable
 
 LARGEST = 1e6
-"""Support points farther out than this must be a mistake [m]."""
+"""A support point farther out than this must be a mistake [m]."""
 
 
 @comparable

@@ -52,7 +52,7 @@ def _on_feet(
 
 
 def _flat(length: float, width: float, offset: float, mu_c: float) -> TableObject:
-    """A flat bottom is never quite flat: slightly crowned, it presses on an ellipse, and the pressure falls off parabolically.
+    """An object with a flat, slightly crowned bottom: it presses on an ellipse, and the pressure falls off parabolically.
 
     A weight on top shifts the centre of friction along x by `offset` [m].
     """

@@ -29,10 +29,10 @@ STEADY = 0.25
 push that ended before the last quarter of the time between two frames."""
 
 LEAP = 0.005
-"""Beyond what the tip's speed allows, a pose may differ by this much [m] from the one before it."""
+"""A pose may differ from the one before it by this much [m] more than the tip's speed allows."""
 
 PERSISTS = 3
-"""This many poses in a row that cannot be contradict the pusher; fewer may come of a single report with a late stamp."""
+"""This many impossible poses in a row contradict the pusher; fewer may come from a single report with a late stamp."""
 
 LEAPS = 5.0
 """In a push, no point of an object moves faster than this multiple of the tip's speed."""
@@ -80,7 +80,7 @@ class TrajectoryConfig:
     window: int = setting(5, "frames in the centred window that smooths the poses; odd", 1, 101)
     stride: int = setting(5, "frames from one observation of a push to the next", 1, 1000)
     contact_tolerance: float = setting(0.001, "the tip counts as touching up to this far from the outline [m]", 0.0, 0.1)
-    minimum_speed: float = setting(0.002, "the object counts as moving when its fastest corner does this much [m/s]", 0.0, 10.0)
+    minimum_speed: float = setting(0.002, "the object counts as moving if its fastest corner is this fast [m/s]", 0.0, 10.0)
     longest_gap: float = setting(0.5, "frames further apart than this end a run of observations [s]", 0.0, 60.0)
 
     def __post_init__(self) -> None:
@@ -95,7 +95,7 @@ class Trajectory:
     Args:
         outline: of the object.
         config: how poses become observations; TrajectoryConfig() by default.
-        tolerance: poses that differ by more than this [m] from what the pusher makes possible contradict it.
+        tolerance: a pose that differs by more than this [m] from what the pusher makes possible contradicts it.
     """
 
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, tolerance: float = math.inf) -> None:
@@ -111,13 +111,13 @@ class Trajectory:
         self._pusher: PusherSample | None = None  # of the run's newest frame
         self._next = self._margin  # index in the run of the next observation
         self._before: PoseSample | None = None  # the frame before, of the same push
-        self._parted: PoseSample | None = None  # the first of the frames that show the tip away from the object
+        self._parted: PoseSample | None = None  # the first of the consecutive frames in which the tip is away from the object
         self._wrong = 0  # number of wrong poses in a row
         self._contradiction: str | None = None
 
     @property
     def contradiction(self) -> str | None:
-        """How what is seen contradicts the newest push; None if the object, as it was seen, followed the tip."""
+        """How the poses contradict the newest push, in words; None if the object was seen to follow the tip."""
         return self._contradiction
 
     @property
@@ -197,7 +197,7 @@ class Trajectory:
         return None if touch.edge is None or touch.distance > radius + self.config.contact_tolerance else touch
 
     def _leaps(self, sample: PoseSample, speed: float) -> bool:
-        """Whether a pose differs from the one before it, of the same push, by more than the speed of the tip makes possible."""
+        """Whether a pose differs from the one before it, of the same push, by more than the tip's speed allows."""
         before, self._before = self._before, sample
         if before is None:  # a new push
             self._contradiction, self._wrong = None, 0
@@ -266,7 +266,7 @@ class Trajectory:
         if len(frames) <= 2 * self._margin:
             return []
         observation = self._observe(frames)
-        if observation is None:  # the object rests or the tip meets a corner, but later frames of the push may do
+        if observation is None:  # the object rests or the tip meets a corner; later frames of the push may give one
             self._next += 1
             return []
         self._next += self.config.stride

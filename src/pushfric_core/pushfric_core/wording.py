@@ -13,5 +13,5 @@ def counted(number: int, one: str, several: str = "") -> str:
 
 
 def data_of(data_points: int, pushes: int) -> str:
-    """What an estimate is from: 81 data points of 14 pushes."""
+    """What an estimate rests on: 81 data points of 14 pushes."""
     return f"{counted(data_points, 'data point')} of {counted(pushes, 'push', 'pushes')}"

@@ -26,7 +26,7 @@ COMMAND = "python -m pushfric_ros.commands.interface_docs > docs/interfaces.md"
 HEAD = f"""\
 # Interfaces of every node
 
-Written by `{COMMAND}`; do not edit. [graph.md](graph.md) explains what it is all for.
+Written by `{COMMAND}`; do not edit. [graph.md](graph.md) explains what the nodes and topics are for.
 
 Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only: they are set when a node
 starts, and one that is *required* has no default. The lists leave out what every ROS 2 node has (`use_sim_time`,
@@ -39,7 +39,7 @@ and yaw. The variance of z, roll and pitch is {UNMEASURED:g}: they are not measu
 """
 
 OF_THE_BAG = "std_msgs/msg/Char"
-"""Type of a topic that exists only in the bag; no node has one of its own of this type."""
+"""Type of a topic that exists only in the bag; no node has a topic of this type of its own."""
 
 EMPTY = bytes((0, 1, 0, 0, 0))
 """A message of that type in CDR: little-endian, one byte."""
@@ -50,7 +50,7 @@ class Start(NamedTuple):
 
     name: str
     required: dict[str, Any]  # parameters
-    variants: dict[str, dict[str, Any]]  # parameters with which it has other topics, by their text
+    variants: dict[str, dict[str, Any]]  # by description: parameters with which the node has other topics
 
 
 class Description(NamedTuple):
