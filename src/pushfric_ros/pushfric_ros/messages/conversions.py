@@ -47,7 +47,7 @@ from pushfric_msgs.srv import PredictPush, StablePushes
 from pushfric_ros.messages.frames import OBJECT, TABLE, is_frame
 
 QUATERNION_LENGTHS = (1e-3, 1e3)
-"""A quaternion should have length 1. One that is merely not normalised is taken; beyond this range it is refused."""
+"""A quaternion should have length 1. One with a length in this range is normalised; any other is refused."""
 
 BIN_WIDTH = 0.05
 """Width of the bins of the histogram of lower bounds on mu_c, about that of Figures 7 and 8."""
@@ -151,7 +151,7 @@ def force_sample_from_msg(msg: WrenchStamped) -> ForceSample:
     """The planar part of the pusher's force on the object.
 
     Raises:
-        ValueError: it is not finite, or not in the table frame.
+        ValueError: the force is not finite, or not in the table frame.
     """
     if not is_frame(msg.header.frame_id, TABLE):
         raise ValueError(f"a wrench must have frame_id {TABLE!r}, got {msg.header.frame_id!r}")
@@ -308,7 +308,7 @@ def pushes_from_msg(request: PredictPush.Request) -> tuple[np.ndarray, np.ndarra
 
 
 def predictions_to_msg(predictions: Predictions, response: PredictPush.Response) -> PredictPush.Response:
-    """What pushes do, as the answer to a request."""
+    """The predicted motions of pushes, as the answer to a request."""
     response.success = True
     response.twists = [_twist(twist) for twist in predictions.twists]
     response.modes = [MODE_TO_MSG[mode] for mode in predictions.modes]

@@ -16,7 +16,7 @@ FRAMES = (TABLE, OBJECT, CAMERA)
 def put_prefix(msg: Any, prefix: str) -> None:
     """Put a prefix before the names of the frames in the headers of a message that is to be published.
 
-    Messages that share a header get it once.
+    Messages that share a header get the prefix once.
     """
     if not prefix:
         return

@@ -40,7 +40,7 @@ LATCHED = Qos(depth=1, durability=Durability.TRANSIENT_LOCAL)
 """For topics whose last message a late subscriber gets at once."""
 
 LATCHED_QUEUE = Qos(depth=500, durability=Durability.TRANSIENT_LOCAL)
-"""For a subscriber to such a topic that needs every message, and not just the last one: deep, as in a busy moment they wait."""
+"""For a subscriber to such a topic that needs every message, not just the last: deep, because they wait in a busy moment."""
 
 QUALITIES = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
 """The qualities that a publisher of the cell may have, as settings name them."""

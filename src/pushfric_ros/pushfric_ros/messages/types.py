@@ -14,7 +14,7 @@ def message_class(type_name: str) -> type:
     """The installed class of package/msg/Type.
 
     Raises:
-        InvalidInput: it is not installed.
+        InvalidInput: the type is not installed.
     """
     try:
         package, kind, name = type_name.split("/")
@@ -27,7 +27,7 @@ def type_hash(type_name: str) -> str:
     """RIHS01 hash of an installed type.
 
     Raises:
-        InvalidInput: it is not installed.
+        InvalidInput: the type is not installed.
     """
     hashes = {entry["type_name"]: entry["hash_string"] for entry in _description(type_name)["type_hashes"]}
     return hashes[type_name]

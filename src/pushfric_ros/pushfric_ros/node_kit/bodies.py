@@ -12,7 +12,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import profile
 
 QUEUE = 500
-"""Messages that may wait."""
+"""Number of messages that may wait in the queue."""
 
 
 def follow(
@@ -21,12 +21,12 @@ def follow(
     """Have a callback called with every body that a source finds.
 
     Args:
-        topics: of the node.
-        source: the source.
+        topics: the node's diagnostics, which make its subscriptions.
+        source: of the bodies.
         on_body: called with each body.
         on_problem: called with what is wrong with a message.
     Raises:
-        InvalidInput: a type of message is not installed.
+        InvalidInput: a message type is not installed.
     """
 
     def take(topic: str, msg: Any) -> None:

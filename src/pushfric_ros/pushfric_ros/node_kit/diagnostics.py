@@ -20,7 +20,7 @@ from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.qos import RELIABLE
 
 FIRST, PERIOD = 0.1, 1.0
-"""When a node reports first, and the time between reports, which grows from the one to the other [s]."""
+"""Time until a node's first report, and the time between reports that it grows to [s]."""
 
 
 class Level(Enum):
@@ -61,7 +61,7 @@ class Awaited:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
 
     def renew(self) -> None:
-        """Wait for all of them again, as one may have died; now any report will do: one that was well has its topics."""
+        """Wait for all of them again, as one may have died. Any report will do now: a node that was well has its topics."""
         self._missing, self._at_first = set(self._names), False
 
     @property
@@ -95,7 +95,7 @@ class Complaint:
 class Diagnostics:
     """Publishes a node's health at 1 Hz, and more often at first, so that nobody waits long for its first OK.
 
-    This is wall time, so that it also shows a simulation clock that stands still.
+    It keeps wall time, so it goes on reporting if a simulation clock stands still.
 
     Topics that are subscribed and advertised through it add their own figures: messages per second of wall time since the last
     report, messages that did not arrive, and the latency, that is the age of the newest message on arrival by the node's
@@ -103,7 +103,7 @@ class Diagnostics:
 
     Args:
         node: the node.
-        report: makes its report.
+        report: makes the node's report.
         frame_prefix: of the cell's frames, put before their names in the messages that the node advertises through this.
     """
 
@@ -118,7 +118,7 @@ class Diagnostics:
 
     @property
     def lost(self) -> int:
-        """Number of messages that were published on the subscribed topics and did not come here."""
+        """Number of messages that were published on the subscribed topics but did not arrive here."""
         return sum(passed.losses.messages for passed in self._inputs.values())
 
     def subscribe(

@@ -1,4 +1,4 @@
-"""What the executables of the nodes run: they end quietly even if they are told to while they are still loading."""
+"""What the nodes' executables run: they end quietly even if they are told to end while they are still loading."""
 
 import ctypes
 import importlib
@@ -7,9 +7,9 @@ import signal
 import sys
 
 PARENT = "PUSHFRIC_PARENT"
-"""Environment variable that names the process with whose end a node is to end, too: the one that started it.
+"""Environment variable with the id of the process that started a node: when that process ends, the node ends, too.
 
-`ros2 launch` leaves its nodes, and so the pusher, running when it is killed.
+Without it, `ros2 launch` leaves its nodes, and so the pusher, running when it is killed.
 """
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -24,7 +24,7 @@ def main() -> None:
         signal.signal(number, lambda *_: os._exit(0))
     if parent := os.environ.get(PARENT):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != int(parent):  # it has ended already
+        if os.getppid() != int(parent):  # the parent has ended already
             sys.exit()
     try:
         if {"-h", "--help"} & set(sys.argv[1:]):

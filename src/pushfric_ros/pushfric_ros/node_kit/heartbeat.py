@@ -25,7 +25,7 @@ class Heartbeat:
         self._timer = node.create_timer(PERIOD, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def own(self, goal: bytes | None) -> None:
-        """From now on, and at once: the id of a goal of `push`, 16 bytes; None: no more."""
+        """Own a goal of `push` from now on, and say so at once: its id, 16 bytes; None to own no goal any longer."""
         self._msg.value = (goal or b"").hex()
         self._beat()
 

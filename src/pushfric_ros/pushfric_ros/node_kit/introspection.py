@@ -1,4 +1,4 @@
-"""What a node offers, asks for and can be set to, told by the node itself."""
+"""What a node offers, needs and can be set to, as the node itself tells it."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from pushfric_ros.node_kit.transforms import TransformBroadcaster
 from pushfric_ros.node_kit.visit import Visit
 
 LARGEST = 2**62
-"""Integer ranges end here where they have no end."""
+"""An integer range without an end is given this one."""
 
 GRAPH_PATIENCE = 120.0
 """How long the middleware may take to know all of a node of this process [s]."""
@@ -60,12 +60,12 @@ class Introspection:
     Args:
         namespace: of the nodes.
     Attributes:
-        every_node: what every node has; also what the middleware alone knows of, such as /rosout.
+        every_node: what every node has, including what only the middleware knows of, such as /rosout.
     """
 
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace
-        set_logger_level("", LoggingSeverity.WARN)  # nodes that are only asked have no news
+        set_logger_level("", LoggingSeverity.WARN)  # nodes that are only asked have nothing to log
         with Visit(partial(Node, "plain", namespace=namespace)) as plain:
             self._common = {*_endpoints(plain.node, namespace)}
             self.every_node = _every_node(plain.node, namespace)
@@ -103,7 +103,7 @@ def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
     topics = [("publishes", out.topic_name, out) for out in node.publishers]
     topics += [("subscribes", into.topic_name, into) for into in node.subscriptions]
     made = [Endpoint(role, name, _type_name(of.msg_type), _qos(of.qos_profile)) for role, name, of in topics]
-    # also where tf2_msgs, and so the publisher, is missing
+    # also if tf2_msgs, and so the publisher, is missing
     made = [endpoint for endpoint in made if endpoint.type != TRANSFORMS]
     broadcasters = [value for value in vars(node).values() if isinstance(value, TransformBroadcaster)]
     made += [Endpoint("publishes", one.topic, TRANSFORMS, _qos(one.qos)) for one in broadcasters]
@@ -139,10 +139,10 @@ def _every_node(plain: Node, namespace: str) -> list[Endpoint]:
 
 
 def _await_graph(node: Node) -> None:
-    """Wait until the middleware's graph, which alone knows of actions, knows all else that the node has.
+    """Wait until the middleware's graph, which alone knows of actions, knows everything else that the node has.
 
     Raises:
-        TimeoutError: it does not within GRAPH_PATIENCE.
+        TimeoutError: the graph is not complete within GRAPH_PATIENCE.
     """
     here = node.get_name(), node.get_namespace()
     subscribed = {subscription.topic_name for subscription in node.subscriptions}
@@ -158,7 +158,7 @@ def _await_graph(node: Node) -> None:
 
 
 def _relative(name: str, namespace: str, node: str) -> str:
-    """Without the cell's namespace, and with ~ for the node, so that nodes can be compared."""
+    """The name without the cell's namespace, and with ~ for the node, so that nodes can be compared."""
     name = name.removeprefix(f"{namespace}/")
     return f"~/{name.removeprefix(f'{node}/')}" if name.startswith(f"{node}/") else name
 

@@ -9,7 +9,7 @@ class Losses:
     """Counts what one subscription misses.
 
     The middleware reports what it lost on the way, but not what a full queue dropped while this process was busy or stopped.
-    The publisher's numbers show both, but only where there is a single publisher.
+    The publisher's numbers show both, but only if there is a single publisher.
     """
 
     def __init__(self) -> None:

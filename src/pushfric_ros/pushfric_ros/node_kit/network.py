@@ -27,10 +27,10 @@ RCLError = rclpy_implementation.RCLError
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
-"""Environment variables of ROS 2 by which users say whom their nodes may reach; they count for more than a cell's file."""
+"""Environment variables of ROS 2 by which users say whom their nodes may reach; they override a cell's file."""
 
 FILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Environment variables that name the file of profiles, before and since Fast DDS 3, which complains about the former."""
+"""Environment variables that name the file of profiles, before and since Fast DDS 3, which warns about the older one."""
 
 FILES = ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml")
 """Files of profiles that Fast DDS takes from the working folder."""
@@ -63,12 +63,12 @@ def asked_for(discovery: Discovery) -> dict[str, str]:
 
 @contextlib.contextmanager
 def configured(images: bool = False) -> Iterator[None]:
-    """Within the context, the environment is such that a process's first node is set up as this module says.
+    """Within the context, the environment makes Fast DDS set up a process's first node as this module says.
 
     Args:
         images: the process publishes images.
     Raises:
-        InvalidInput: SROS 2 is switched on, and the node made within the context has no keys, or the middleware no security.
+        InvalidInput: SROS 2 is switched on, but the node made within the context has no keys, or the middleware no security.
     """
     wanted = _settings(images)
     before = {name: os.environ.get(name) for name in wanted}

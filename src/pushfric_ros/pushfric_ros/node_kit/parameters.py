@@ -25,15 +25,15 @@ EMPTY = {int: Parameter.Type.INTEGER_ARRAY, float: Parameter.Type.DOUBLE_ARRAY, 
 def declare(node: Node, config_class: type[Config]) -> Any:
     """Declare every field of a config dataclass as a read-only parameter of `node`; return the config with its values.
 
-    A field that may be None takes the text auto for it.
+    For a field that may be None, the text auto stands for None.
 
     Raises:
-        InvalidInput: one that is required is not given, or `pushfric_core.settings.read` refuses the values.
+        InvalidInput: a required parameter is not given, or `pushfric_core.settings.read` refuses the values.
     """
     fields = settings.fields_of(config_class)
     if taken := [field.name for field in fields if node.has_parameter(field.name)]:
         raise InvalidInput(f"{node.get_fully_qualified_name()}: {config_class.__name__} repeats the setting {', '.join(taken)}")
-    # Of any type at first: what is wrong with a value is then told in the same words as of a cell's file.
+    # Of any type at first, so that a wrong value is refused in the same words as in a cell's file.
     given = {}
     for field in fields:
         given[field.name] = node.declare_parameter(field.name, _default(field), ParameterDescriptor(dynamic_typing=True)).value
@@ -48,7 +48,7 @@ def declare(node: Node, config_class: type[Config]) -> Any:
         if type(plain.get(field.name)) is float and type(given[field.name]) is not float:  # 1 may be given for 1.0
             node.set_parameters([Parameter(field.name, value=plain[field.name])])
         elif field.name not in plain:
-            # an empty list: left unset, it would hide all others from `ros2 param dump`
+            # an empty list: a parameter left unset would hide all others from `ros2 param dump`
             kind = EMPTY[settings.written(typing.get_args(hints[field.name])[0])]
             node.set_parameters([Parameter(field.name, kind, [])])
         descriptor = _descriptor(field, hints[field.name])
@@ -61,7 +61,7 @@ def _default(field: Any) -> Any:
     if settings.is_required(field):
         return None
     value = settings.plain_value(field.default)
-    return None if value == [] else value  # of what an empty list is one, ROS cannot tell
+    return None if value == [] else value  # ROS cannot tell the type of an empty list
 
 
 def overrides(values: Mapping[str, Any]) -> list[Parameter]:
@@ -76,7 +76,7 @@ def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:
         description=field.metadata.get("description", ""), additional_constraints="; ".join(constraints), read_only=True
     )
     if hint not in (bool, int, float, str):
-        # a text has no range, and an empty list that is given no type: the dataclass sees to both
+        # a text has no range, and an empty list no type: the dataclass checks both
         descriptor.dynamic_typing = True
         return descriptor
     low, high = field.metadata.get("low"), field.metadata.get("high")

@@ -26,7 +26,7 @@ from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
 
 PATIENCE = 5.0
-"""For the actuator's answer [s]."""
+"""How long the actuator may take to answer [s]."""
 
 
 class NoAnswer(PushfricError):
@@ -39,7 +39,7 @@ def line(state: PusherState) -> str:
 
 
 class Person(contextlib.AbstractContextManager["Person"]):
-    """A node of their own, for as long as one command takes."""
+    """The person's own node, for as long as one command takes."""
 
     def __init__(self, namespace: str, enclave: str) -> None:
         self._context = rclpy.Context()
@@ -62,7 +62,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
         rclpy.try_shutdown(context=self._context)
 
     def spin(self, seconds: float) -> None:
-        """Wait a moment, and take what comes."""
+        """Wait this long [s], and take the messages that come."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def _take(self, state: PusherState) -> None:
@@ -70,14 +70,22 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self.on_state(state)
 
     def say_stop(self) -> None:
-        """On the topic, which also reaches who serves no service."""
+        """Publish a stop on the topic, which also reaches nodes that serve no service.
+
+        Raises:
+            NoAnswer: nobody listens to the topic.
+        """
         out = self._node.create_publisher(Empty, "stop", RELIABLE)
         with contextlib.suppress(NoAnswer):
             self._wait(out.get_subscription_count, "nobody listens to the topic stop")
             out.publish(Empty())
 
     def call(self, service: str) -> str:
-        """What a Trigger service answers. Raises NoAnswer if nobody answers, or the answer is a refusal."""
+        """What a Trigger service answers.
+
+        Raises:
+            NoAnswer: nobody answers, or the answer is a refusal.
+        """
         client = self._node.create_client(Trigger, service)
         self._wait(client.service_is_ready, f"no service {self._node.resolve_service_name(service)}: does the cell run?")
         answer = self._future(client.call_async(Trigger.Request()), f"{client.srv_name} does not answer")
@@ -86,14 +94,22 @@ class Person(contextlib.AbstractContextManager["Person"]):
         return str(answer.message)
 
     def state(self, new: bool = False) -> PusherState:
-        """The last state; `new`: one that was not given before."""
+        """The last state; with `new`, one that was not returned before.
+
+        Raises:
+            NoAnswer: no state comes.
+        """
         if new:
             self._states.clear()
         self._wait(lambda: self._states, "no pusher_state comes: does the cell run?")
         return self._states[-1]
 
     def health(self) -> dict[str, str]:
-        """The actuator's diagnostics."""
+        """The actuator's diagnostics.
+
+        Raises:
+            NoAnswer: none come.
+        """
 
         def found() -> list[Any]:
             return [status for status in self._health if status.name == self._actuator]
@@ -103,7 +119,11 @@ class Person(contextlib.AbstractContextManager["Person"]):
         return {"message": last.message, **{value.key: value.value for value in last.values}}
 
     def jog(self, distance: float, speed: float) -> str:
-        """Own a stroke until it is done. Raises NoAnswer where it does not arrive."""
+        """Move the pusher by a distance [m] at a speed [m/s], and own the goal until it is done.
+
+        Raises:
+            NoAnswer: the actuator does not answer or refuses, or the pusher does not arrive.
+        """
         client = ActionClient(self._node, Push, "push")
         try:
             self._wait(client.server_is_ready, "no action push: does the cell run?")

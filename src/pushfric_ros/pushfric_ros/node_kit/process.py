@@ -29,13 +29,13 @@ WINDING_UP, LAST_WORDS = 2.0, 0.1
 HUNG = 60
 """A node whose executor has not turned for this long [s] has hung: the kernel ends its process by SIGALRM.
 
-So whoever started the node sees it die, and no thread is needed, which could hang as well. A stopped process is ended when it
-goes on.
+So the process that started the node sees it die. A watching thread, which could hang as well, is not needed. A stopped process
+is ended when it goes on.
 """
 
 LAST_RESORT, LAST_RESORT_IDLE = 5.0, 60.0
-"""If a process has not ended after this much CPU time [s] since it was asked to, or began to, the kernel ends it; or after the
-second time [s] if it hangs without using the CPU.
+"""A process that was asked to end, or began to end, has this much CPU time [s] left before the kernel ends it; if it hangs
+without using the CPU, the second time [s].
 
 Fast DDS may spin for ever if it is destroyed while it learns of the end of another process (eProsima/Fast-DDS#6513), and it
 keeps Python from running meanwhile. A healthy end takes 0.2 s of CPU time, but on a busy machine many times longer.
@@ -114,13 +114,13 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
 
 
 def _leave(code: int) -> NoReturn:
-    """End the process now: tearing down the interpreter would take longer than all the rest, and undo nothing more."""
+    """End the process now: to tear down the interpreter would take longer than all the rest, and would undo nothing more."""
     # The middleware gives its shared memory back when the last handle of the node has gone.
     rclpy.get_default_context().destroy()
     gc.collect()
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError):  # whoever read it has gone
+        with contextlib.suppress(OSError):  # its reader has gone
             stream.flush()
     os._exit(code)
 

@@ -79,10 +79,10 @@ PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, in wall time [s]."""
 
 HANDOVER_PERIOD = 0.2
-"""Time between two looks into the bag, while an estimator that was started again goes on from it, in wall time [s]."""
+"""While a restarted estimator catches up from the bag: time between two reads of the bag, in wall time [s]."""
 
 QUIET = 0.5
-"""The limit surface is published when the estimate has stood for this long [s] of wall time."""
+"""The limit surface is published when the estimate has not changed for this long, in wall time [s]."""
 
 
 class EstimatorNode(Node):
@@ -149,7 +149,7 @@ class EstimatorNode(Node):
         """Write the model that is to be kept, and destroy the node.
 
         Raises:
-            InvalidInput: it cannot be written.
+            InvalidInput: the model cannot be written.
         """
         try:
             if self._models.save and self._estimate is not None and self._estimate.contradiction is None:
@@ -161,7 +161,7 @@ class EstimatorNode(Node):
             super().destroy_node()
 
     def _interrupted(self) -> "Handover | None":
-        """What an estimator that died in this run has left; None if this is the first one."""
+        """What an estimator that died in this run has left behind; None if this is the run's first estimator."""
         if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
             return None
         from pushfric_ros.bags.handover import Handover  # imported late: few estimators need to read bags
@@ -174,7 +174,7 @@ class EstimatorNode(Node):
         return None if handover.start is None else handover
 
     def _go_on(self) -> None:
-        """Take what the bag holds, and, once it holds all that came before, what came by topic."""
+        """Take the messages of the bag; once it holds all earlier ones, take those that came by topic meanwhile."""
         assert self._handover is not None
         try:
             found = self._handover.read_on()
@@ -183,7 +183,7 @@ class EstimatorNode(Node):
         before = self._estimate
         if found is None:
             return
-        if not self._caught_up:  # with the other estimator, whose last words are known only now
+        if not self._caught_up:  # with the earlier estimator, whose last messages are known only now
             self._caught_up = True
             self._begin(self._handover.start.object)
             self._publish_settings()
@@ -219,7 +219,7 @@ class EstimatorNode(Node):
         self._estimator = settings.new_estimator(model.support_points)
         self._recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
         self._half_planes = HalfPlanes(model.outline, settings.region.region_margin)
-        self._left_out: set[int] = set()  # pushes that the region is made without
+        self._left_out: set[int] = set()  # pushes that the region does not use
         self._estimate: Estimate | None = None
         self._model: tuple[Estimate, FrictionModel] | None = None  # the last estimate that was asked to predict
         self._before: Estimate | None = None  # the estimate a moment ago
@@ -243,7 +243,7 @@ class EstimatorNode(Node):
             self._transforms.broadcast(object_transform(msg))
 
     def _take_input(self, topic: str, msg: Any) -> bool:
-        """Make data points of a message, be it from a topic or from the bag; return whether it made sense."""
+        """Make data points from a message of a topic or of the bag; return whether the message was valid."""
         try:
             if topic == "wrench":
                 assert self._sensed_force is not None
@@ -299,7 +299,7 @@ class EstimatorNode(Node):
             self._observations_out.publish(observation_to_msg(observation, self._object.name))
 
     def _learn(self, observation: Observation) -> None:
-        """Take a data point without a word."""
+        """Take a data point without publishing anything."""
         if self._add(observation):
             self._narrow(observation)
             self._recognize(observation)
@@ -314,7 +314,7 @@ class EstimatorNode(Node):
         return True
 
     def _recognize(self, observation: Observation) -> bool:
-        """Rank again; return whether there is another ranking."""
+        """Rank again; return whether the ranking is a new one."""
         if self._recognizer is None:
             return False
         try:
@@ -339,7 +339,7 @@ class EstimatorNode(Node):
             self._publish_ranking()
 
     def _narrow(self, observation: Observation) -> None:
-        """Narrow the region down with one more data point; from the start, if other pushes are left out than before."""
+        """Narrow the region down with one more data point; start over if the pushes that are left out have changed."""
         rejected = {one.push_id for one in self._estimator.rejected}
         if rejected != self._left_out:
             self._narrow_again()
@@ -395,7 +395,7 @@ class EstimatorNode(Node):
         self._contact_friction_out.publish(msg.contact_friction)
 
     def _take_back(self) -> None:
-        """Publish that nothing is known, as without data points nothing published before is valid any more."""
+        """Publish that nothing is known: without data points, nothing that was published before is valid any longer."""
         msg = nothing_known(self._object.name)
         self._estimate_out.publish(msg)
         self._publish_parts(msg)
@@ -415,7 +415,7 @@ class EstimatorNode(Node):
 
     def _start_afresh(self, chosen: str) -> None:
         load_object(chosen)  # what cannot be loaded changes nothing
-        if self._handover is not None:  # what it was to bring does not count any longer
+        if self._handover is not None:  # the rest of the bag no longer counts
             self._look.cancel()
             self._handover = None
         self._begin(chosen)
@@ -484,7 +484,7 @@ class EstimatorNode(Node):
         return response
 
     def _friction(self) -> tuple[Estimate, FrictionModel]:
-        """The last estimate and what predicts from it, made when it is first asked for.
+        """The last estimate, and the model that predicts from it, which is made when it is first needed.
 
         Raises:
             ValueError: there is no estimate to predict from.
@@ -513,14 +513,14 @@ class EstimatorNode(Node):
             return response
 
     def _publish_limit_surface(self) -> None:
-        """The limit surface of an estimate that has stood for a while: it takes longer than data points may wait."""
+        """Publish the limit surface of an estimate that has lasted a while: it takes longer than a data point may wait."""
         settled, self._before = self._before is self._estimate, self._estimate
         if not settled or self._drawn is self._estimate:
             return
         self._drawn = self._estimate
         try:
             msg = limit_surface_to_msg(*self._friction(), self._object.name)
-        except (ValueError, PushfricError):  # no estimate any longer, or one that says so itself
+        except (ValueError, PushfricError):  # there is no estimate any longer, or it has no limit surface
             msg = LimitSurface(object=self._object.name)
         self._limit_surface_out.publish(msg)
 
@@ -529,7 +529,7 @@ class EstimatorNode(Node):
         self._start_afresh(self._chosen)
 
     def _publish_progress(self) -> None:
-        """Publish up to when all poses have become data points, if that has changed."""
+        """Publish the time up to which all poses have become data points, if it has changed."""
         settled, waiting = self._trajectory.settled, None
         if self._sensed_force is not None:
             waiting = self._sensed_force.waiting_since

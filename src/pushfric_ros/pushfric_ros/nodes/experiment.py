@@ -87,8 +87,8 @@ class ExperimentNode(Node):
         self._idle_since: float | None = None
         self._offsets: dict[
             str, tuple[float, str]
-        ] = {}  # whose stamps -> how far ahead of this node's time [s], and the remedy
-        self._following = self._followed()  # whether what is seen of the present push can be
+        ] = {}  # by the source of stamps: how far they are ahead of this node's time [s], and the remedy
+        self._following = self._followed()  # judges whether the poses of the present push are possible
         self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
         self._condition: tuple[Callable[[], bool], Future] | None = None
         topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
@@ -97,7 +97,7 @@ class ExperimentNode(Node):
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
             topics.subscribe(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
         self.create_timer(0.05, self._check_condition)
-        # in a group of its own, as the plan waits in this callback while others run
+        # in a group of its own, because the plan waits in this callback while other callbacks run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
 
     async def _carry_out(self) -> None:
@@ -124,7 +124,7 @@ class ExperimentNode(Node):
         raise SystemExit(0)
 
     async def _withdraw(self) -> str | None:
-        """Bring the pusher back from where an aborted push or an earlier run has left it; return what went wrong, or None."""
+        """Bring the pusher back from where an aborted push or an earlier run left it; return what went wrong, or None."""
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         assert self._pusher is not None
         if self._pusher.position <= WITHDRAWN:
@@ -167,11 +167,11 @@ class ExperimentNode(Node):
         return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
 
     async def _others(self) -> None:
-        """Wait for the other nodes. One that reports OK receives the topics it needs, and so misses nothing of a push."""
+        """Wait for the other nodes. A node that reports OK receives the topics it needs, so it misses nothing of a push."""
         await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
 
     async def _choose(self) -> PlannedPush | None:
-        """The push that shrinks the region of p_CF most, once the estimator knows the whole last push; None if no push does."""
+        """The push that shrinks the region of p_CF most, once the estimator has the whole last push; None if no push does."""
 
         def missing() -> str | None:
             known = self._region is not None and stamp_from_msg(self._region.header.stamp) == self._newest
@@ -221,7 +221,7 @@ class ExperimentNode(Node):
         return stopped[0] if stopped else str(result.result().result.message)
 
     def _blindness(self) -> str | None:
-        """Why the pusher is not brought back yet: what it would do to an object that nobody sees is not known."""
+        """Why the pusher is not brought back yet: nobody knows what it would do to an object that is not seen."""
         if not self._blind or not self._unseen:
             self._blind = False
             return None
@@ -234,7 +234,7 @@ class ExperimentNode(Node):
         return response
 
     def _on_next(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """A person wants to go on: past this push, or past waiting until the object is seen."""
+        """A person wants to skip this push, or the wait until the object is seen."""
         if self._blind:
             return self._on_withdraw(_, response)
         response.success = self._progress.phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
@@ -312,7 +312,7 @@ class ExperimentNode(Node):
         return contradiction and f"{contradiction}; {REMEDY}"
 
     def _foreign_clock(self) -> str | None:
-        """Whose stamps are of another time than this node's, by how much, and what to do; None if all agree."""
+        """Which stamps differ from this node's time, by how much, and what to do; None if all agree."""
         for whose, (offset, remedy) in self._offsets.items():
             if abs(offset) > self._config.clock_tolerance:
                 way = "ahead of" if offset > 0 else "behind"

@@ -36,7 +36,7 @@ WATCH_PERIOD_NS = 20_000_000  # of wall time, between checks of endpoints and ac
 ACKNOWLEDGE_WITHIN_NS = 5_000_000_000  # of wall time
 DEFAULT_DEPTH = 10
 DEPTH_LIMIT = 10_000  # most messages kept for late acknowledgements, whatever the bag says
-LATE = 1.0  # of wall time [s]; a player that is later than this says so
+LATE = 1.0  # of wall time [s]; a player that is later than this warns
 OVERRIDABLE = QoSOverridingOptions(
     (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 )
@@ -92,7 +92,7 @@ class PlayerNode(Node):
         return self._done
 
     def _publisher(self, name: str, kind: type, qos: QoSProfile) -> Publisher:
-        """Make the publisher of a topic; rclpy writes the overrides into `qos`."""
+        """Create the publisher of a topic; rclpy writes the overrides into `qos`."""
         try:
             return self._diagnostics.advertise(kind, name, qos, OVERRIDABLE)
         except (InvalidParameterTypeException, RuntimeError, ValueError) as error:
@@ -113,7 +113,7 @@ class PlayerNode(Node):
         names = []
         for text in filter(None, texts):
             try:
-                # not remapped, as remapping applies to what is published, not to the bag
+                # not remapped, because remapping applies to the published topics, not to the bag
                 name = expand_topic_name(text, self.get_name(), self.get_namespace())
                 validate_full_topic_name(name)
             except InvalidTopicNameException as error:
@@ -129,7 +129,7 @@ class PlayerNode(Node):
             self._call_in(0, self._play)
 
     def _rewind(self) -> None:
-        """Go to where playing begins; publish again what was latched there."""
+        """Go to where playing begins, and publish the messages that were latched there again."""
         self._messages = self._bag.messages(self._played, self._begin_ns)
         self._next = next(self._messages, None)
         self._next_clock_ns = self._begin_ns
@@ -185,7 +185,7 @@ class PlayerNode(Node):
         self._timer.reset()
 
     def _anchor(self, bag_ns: int) -> None:
-        """Let the time of the bag run from here on."""
+        """Let the bag's time run from this moment on."""
         self._anchor_bag_ns, self._anchor_wall_ns = bag_ns, self._wall.now().nanoseconds
 
     def _bag_time(self) -> int:

@@ -81,8 +81,8 @@ class RecorderNode(Node):
         """Finish the bag and destroy the node.
 
         Raises:
-            InvalidInput: it could not be finished, as where the disk is full.
-            MessagesLost: it is whole, but was not given all that was published.
+            InvalidInput: the bag could not be finished, for example because the disk is full.
+            MessagesLost: the bag is whole, but some published messages never reached it.
         """
         try:
             self._write_waiting(self.get_clock().now().nanoseconds)
@@ -161,7 +161,7 @@ class RecorderNode(Node):
 
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
-        # a loss is warned of when it happens, and then stands in the count: what is recorded from then on is whole again
+        # a loss is warned of once and stays in the count, because what is recorded after it is complete again
         before_lost, self._reported_lost = self._reported_lost, {n: losses.messages for n, losses in self._losses.items()}
         lost = {name: total - before_lost.get(name, 0) for name, total in self._reported_lost.items()}
         values: dict[str, Any] = {
@@ -183,7 +183,7 @@ class RecorderNode(Node):
 
 
 def _met_by_all(found: Sequence[QoSProfile]) -> QoSProfile:
-    """The strongest request that every one of the publishers meets."""
+    """The strongest request that all of the publishers meet."""
     reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in found)
     latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in found)
     return QoSProfile(

@@ -49,15 +49,15 @@ START = 1_000_000_000_000_000_000
 """Simulated time begins here [ns], so that no stamp looks like the 0 of a missing stamp."""
 
 LAG = 0.15
-"""With a real controller, a frame shows the world this long ago [s]: where the tip was then lies between two of its reports."""
+"""With a real controller, a frame shows the world as it was this long ago [s]: two reports enclose the tip's place then."""
 
 REPORTS = 100
-"""So many of the pusher's reports are kept."""
+"""Number of the pusher's reports that are kept."""
 
 
 @dataclass(frozen=True)
 class SimulatedCellConfig:
-    """Where the simulated camera and controller take the place of real ones."""
+    """How the simulated camera and controller take the place of real ones."""
 
     calibration: str = setting(REQUIRED, "path of the camera's calibration YAML")
     port_link: str = setting("", "path at which the controller's serial port appears; empty: the controller is a real one")
@@ -127,7 +127,7 @@ class SimulatedCellNode(Node):
         os.symlink(self._grbl.port, path)
 
     def _step(self) -> None:
-        """In simulated time, which goes on from step to step."""
+        """Advance by one step of simulated time."""
         assert self._grbl is not None
         self._steps += 1
         self._elapsed = self._steps * self._period
@@ -139,7 +139,7 @@ class SimulatedCellNode(Node):
             self._publish_frame(stamp)
 
     def _follow(self) -> None:
-        """In real time, with a real controller: a frame of what was a moment ago."""
+        """With a real controller, in real time: publish a frame of what was there a moment ago."""
         then = self.get_clock().now().nanoseconds - round(LAG * 1e9)
         self._elapsed = time.monotonic() - self._wall_start
         self._operate()
@@ -148,7 +148,7 @@ class SimulatedCellNode(Node):
         self._publish_frame(stamp_to_msg(then))
 
     def _reported(self, then: int) -> float | None:
-        """Where the tip was [m], as the actuator reported it before and after; None: nothing was reported yet."""
+        """Where the tip was [m], from the actuator's reports before and after; None if nothing has been reported yet."""
         if not self._reports:
             return None
         stamps, positions = zip(*self._reports, strict=True)
@@ -189,7 +189,7 @@ class SimulatedCellNode(Node):
         self._info_out.publish(self._info)
 
     def _on_placement(self, msg: PoseStamped) -> None:
-        """Take the object away and put it almost where it is wanted, as a human operator would."""
+        """Take the object away and put it almost in its place, as a human operator would."""
         try:
             wanted = pose_from_msg(msg.pose)
         except ValueError as error:
@@ -209,8 +209,11 @@ class SimulatedCellNode(Node):
 
 
 def pushed_object(name: str, contact_friction: float) -> PushedObject:
-    """What is pushed: an object of Table 1 as it is, or one from a file with its weight evenly on the support points.
+    """The object that is pushed: one of Table 1 as it is, or one from a file, with equal weights on its support points.
 
+    Args:
+        name: of the object of Table 1, or path of its file.
+        contact_friction: mu_c of an object from a file.
     Raises:
         InvalidInput: there is no such object.
     """

@@ -1,4 +1,4 @@
-"""The tip source node: the place of a tip that another robot moves -> pusher_state, with a number for each push."""
+"""The tip source node: the position of a tip that another robot moves -> pusher_state, with a number for each push."""
 
 import math
 from typing import Any
@@ -58,7 +58,7 @@ class TipSourceNode(Node):
     def _on_body(self, body: Any) -> None:
         stamp, tip = self._mount.stamp(body), self._mount.point(body)
         if self._last is not None and stamp <= self._last[0]:
-            return  # the same again, or one that was overtaken
+            return  # a repetition, or a message that a later one overtook
         speed = 0.0
         if self._last is not None:
             moved = tip - self._last[1]
@@ -81,7 +81,7 @@ class TipSourceNode(Node):
         self._out.publish(msg)
 
     def _count(self, tip: Array) -> None:
-        """Number the pushes: another one begins when the tip comes near the object again."""
+        """Number the pushes: a new push begins when the tip comes near the object again."""
         distance = math.inf
         if self._pose is not None:
             at = transform(inverse(self._pose), tip)

@@ -68,8 +68,8 @@ REPLACED = 0.03
 """An object that moves farther than this [m] between two frames was moved by hand."""
 
 UNWATCHED = 0.2
-"""In a time this long [s] without a frame, a person can turn the object: of orientations that look alike, its last one decides
-no longer."""
+"""In a gap of this length [s] between frames, a person can turn the object: its last orientation then no longer decides among
+those that look alike."""
 
 FROZEN_FRAMES = 3
 """This many identical frames in a row mean that the camera is frozen."""
@@ -285,8 +285,8 @@ class TrackerNode(Node):
 def grey_from_msg(msg: ImageMsg) -> Image:
     """The image (height, width) in grey levels, mono8.
 
-    Of mono16 the upper byte is taken, of YUV the luminance as it is. If the message holds contiguous grey values, the image
-    shares the memory of the message.
+    Mono16 gives its upper byte, YUV its luminance as it is. If the message holds contiguous grey values, the image shares the
+    memory of the message.
 
     Raises:
         ValueError: the encoding is not in `TO_GREY`, or the sizes do not fit the data.

@@ -31,8 +31,8 @@ from pushfric_ros.view.story import Change, Story
 class ViewNode(Node):
     """Serves a page that shows the run.
 
-    What was estimated is received from the start, for those who come late; images, poses and pusher states only while somebody
-    looks.
+    The node subscribes to estimates from the start, for visitors who come late; to images, poses and pusher states only while
+    somebody looks.
     """
 
     AT_TIMES: ClassVar = {
@@ -40,13 +40,13 @@ class ViewNode(Node):
         "object_pose": (PoseWithCovarianceStamped, SENSOR_DATA),
         "pusher_state": (PusherState, RELIABLE),
     }
-    """What is received only while somebody looks, with type and quality of service."""
+    """The topics that are received only while somebody looks, with their types and qualities of service."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("view", **kwargs)
         model, config = declare(self, ObjectConfig), declare(self, ViewConfig)
         self._story = Story(load_object(model.object), self.get_namespace())
-        self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this one to do
+        self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
         self._wake = self.create_guard_condition(self._do_what_is_asked)
         self._server = Server(config, self._on_request, self._on_looking)
         self._server.show(self._story.begin())
@@ -58,7 +58,7 @@ class ViewNode(Node):
         self._services_of["exclude"] = self.create_client(ExcludePush, "estimator/exclude_push")
         self._diagnostics = topics = Diagnostics(self, self._health)
         story = self._story
-        # from the start, whoever looks: a visitor who comes late is told all of it
+        # from the start, even if nobody looks: a visitor who comes late is told all of it
         self._needed = [
             topics.subscribe(FrictionEstimate, "friction_estimate", self._telling(story.on_estimate), LATCHED_QUEUE),
             topics.subscribe(Observation, "observation", self._telling(story.on_observation), RELIABLE),
@@ -108,7 +108,7 @@ class ViewNode(Node):
         self._wake.trigger()
 
     def _look(self, looking: bool) -> None:
-        """Receive what moves, or do so no longer."""
+        """Begin to receive what moves, or stop receiving it."""
         self._looking = looking
         for subscription in self._watched:
             self.destroy_subscription(subscription)
