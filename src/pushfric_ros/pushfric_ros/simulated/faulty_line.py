@@ -17,10 +17,10 @@ TICK = 0.002  # [s]
 
 
 class FaultyLine:
-    """Passes bytes on as they come, but for the faults that are set. Use as a context manager.
+    """Passes bytes on as they come, except for the faults that are set. Use as a context manager.
 
-    `to_controller` and `to_host` are given what has come, and return what is passed on; `delay` holds back what the
-    controller says. `heard` gets every piece of that, before any fault: whoever listens there knows the truth.
+    `to_controller` and `to_host` are functions that are given the bytes that came and return the bytes to pass on. `delay` [s]
+    holds back what the controller says. `heard` is given every piece of that before any fault, so it hears the truth.
     """
 
     def __init__(self, port: str, baud: int = 115200) -> None:
@@ -56,7 +56,7 @@ class FaultyLine:
         os.close(self._master)
 
     def tell_controller(self, data: bytes) -> None:
-        """As somebody else would who holds the line."""
+        """Write to the controller as another program on the line would."""
         with self._lock:
             self._serial.write(data)
 
@@ -71,7 +71,7 @@ class FaultyLine:
                 passed = self.to_host(said)
                 self._late.append((time.monotonic() + self.delay, passed))
             while self._late and self._late[0][0] <= time.monotonic():
-                with contextlib.suppress(BlockingIOError):  # nobody reads: a line does not wait
+                with contextlib.suppress(BlockingIOError):  # nobody reads, and a line does not wait
                     os.write(self._master, self._late.popleft()[1])
 
 

@@ -27,7 +27,7 @@ OVERRIDES: dict[int, tuple[str, int, bool]] = {
     0x90: ("feed", 100, False), 0x91: ("feed", 10, True), 0x92: ("feed", -10, True), 0x93: ("feed", 1, True),
     0x94: ("feed", -1, True), 0x95: ("rapid", 100, False), 0x96: ("rapid", 50, False), 0x97: ("rapid", 25, False),
 }  # fmt: skip
-"""Real-time bytes: of what, percent, and whether these are added."""
+"""Real-time bytes of the overrides: what they change, by or to how many percent, and whether these are added."""
 LEAST_FEED, MOST_FEED = 10, 200  # overrides [%]
 WORDS = re.compile(r"([A-Z])([-+]?(?:\d+\.?\d*|\.\d+))")
 GROUPS: dict[str, dict[float, str]] = {
@@ -36,7 +36,7 @@ GROUPS: dict[str, dict[float, str]] = {
           93: "feed mode", 94: "feed mode", **dict.fromkeys(range(54, 60), "coordinates")},
     "M": {0: "stop", 2: "stop", 30: "stop", **dict.fromkeys((3, 4, 5), "spindle"), 8: "coolant", 9: "coolant"},
 }  # fmt: skip
-"""Modal groups. Offsets, probing and arcs are not there: what asks for them is an unknown command, or lacks a centre."""
+"""Modal groups. Offsets, probing and arcs are missing: a line that asks for them is an unknown command, or lacks a centre."""
 OFFSETS = ["G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"]
 MOST_LINES, MOST_TOOLS = 10_000_000, 255
 WHOLE = {0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32}
@@ -86,8 +86,8 @@ def blended(
 ) -> tuple[Motion, list[float]]:
     """The motion through several lines, to rest: GRBL's planner in one dimension.
 
-    Where a line goes on in the direction of the one before, the carriage keeps the slower speed of the two; where the direction
-    turns round, it stops.
+    If a line goes on in the direction of the line before, the carriage keeps the slower of the two speeds; if the direction
+    is reversed, it stops.
 
     Args:
         begin: now [s].
@@ -96,7 +96,7 @@ def blended(
         lines: target [mm] and speed [mm/s] of each.
         acceleration: [mm/s^2]
     Returns:
-        the motion, and when each line ends [s].
+        The motion, and when each line ends [s].
     """
     starts = [position, *(target for target, _ in lines[:-1])]
     ways = [target - start for start, (target, _) in zip(starts, lines, strict=True)]
@@ -119,7 +119,7 @@ def blended(
 
 
 def _ramps(way: float, first: float, last: float, fastest: float, acceleration: float) -> list[tuple[float, float]]:
-    """Up, or down, to the greatest speed that a line allows, along, and down to its end."""
+    """Ramps up or down to the greatest speed that a line allows, along at it, and down to the speed at its end."""
     peak = min(max(fastest, last), math.sqrt((first**2 + last**2) / 2 + acceleration * way))
     up, down = abs(peak - first) / acceleration, (peak - last) / acceleration
     along = way - up * (first + peak) / 2 - down * (peak + last) / 2
@@ -130,10 +130,10 @@ def _ramps(way: float, first: float, last: float, fastest: float, acceleration: 
 class SimulatedGrbl:
     """GRBL 1.1h on a board with one carriage on axis X, home switch at the negative end.
 
-    Its answers are those of GRBL 1.1h to the byte, as far as a pusher needs them; offsets, arcs, probing and spindle are not
-    there. Opening the port restarts the controller, as the DTR line of most boards does,
-    unless it is made without; the coordinates survive. Faults on request: see the last methods; for faults of the line there
-    is FaultyLine. Use as a context manager or between `start` and `close`.
+    Its answers are those of GRBL 1.1h to the byte, as far as a pusher needs them; offsets, arcs, probing and spindle are
+    missing. Opening the port restarts the controller, as the DTR line of most boards does, unless `restarts` is false; the
+    coordinates survive. The methods under "Faults" make it fail on request; FaultyLine makes the line fail. Use it as a context
+    manager, or between `start` and `close`.
     """
 
     def __init__(self, clock: Callable[[], float], travel: float = 0.1, max_speed: float = 0.1, acceleration: float = 0.5,
@@ -142,11 +142,11 @@ class SimulatedGrbl:
 
         Args:
             clock: time in which the carriage moves [s]; may run at any rate, or pause.
-            travel: [m]
-            max_speed: [m/s]
-            acceleration: [m/s^2]
-            homing: boots locked until homed, and enforces the travel ($20, $22).
-            restarts: whenever its port is opened; otherwise it goes on with whatever it does.
+            travel: greatest distance of the carriage from its home end [m].
+            max_speed: of the carriage [m/s].
+            acceleration: of the carriage [m/s^2].
+            homing: the controller boots locked until it is homed, and enforces the travel ($20, $22).
+            restarts: it restarts whenever its port is opened; otherwise it goes on with whatever it does.
         """
         self._restarts = restarts
         self._clock = clock
@@ -200,7 +200,7 @@ class SimulatedGrbl:
         self.close()
 
     def position(self) -> float:
-        """Of the carriage from its home end, now [m]."""
+        """The carriage's present distance from its home end [m]."""
         with self._lock:
             return self._now()[0] / 1000
 
@@ -269,7 +269,7 @@ class SimulatedGrbl:
     def _receive(self, data: bytes) -> None:
         """Real-time bytes are picked out wherever they stand; the rest becomes lines."""
         with self._lock:
-            # of several resets that come together there is one
+            # several resets that come together count as one
             for byte in data.replace(b"\x18\x18", b"\x18"):
                 self._advance()
                 match byte:
@@ -302,7 +302,7 @@ class SimulatedGrbl:
         self._send(line.encode() + b"\r\n")
 
     def _answer_question(self) -> None:
-        # the homing cycle leaves no time for reports, and a limit none for anything but a reset
+        # during the homing cycle GRBL does not report; after a limit it accepts only a reset
         if self._asked and self._state != "Home" and not self._deaf:
             self._asked = False
             self._say(self._report())
@@ -341,7 +341,7 @@ class SimulatedGrbl:
         return self._motion.at(self._clock()) if self._motion else (self._carriage, 0.0)
 
     def _advance(self) -> None:
-        """Let everything happen that the clock has passed."""
+        """Carry out everything that was due up to the present time."""
         now = self._clock()
         while self._motion is not None:
             end = min(now, self._motion.end)
@@ -457,7 +457,7 @@ class SimulatedGrbl:
     # Lines
 
     def _execute_lines(self) -> None:
-        """One after the other, while there is room in the plan; not in a hold, homing, or before the reset a limit demands."""
+        """Execute lines in order while the plan has room; not in a hold, while homing, or before the reset after a limit."""
         while self._lines and self._listens and len(self._plan) < PLANNER_BLOCKS:
             line = re.sub(r"\(.*?\)|;.*|\s", "", self._lines.popleft()).upper()
             if len(line) > LONGEST_LINE:
@@ -477,7 +477,7 @@ class SimulatedGrbl:
         return not self._deaf and not self._canceling and self._state not in ("Hold", "Home", "Sleep")
 
     def _respond(self, code: int) -> None:
-        if code >= 0:  # less: it has been said
+        if code >= 0:  # otherwise the answer has already been sent
             self._say(f"error:{code}" if code else "ok")
 
     def _system(self, line: str) -> None:
@@ -526,7 +526,7 @@ class SimulatedGrbl:
         self._respond(code)
 
     def _check(self) -> int:
-        """Into the mode in which lines are read and nothing moves; out of it with a reset."""
+        """Enter the mode in which lines are checked and nothing moves; leave it with a reset."""
         if self._state == "Check":
             self._say("[MSG:Disabled]")
             self._respond(0)
@@ -562,7 +562,7 @@ class SimulatedGrbl:
         return f"[GC:{words} M{modes['spindle']} M{modes['coolant']} T0 F{feed:.0f} S0]"
 
     def _home(self) -> None:
-        """To the switch and back off it, as one motion."""
+        """Move to the switch and back off it, in one motion."""
         self._state = "Home"
         now, rate = self._clock(), SEEK_RATE / MINUTE
         there = stroke(now, self._carriage, -PULL_OFF, rate, self._acceleration)

@@ -14,7 +14,7 @@ MIN_CORNERS = 12
 """Number of corners that a view of the board must show."""
 
 MARKER = 0.7
-"""Side of a marker, as a share of its square's."""
+"""Side of a marker, as a share of its square's side."""
 
 _DICTIONARY = cv2.aruco.DICT_4X4_250
 _SUBPIX = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-3)
@@ -65,13 +65,13 @@ class BoardFinder:
         self._detector = cv2.aruco.CharucoDetector(charuco(board))
 
     def view(self, image: Image) -> View | None:
-        """The board in an image (height, width); None: the image shows too few of its corners."""
+        """The corners of the board in an image (height, width); None if the image shows too few of them."""
         pixels, ids, _, _ = self._detector.detectBoard(image)
         if ids is None or len(ids) < MIN_CORNERS:
             return None
         number = ids.ravel()
         points = np.array(charuco(self._board).getChessboardCorners(), dtype=float)[number, :2]
-        # The detector's own window reaches into the markers and loses 0.1 px by it; this one ends before the nearest marker.
+        # The detector's own window reaches into the markers, which costs 0.1 px; this one ends before the nearest marker.
         rough = pixels.reshape(-1, 2).astype(float)
         apart = np.linalg.norm(rough[:, None] - rough, axis=2)
         square_px = apart[apart > 0].min()

@@ -44,7 +44,7 @@ def save_board(board: Board, path: pathlib.Path) -> None:
 
 
 def _black(board: Board, square: float) -> shapely.Geometry:
-    """The black area of a board with squares of side `square` and its lower left corner at the origin."""
+    """The black area of a board with squares of side `square`, its lower left corner at the origin."""
     model = charuco(board)
     boxes = [
         shapely.box(column, row, column + 1, row + 1)
@@ -59,7 +59,7 @@ def _black(board: Board, square: float) -> shapely.Geometry:
         for row, column in np.argwhere(code == 0):
             x, y = left + column * module, board.rows - top - row * module
             boxes.append(shapely.box(x, y - module, x + module, y))
-    # Joined to whole areas, because a printer may leave hairlines between neighbours; on a fine grid, so that they do join.
+    # Neighbours are joined, because a printer may leave hairlines between them; on a fine grid, so that they do join.
     black = shapely.union_all(shapely.set_precision(boxes, 1e-6))
     return shapely.affinity.scale(black, square, square, origin=(0, 0))
 

@@ -150,7 +150,7 @@ class Camera(Lens):
     def project(self, points: npt.ArrayLike, height: float = 0.0) -> Array:
         """Distorted pixels (n, 2) of table points (n, 2) [m] at `height` [m] over the table."""
         plane = self._plane(height)
-        import cv2  # not above: a process that only writes a calibration, such as the demo, does without its 13 MB
+        import cv2  # not above: a process that only writes a calibration, such as the demo, saves its 13 MB
 
         pixels, _ = cv2.projectPoints(np.asarray(points, dtype=float) @ plane[:2] + plane[2], _ZERO, _ZERO, self.K, self.D)
         return np.asarray(pixels.reshape(-1, 2))
@@ -179,7 +179,7 @@ class Camera(Lens):
         import cv2
 
         x_axis, y_axis, z_axis, origin = self._axes
-        # a measured homography makes the axes only nearly orthogonal: the nearest rotation is taken
+        # the axes of a measured homography are only nearly orthogonal: take the nearest rotation
         u, _, vt = np.linalg.svd(np.array((x_axis, y_axis, z_axis / np.linalg.norm(z_axis))))
         to_table = u @ vt
         turn, _ = cv2.Rodrigues(to_table)
@@ -197,7 +197,7 @@ class Camera(Lens):
         """Unit axes x, y, z of the table and its origin [m] in the camera frame, as rows (4, 3)."""
         x_axis, y_axis, origin = np.linalg.solve(self.K, self.H).T
         scale = (np.linalg.norm(x_axis) + np.linalg.norm(y_axis)) / 2
-        # 0 for a table that the camera sees edge-on
+        # 0 if the camera sees the table edge-on
         tilt = np.linalg.det((x_axis, y_axis, origin))
         if not abs(tilt) > 1e-6 * scale**2 * np.linalg.norm(origin):
             raise InvalidInput(f"the table homography is degenerate: {self.H.tolist()}")
@@ -258,9 +258,9 @@ def picture_from(data: npt.NDArray[np.uint8], format_: str) -> Image:
 
     Args:
         data: its bytes.
-        format_: what it is said to be, for the error.
+        format_: the format that its sender gives, for the error.
     Raises:
-        ValueError: it is not a picture, or one of more pixels than `PIXEL_LIMIT`.
+        ValueError: the data are not a picture, or one of more than `PIXEL_LIMIT` pixels.
     """
     import cv2
 

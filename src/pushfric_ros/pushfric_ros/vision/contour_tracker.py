@@ -21,10 +21,11 @@ SPECK_AREA = 0.1
 """Blobs smaller than this fraction of the outline's area are ignored."""
 
 ALIKE, MISTAKEN, EXACT = 0.02, 0.1, 0.002
-"""An object that does not fit has the outline's shape if it is as slender to this share, or to a coarse pixel. It is another
-one if it is larger or smaller by more than the second share; below the third, its size is not what is wrong."""
+"""How an object that does not fit is explained. It has the outline's shape if its slenderness agrees within the first share or
+a coarse pixel. It is another object if its size differs by more than the second share; if it differs by less than the third,
+its size is not the reason."""
 RISE = 0.01
-"""From how the pixels shrink over this height [m], the height follows at which an object would have its size."""
+"""Step in height [m] that shows how fast the pixels shrink, and so at which height an object would have its size."""
 
 _SHRUNK_WIDTH_PX = 10  # least inradius of the object in the shrunk image, in which blobs are sought
 _COARSE_SAMPLES = 360  # around the outline; divisible by each order of symmetry
@@ -81,8 +82,8 @@ class ContourTracker:
 
         Args:
             image: (height, width) mono8 frame, the size of the camera's.
-            expected: approximate pose, in the table frame. If several orientations fit equally well, the one nearest to
-                it is taken; None: the one nearest to 0.
+            expected: approximate pose, in the table frame. If several orientations fit equally well, the nearest one is
+                taken; with None, the one nearest to 0.
         Raises:
             NotSeen: the frame shows no object, only part of it, more than one, or an outline that does not fit.
             ValueError: the image has another size or type.
@@ -164,7 +165,7 @@ class ContourTracker:
             return f"{sizes}; is it this object, alone, and without a shadow or reflection at its edge?"
         if abs(larger - 1) < EXACT:
             return f"{sizes}; is it this object, of this shape, the right side up, and sharp?"
-        # what lies higher looks larger in proportion to its distance from the camera
+        # the apparent size is inversely proportional to the distance from the camera
         ground = self._camera.metres_per_pixel(0.0)
         height = RISE * (ground - self._pixel / larger) / (ground - self._camera.metres_per_pixel(RISE))
         cause = "its size in the object's file"

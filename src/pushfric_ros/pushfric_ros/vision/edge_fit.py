@@ -22,7 +22,7 @@ MAX_RESIDUAL_PX = 0.7
 """Edges that fit worse than this (rms) do not belong to the object."""
 
 REACH_PX = (4, 6)
-"""Least and greatest distance to either side of an edge from which grey levels are used; a larger one tolerates more blur."""
+"""Least and greatest distance to either side of an edge within which grey levels are used; a larger one tolerates more blur."""
 _PER_PIXEL = 2  # samples of a profile
 _LEVEL_PX = 3  # length at each end of a profile that gives the grey level there
 _EDGE_PX = 3  # a profile is summed up over this length to either side of its middle
@@ -67,11 +67,11 @@ class EdgeFit:
         self._min_information = _MIN_INFORMATION * float(np.linalg.det(self._motion.T @ self._motion))
 
     def refined(self, image: Image, pose: Pose, contrast: float) -> Sighting | None:
-        """A pose in the table frame, refined by least squares; None where the edges do not fit.
+        """A pose in the table frame, refined by least squares; None if the edges do not fit.
 
         Args:
             image: (height, width) mono8 frame.
-            pose: where to start, wrong by `slack_px` or little more.
+            pose: where to start, wrong by at most about `slack_px`.
             contrast: usual difference between the bright and the dark side [grey levels].
         """
         for _ in range(_MAX_STEPS):
@@ -92,7 +92,7 @@ class EdgeFit:
                 break
         else:
             return None
-        # finally, every edge close to its place counts, as visible and in the residual
+        # finally, every edge close to its place counts as visible, and in the residual
         near = fit.residuals[fit.residuals < _NEAR_PX]
         visible = len(near) / len(self._motion)
         rms = math.sqrt(near @ near / max(len(near), 1))

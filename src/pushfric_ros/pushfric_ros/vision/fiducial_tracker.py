@@ -23,7 +23,7 @@ FAMILIES = {name.removeprefix("DICT_").lower(): value for name, value in vars(cv
 MIN_MODULE_PX = 4.0
 """The modules, the small squares that a marker is made of, must be at least this wide in the image."""
 MAX_MISPLACED_PX = 2.0
-"""The corners of a marker may lie this far (rms) from where the file and the fitted pose put them."""
+"""The corners of the markers may lie this far (rms) from the places that the file and the fitted pose give them."""
 
 _EDGE_SAMPLES = 160  # of each marker
 _SLACK_PX = 1  # error of a detected corner
@@ -68,7 +68,7 @@ def load_fiducials(path: str | pathlib.Path) -> Fiducials:
     """Read the YAML file of an object's markers.
 
     Raises:
-        InvalidInput: it cannot be read, or describes no markers; the text names file and field.
+        InvalidInput: the file cannot be read, or describes no markers; the text names file and field.
     """
     return read_yaml(pathlib.Path(path), Fiducials)
 
@@ -110,8 +110,8 @@ class FiducialTracker:
             expected: not used: markers tell orientations apart by themselves.
 
         Raises:
-            NotSeen: the frame shows none of the markers, one of them twice, markers that do not lie as given, or only part
-                of the object.
+            NotSeen: the frame shows none of the markers, one marker twice, markers that do not lie as the file says, or only
+                part of the object.
         """
         ids, pixels = self._markers(image)
         pose = self._rough_pose(ids, pixels)

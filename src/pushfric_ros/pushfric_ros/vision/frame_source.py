@@ -84,7 +84,7 @@ class Device(threading.Thread):
                 raise InvalidInput(f"no pictures at {self._source!r}: expected {ACCEPTED}")
             sequence = itertools.chain((first,), frames)
             return lambda: next(sequence, None), PICTURE_PERIOD
-        # OpenCV would print several lines; the error below says it in one
+        # OpenCV would print several lines; the error below is one line
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
         capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
         if not capture.isOpened():

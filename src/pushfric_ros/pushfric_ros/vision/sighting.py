@@ -46,7 +46,7 @@ class Tracker(Protocol):
 
 
 class TrackerDriver(Protocol):
-    """The settings of one kind of tracker, a frozen dataclass of `pushfric_core.settings.setting` fields that opens it.
+    """The settings of one kind of tracker, which open it: a frozen dataclass of `pushfric_core.settings.setting` fields.
 
     The class is an entry point of the group `pushfric.trackers`; its name there is the setting `tracker` of CameraConfig. Its
     settings stand next to those of CameraConfig, in a cell's file and as parameters of the tracker: no name may occur twice.
@@ -60,4 +60,4 @@ class TrackerDriver(Protocol):
         """
 
     def absence(self) -> str | None:
-        """The setting that it lacks to find anything, such as the name of a file; None if it lacks nothing."""
+        """What the tracker still needs to find anything, such as the name of a file, as a line of text; None if nothing."""

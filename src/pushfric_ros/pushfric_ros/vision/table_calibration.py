@@ -27,17 +27,17 @@ _CORNERS = ("upper left", "upper right", "lower right", "lower left")
 
 
 class Placement(NamedTuple):
-    """Points of one thing that lies on the table, such as a board."""
+    """Points of one thing on the table, such as a board."""
 
     pixels: Array  # (n, 2) where they appear in the image [px]
     points: Array  # (n, 2) where they are on the thing [m]
 
 
 class ErrorMap(NamedTuple):
-    """What the errors of the pixels make of the calibration, all over the image."""
+    """How errors of the pixels change the calibration, all over the image."""
 
     places: Array  # (rows, columns, 2) in the table frame [m]
-    errors: Array  # (rows, columns) by which a place seen there is off, 1 sigma [m]
+    errors: Array  # (rows, columns) error of a place seen there, 1 sigma [m]
 
 
 class TableCalibration(NamedTuple):
@@ -211,7 +211,7 @@ def _spread_px(camera: Camera, pixels: Array, x: Array, covariance: Array) -> Ar
 
 
 def _map(camera: Camera, x: Array, covariance: Array) -> ErrorMap:
-    """By how much places seen all over the image are off, for a camera's pose of this covariance (6, 6)."""
+    """The errors of places seen all over the image, for a camera's pose with this covariance (6, 6)."""
     columns, rows = MAP
     u, v = np.meshgrid(np.linspace(0, camera.width - 1, columns), np.linspace(0, camera.height - 1, rows))
     pixels = np.column_stack((u.ravel(), v.ravel()))

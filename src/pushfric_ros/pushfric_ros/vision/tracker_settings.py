@@ -27,7 +27,7 @@ class ContourConfig:
         return ContourTracker(camera, model.outline.vertices, height, self.threshold or None)
 
     def absence(self) -> None:
-        """It lacks nothing."""
+        """None: the tracker needs nothing else."""
 
 
 @dataclass(frozen=True)
@@ -43,5 +43,5 @@ class FiducialConfig:
         return FiducialTracker(camera, model.outline.vertices, height, load_fiducials(self.fiducials))
 
     def absence(self) -> str | None:
-        """It needs a file."""
+        """The markers' file, if it is not given."""
         return None if self.fiducials else "fiducials must name the YAML file of the markers on the object, got ''"
