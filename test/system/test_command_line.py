@@ -65,7 +65,7 @@ def call(monkeypatch, capsys):
         (["replay", "nothing"], "nothing: no such file; expected a bag or a CSV"),
         (["replay", "nothing", "--rate", "0"], "Invalid value for '--rate': "),
         (["estimate", "nothing", "--object", "rubber_rect4"], "nothing: no such file"),
-        (["estimate", "data.csv"], "data.csv does not say of what object it is; give --object"),
+        (["estimate", "data.csv"], "data.csv does not name the pushed object; give --object"),
         (["estimate", "data.csv", "--object", "no_outline.yaml"], "no_outline.yaml: outline: expected a value, got only name"),
         (["estimate", "data.csv", "--object", "rubber_rect4"], "data.csv, line 2: vx must be finite, got nan"),
         (["estimate", "columns.csv", "--object", "rubber_rect4"], "columns.csv: missing column omega; expected contact_x"),

@@ -98,8 +98,8 @@ def test_the_python_runs(capsys):
         ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model brings its object"),
         ("predict none.yaml --pushes pushes.csv", "none.yaml: cannot be read"),
         ("predict none --pushes pushes.csv", "no such file"),
-        ("predict pushes.csv --pushes pushes.csv", "does not say of what object it is"),
-        ("recognize bags/rubber_rect4 --library none", "none: is no folder, expected one of models"),
+        ("predict pushes.csv --pushes pushes.csv", "does not name the pushed object"),
+        ("recognize bags/rubber_rect4 --library none", "none: is not a folder, expected a folder of models"),
         (
             "recognize bags/rubber_rect4 --library bags/rubber_rect4",
             "metadata.yaml: expected any of the keys format",

@@ -23,10 +23,10 @@ from pushfric_ros.messages.types import message_class, type_hash
 PathLike = str | os.PathLike[str]
 
 FILE_LIMIT = 16 * 2**30
-"""Most bytes of a compressed file after decompression."""
+"""Largest size of a compressed file after decompression [bytes]."""
 
 MESSAGE_LIMIT = 256 * 2**20
-"""Most bytes of a compressed message after decompression."""
+"""Largest size of a compressed message after decompression [bytes]."""
 
 
 class DamagedBag(PushfricError):
@@ -89,7 +89,7 @@ class Bag:
         summary: what can be read.
         damage: what is wrong; None if the bag is whole.
     Raises:
-        InvalidInput: it is not a bag, cannot be read, or contains messages that are not of ROS 2.
+        InvalidInput: `path` is not a bag, cannot be read, or contains messages that are not of ROS 2.
     """
 
     def __init__(self, path: PathLike, ignore_metadata: bool = False) -> None:
@@ -224,7 +224,7 @@ def bag_files(path: pathlib.Path, metadata: BagMetadata | None) -> list[pathlib.
     """The files of a bag: those that its metadata lists, those in its folder, or the one file that is given.
 
     Raises:
-        InvalidInput: a folder without files of a bag.
+        InvalidInput: the folder holds no files of a bag.
     """
     if metadata is not None:
         return list(metadata.files)
@@ -240,7 +240,7 @@ def recorded_class(topic: Topic) -> type:
     """The installed class of a recorded topic.
 
     Raises:
-        InvalidInput: it is not installed, or not with the definition the bag was recorded with.
+        InvalidInput: the type is not installed, or not with the definition that the bag was recorded with.
     """
     installed = message_class(topic.type_name)
     if topic.type_hash and topic.type_hash != type_hash(topic.type_name):
@@ -288,7 +288,7 @@ class _McapBagFile:
             yield BagMessage(topic.name, topic.type_name, message.log_time_ns, message.data)
 
 
-_UNKNOWN = "a topic that is not known any longer"
+_UNKNOWN = "a topic that is no longer known"
 
 
 def _topic(file: pathlib.Path, channel: Channel, schema: Schema | None, count: int) -> Topic:

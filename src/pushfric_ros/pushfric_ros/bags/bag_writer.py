@@ -19,8 +19,8 @@ from pushfric_ros.messages.types import definition, type_hash
 PathLike = str | os.PathLike[str]
 
 CHUNK_SIZE = 2**13
-"""Bytes of messages that share a checksum, and are lost together. With 1 MiB, as is usual, a bag of poses is 15 % smaller, but
-loses twice as many messages with each damaged sector of a disk (3.7 % instead of 2.0 % of the demo's)."""
+"""Size of the pieces that share a checksum and are lost together [bytes]. With the usual 1 MiB, a bag of poses is 15 % smaller,
+but a damaged sector of a disk loses twice as many messages (3.7 % instead of 2.0 % of the demo's)."""
 
 
 class BagWriter:
@@ -41,7 +41,7 @@ class BagWriter:
             self.folder.mkdir(parents=True, exist_ok=True)
             if any(self.folder.iterdir()):
                 raise InvalidInput(f"{self.folder}: already holds files, expected a new or empty folder")
-            # exclusively, because of two writers that both saw an empty folder one must fail
+            # exclusively: if two writers both saw an empty folder, one of them must fail
             self._file = mcap_file(self.folder).open("xb")
         except OSError as error:
             raise InvalidInput(f"{self.folder}: cannot record there ({error.strerror}), expected a new folder") from error
@@ -95,7 +95,7 @@ class BagWriter:
         )
 
     def write(self, topic: str, stamp_ns: int, raw: bytes) -> None:
-        """Append a message, given its topic, the time of its receipt [ns], and its CDR bytes.
+        """Append a message: its topic, the time of its receipt [ns], and its CDR bytes.
 
         Raises:
             ValueError: the topic was not added, or the bag is closed.

@@ -14,13 +14,13 @@ from pushfric_ros.messages.types import definition
 TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Za-z][A-Za-z0-9_]*")
 
 DEFINITION_LIMIT = 2**18
-"""Most characters of the definition of a type."""
+"""Largest number of characters of the definition of a type."""
 
 ARRAY_LIMIT = 1024
-"""Most elements of an array of fixed size, for each of which the library writes a line of code."""
+"""Largest number of elements of an array of fixed size; the library writes a line of code for each element."""
 
 SEQUENCE_LIMIT = 2**26
-"""Most elements of any other array."""
+"""Largest number of elements of any other array."""
 
 
 class Definition(NamedTuple):

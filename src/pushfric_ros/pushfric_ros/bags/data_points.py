@@ -57,10 +57,10 @@ class Source(NamedTuple):
 
 
 def check_source(path: pathlib.Path) -> None:
-    """Check that there is something that may contain data points.
+    """Check that a path leads to something that may contain data points.
 
     Raises:
-        InvalidInput: there is nothing, or there is a folder of bags, one of which must be named.
+        InvalidInput: there is no such file, or it is a folder of several bags, one of which must be named.
     """
     if not os.path.exists(path):
         raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
@@ -74,7 +74,7 @@ def is_bag(folder: pathlib.Path) -> bool:
 
 
 def bags_in(path: pathlib.Path) -> list[pathlib.Path]:
-    """The bags in a folder that is no bag itself, in order; none otherwise."""
+    """The bags in a folder that is not itself a bag, in order; otherwise none."""
     if not path.is_dir() or is_bag(path):
         return []
     return sorted({file.parent for name in BAG_FILES for file in path.glob(f"*/{name}")})
@@ -97,9 +97,9 @@ def source_of(path: pathlib.Path, with_forces: bool = False) -> Source:
 
     Args:
         path: the bag.
-        with_forces: poses also need the topic of the force sensor.
+        with_forces: poses are useful only with the topic of the force sensor.
     Raises:
-        InvalidInput: it contains neither poses with pusher states nor observations, or it cannot be read.
+        InvalidInput: the bag contains neither poses with pusher states nor observations, or cannot be read.
     """
     return _source(Bag(path), with_forces)
 
@@ -240,8 +240,8 @@ def _content(bag: Bag, message: BagMessage, convert: Callable[[Any], Taken]) -> 
     """The record that a message contains.
 
     Raises:
-        ValueError: it contains impossible values.
-        InvalidInput: it was recorded with a definition that lacks one of the fields.
+        ValueError: the message contains impossible values.
+        InvalidInput: the message was recorded with a definition that lacks one of the fields.
     """
     content = bag.deserialize(message)
     try:
@@ -263,7 +263,7 @@ def last(results: Iterable[Taken]) -> Taken:
     """The result of the last data point.
 
     Raises:
-        InvalidInput: all of them were left out.
+        InvalidInput: all data points were left out.
     """
     newest = deque(results, maxlen=1)
     if not newest:

@@ -1,9 +1,10 @@
 """What an estimator that was killed and started again takes from the run's bag, and what it takes from the topics.
 
-What was published before its subscriptions were matched is in the bag, at the latest with the recorder's next flush; what is
-published afterwards comes by topic. So the bag is read on until it holds, of each input, the first message that also came by
-topic. The stamps of an input grow, and what is not newer than the last message is ignored, as always: each message counts once.
-Nothing is taken before the bag also holds what the new estimator says first: all that the old one said was said before.
+A message that was published before the new estimator's subscriptions were matched is in the bag, at the latest after the
+recorder's next flush; a later one comes by topic. So the bag is read until it holds, for each input, the first message that
+also came by topic. The stamps of an input grow, and a message that is not newer than the last one is ignored, as always: each
+message counts once. Nothing is taken before the bag also holds the first message of the new estimator: all those of the old one
+came before it.
 """
 
 import pathlib
@@ -45,12 +46,13 @@ class Handover:
         namespace: of the cell.
         inputs: relative names of the topics that data points are made from.
     Attributes:
-        start: what the estimators before said last of what they estimate and since when; None: there was no estimator.
-        settings: the last that they published; None: none.
-        continuation: number of the new estimator, which it is to publish.
+        start: the last message of earlier estimators about what they estimate, and since when; None if there was none.
+        settings: the last settings that they published; None if they published none.
+        continuation: the new estimator's number, which it is to publish.
         told: (push id, stamp [ns]) of the data points in the bag.
     Raises:
-        OSError, ValueError: the bag cannot be read; the second also where its messages are not what they should be.
+        OSError: the bag cannot be read.
+        ValueError: the bag, or a message in it, is not what it should be.
     """
 
     def __init__(self, bag: pathlib.Path, namespace: str, inputs: Sequence[str]) -> None:
@@ -75,20 +77,20 @@ class Handover:
         self._held.append(Input(topic, msg))
 
     def read_on(self) -> list[Input] | None:
-        """What the bag has held of the inputs since the last call; at first, since the estimate began.
+        """The messages of the inputs that came into the bag since the last call; at the first call, since the estimate began.
 
-        None while it does not hold the new estimator's number. Raises as the class.
+        It returns None while the bag does not hold the new estimator's number. It raises the errors of the class.
         """
         self._past += self._read()
         if not self._heard:
             return None
         past, self._past = self._past, []
-        # what was recorded earlier belongs to an estimate that was given up; a start may itself be recorded late
+        # messages recorded earlier belong to an abandoned estimate; a start may itself be recorded late
         return [each for each in past if each.log_time_ns >= self._since]
 
     @property
     def held(self) -> list[Input] | None:
-        """What came by topic, in order, once the bag holds all that came before; None until then."""
+        """The messages that came by topic, in order, once the bag holds all earlier ones; None until then."""
         if all(name in self._came and self._recorded.get(name, -1) >= self._came[name] for name in self._inputs):
             return self._held
         return None

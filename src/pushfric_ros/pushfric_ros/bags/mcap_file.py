@@ -20,10 +20,10 @@ import zstandard
 MAGIC = b"\x89MCAP0\r\n"
 
 CHUNK_LIMIT = 256 * 2**20
-"""Most bytes of a chunk after decompression; recorders write 1 MiB, or one large message."""
+"""Largest size of a chunk after decompression [bytes]; recorders write 1 MiB, or one large message."""
 
 RECORD_LIMIT = 16 * 2**20
-"""Most bytes of a record that is neither a chunk, a message nor an attachment."""
+"""Largest size of a record that is not a chunk, a message or an attachment [bytes]."""
 
 LATEST_NS = 2**63 - 1
 """ROS cannot express a later time [ns]."""
@@ -378,7 +378,7 @@ class GrowingFile:
         """The messages that have come since the last call, in the order of the file; a record still being written comes later.
 
         Raises:
-            OSError: it cannot be read.
+            OSError: the file cannot be read.
             ValueError: its bytes do not follow the format.
         """
         found: list[Message] = []

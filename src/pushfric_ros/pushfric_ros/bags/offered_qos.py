@@ -53,7 +53,7 @@ class OfferedQos:
         return cls(depth=found.depth, **policies, **durations)
 
     def entry(self) -> dict[str, Any]:
-        """As rosbag2 writes it."""
+        """The profile as rosbag2 writes it."""
         durations = {
             name: dict(zip(("sec", "nsec"), divmod(getattr(self, name), SECOND_NS), strict=True)) for name in DURATIONS
         }

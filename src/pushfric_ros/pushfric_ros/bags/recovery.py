@@ -19,7 +19,7 @@ def recover(path: PathLike, out: PathLike) -> Bag:
         path: folder of a bag, or one of its files.
         out: folder of the new bag; object.yaml and prior.yaml are copied into it.
     Raises:
-        InvalidInput: it is not a bag, or the new bag cannot be written.
+        InvalidInput: `path` is not a bag, or the new bag cannot be written.
     """
     try:
         damaged = Bag(path)

@@ -19,7 +19,7 @@ STORAGES = ("mcap", "sqlite3")
 COMPRESSION_MODES = ("", "none", "file", "message")
 
 FILE_LIMIT = 10_000
-"""Most files of a bag."""
+"""Largest number of files of a bag."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def read_metadata(folder: pathlib.Path) -> BagMetadata | None:
         InvalidInput: the file is not the metadata of a bag.
     """
     path = folder / METADATA
-    if not os.path.isfile(path):  # no name is too long or odd to ask
+    if not os.path.isfile(path):  # unlike Path.is_file, it accepts every name, however long or odd
         return None
     with reading(path):
         text = path.read_text(encoding="utf-8")

@@ -23,7 +23,7 @@ class SqliteFile:
     """A database of a bag. It has no checksums, but SQLite checks its structure, and metadata.yaml has the counts.
 
     Raises:
-        InvalidInput: it is not the database of a bag.
+        InvalidInput: the file is not the database of a bag.
     """
 
     expected: dict[str, int] | None = None
@@ -56,7 +56,7 @@ class SqliteFile:
 
     @contextmanager
     def _opened(self) -> Iterator[Sqlite3Reader]:
-        reader = Sqlite3Reader(pathlib.Path(urllib.parse.quote(str(self.path))))  # it makes a URI of it
+        reader = Sqlite3Reader(pathlib.Path(urllib.parse.quote(str(self.path))))  # the reader makes a URI from it
         try:
             reader.open()
             try:

@@ -61,7 +61,7 @@ def import_stable_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Import
 
     Args:
         source: stable_pushes.csv.
-        out: folder of the bag; of several objects, of a bag each.
+        out: folder of the bag; if there are several objects, of their bags.
     Raises:
         InvalidInput: the source cannot be read, or a bag exists already.
     """

@@ -32,7 +32,7 @@ NAME = "zhou2015"
 TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"
 
 CORNERS = [(0.0, 0.0), (0.15, 0.0), (0.0, 0.15)]
-"""Of the triangle: the origin is the right angle [m]."""
+"""Legs of the triangle [m]; the origin is the right angle."""
 
 GRID = SupportFile(grid=(10, 10), inset=0.0075)
 """Hypothesised support: the middles of 15 mm cells, of which 55 lie on the triangle."""
@@ -44,7 +44,7 @@ BUILDING_UP = 0.3
 """The mean force leaves out this first fraction of the contact, in which the force builds up, as push_points.csv does."""
 
 LARGEST_GAP = 0.004
-"""A push is left out if the finger is farther than this from the outline in its middle [m], as the log must be wrong."""
+"""A push is left out if, in its middle, the finger is farther than this from the outline [m]: the log must be wrong."""
 
 SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 """From the sensor's reading to the force ON the object, in the frame of the tool."""
@@ -54,10 +54,10 @@ TIPS = ("tip0x_mm", "tip0y_mm", "tip1x_mm", "tip1y_mm")
 MILLIMETRE = 1e-3
 
 LOG_LIMIT = 64 * 2**20
-"""Bytes of a log, decompressed; the longest of the data set has 2 MB."""
+"""Largest size of a log after decompression [bytes]; the longest of the data set has 2 MB."""
 
 LARGEST = 1e12
-"""No number in a log is larger; times are seconds since 1970."""
+"""Largest number accepted in a log; times are seconds since 1970."""
 
 SECOND = 10**9
 
@@ -197,7 +197,7 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     contact = tip - gaps[edge] * outline.normals[edge]
     if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion) or not pressed.any():
         return None
-    # where the tip was in the object's frame at first touch and at the end: what it moved there adds to the contact's motion
+    # the tip's places in the object's frame at first touch and at the end: its motion there adds to the contact's motion
     first, last = (
         np.array([np.interp(time, push.tool[:, 0], column) for column in push.tool.T[1:3]]) for time in (touched, end)
     )
@@ -219,7 +219,7 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
 
 
 def _tip_velocity(row: Row, motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
-    """The contact's motion, and what the tip moved in the object's frame; None of a file without the tips."""
+    """The contact's motion plus that of the tip in the object's frame; None if the file has no tips."""
     if any(not row.texts.get(name) for name in TIPS):
         return None
     x0, y0, x1, y1 = (number * MILLIMETRE for number in row.numbers(TIPS))
@@ -228,7 +228,7 @@ def _tip_velocity(row: Row, motion: Twist, contact: tuple[float, float]) -> tupl
 
 
 def _object_of(log: pathlib.Path) -> str:
-    """The part of a log's name that says on what the triangle stood."""
+    """The part of a log's name that says what the triangle stood on."""
     return log.name.partition("__exp")[0]
 
 

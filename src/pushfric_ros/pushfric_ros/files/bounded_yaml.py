@@ -6,16 +6,16 @@ from typing import Any
 import yaml
 
 TEXT_LIMIT = 4 * 2**20
-"""Most characters of a text."""
+"""Largest number of characters of a text."""
 
 DEPTH_LIMIT = 30
-"""Most levels of nested lists and mappings."""
+"""Largest number of levels of nested lists and mappings."""
 
 NODE_LIMIT = 200_000
-"""Most scalars, lists and mappings of a text; an alias counts as everything that it stands for."""
+"""Largest number of scalars, lists and mappings in a text; an alias counts as everything that it stands for."""
 
 SCALAR_LIMIT = 100_000
-"""Most characters of a scalar."""
+"""Largest number of characters of a scalar."""
 
 INTEGER_LIMIT = 2**63
 """Integers must be smaller than this in magnitude."""
@@ -41,7 +41,7 @@ def load_yaml(text: str) -> Any:
     """The content of a YAML text: dicts, lists, texts, numbers, booleans, dates and None.
 
     Raises:
-        ValueError: it is not YAML or exceeds a limit; one line says what is wrong, and where.
+        ValueError: the text is not YAML or exceeds a limit; one line says what is wrong, and where.
     """
     if len(text) > TEXT_LIMIT:
         raise ValueError(f"expected at most {TEXT_LIMIT} characters, got {len(text)}")
@@ -51,7 +51,7 @@ def load_yaml(text: str) -> Any:
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from error
     except (LookupError, TypeError, AttributeError, ArithmeticError) as error:
-        # PyYAML's constructors raise whatever the conversion raises
+        # PyYAML's constructors let every error of a conversion through
         raise ValueError(f"a value cannot be converted: {type(error).__name__} {error}") from error
 
 

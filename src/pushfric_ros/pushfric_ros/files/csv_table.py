@@ -1,4 +1,4 @@
-"""CSV files with named columns; whatever is wrong with one is said with its line and its column."""
+"""CSV files with named columns; an error names the file, the line and the column."""
 
 import csv
 import math
@@ -20,7 +20,7 @@ class Row(NamedTuple):
         """The number in a column.
 
         Raises:
-            InvalidInput: it is not a finite number.
+            InvalidInput: the text is not a finite number.
         """
         text = self.texts[name]
         try:
@@ -49,8 +49,8 @@ def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected
     Args:
         path: the file.
         columns: names of the columns that it must have.
-        things: what its rows are, for the error of a table without any.
-        expected: what is said to be expected where a column is missing; by default, the columns.
+        things: what the rows are, in the plural, for the error of a table without rows.
+        expected: what the error of a missing column says was expected; by default, the columns.
     Raises:
         InvalidInput: the file cannot be read as such a table.
     """

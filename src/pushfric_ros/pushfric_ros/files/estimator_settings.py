@@ -16,7 +16,7 @@ from pushfric_ros.files.file_errors import shortened
 
 TOPIC = "estimator_settings"
 START_TOPIC = "estimation_start"
-"""The topics on which an estimator says how it estimates, and what since when."""
+"""The topics on which an estimator publishes its settings, and which object it estimates since when."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class EstimatorSettings:
     def of(
         cls, estimator: EstimatorConfig, trajectory: TrajectoryConfig, region: RegionConfig, pushes: PushesConfig
     ) -> "EstimatorSettings":
-        """The settings made of instances of PARTS."""
+        """The settings made from instances of PARTS."""
         return cls(estimator, trajectory, pushes.exclude_pushes, region, pushes.slipping_pushes, pushes.keep_pushes)
 
     @property
@@ -71,10 +71,10 @@ class EstimatorSettings:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> "EstimatorSettings":
-        """The settings that some parameters of the node give; the others have their defaults. `auto` stands for None.
+        """The settings that these parameters of the node give; all others have their defaults. `auto` stands for None.
 
         Raises:
-            ValueError: one is unknown, of another type or out of range.
+            ValueError: a parameter is unknown, of another type or out of range.
         """
         return cls.of(*read(values, *cls.PARTS))
 
@@ -91,7 +91,7 @@ class EstimatorSettings:
         """The settings that `to_text` wrote.
 
         Raises:
-            ValueError: it did not write this text.
+            ValueError: `to_text` did not write this text.
         """
         try:
             values = json.loads(text)

@@ -1,4 +1,4 @@
-"""One line of error for a file that cannot be read, which names it once."""
+"""The one-line error for a file that cannot be read; it names the file once."""
 
 import contextlib
 import csv
@@ -13,13 +13,13 @@ def reading(path: pathlib.Path) -> Iterator[None]:
     """A context in which a file is opened, decoded, and parsed as CSV.
 
     Raises:
-        InvalidInput: one of these fails.
+        InvalidInput: one of these steps failed.
     """
     try:
         yield
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (csv.Error, ValueError) as error:  # a ValueError comes of bytes that are not UTF-8, and of a NUL in the path
+    except (csv.Error, ValueError) as error:  # bytes that are not UTF-8, and a NUL in the path, raise a ValueError
         name = repr(str(path)) if "\0" in str(path) else path
         raise InvalidInput(f"{name}: cannot be read: {error}") from error
 
@@ -28,7 +28,7 @@ def text_of(path: pathlib.Path, limit: int) -> str:
     """The text of a file, which may be a device that never ends; for use within `reading`.
 
     Raises:
-        ValueError: it has more than `limit` characters, or is not UTF-8.
+        ValueError: the file has more than `limit` characters, or is not UTF-8.
     """
     with path.open(encoding="utf-8") as stream:
         text = stream.read(limit + 1)
@@ -38,7 +38,7 @@ def text_of(path: pathlib.Path, limit: int) -> str:
 
 
 LONGEST = 80
-"""Characters of a wrong value that are shown."""
+"""Number of characters of a wrong value that are shown."""
 
 
 def shortened(value: object) -> str:

@@ -1,4 +1,4 @@
-"""A model to keep, as a YAML file: what was learned of an object, to predict with it and to go on from it."""
+"""A saved model, as a YAML file: what was learned about an object, to predict with and to continue from."""
 
 import importlib.metadata
 import math
@@ -35,12 +35,12 @@ class ContactFrictionFile(Strict):
     """mu_c."""
 
     value: Positive  # what predictions use
-    interval: tuple[Positive, Positive | None] | None = None  # holds the truth with 90 %; no upper end of a bound
+    interval: tuple[Positive, Positive | None] | None = None  # holds the truth with 90 %; a bound has no upper end
     kind: str = "bound"  # bound: data points bound it from below; slip: sliding ones gave it; force: measured forces did
 
 
 class SampleFile(Strict):
-    """One of the samples of what may be."""
+    """One sample of the possible w and mu_c."""
 
     w: list[Share]
     mu_c: Positive
@@ -63,7 +63,7 @@ class DataPointFile(Strict):
 
 
 class MadeFile(Strict):
-    """How a model came about."""
+    """How a model was made."""
 
     source: str  # the bag, the CSV or the node it was made from
     data_points: Annotated[int, pydantic.Field(ge=1)]
@@ -82,7 +82,7 @@ class ModelFile(Strict):
     center_of_friction: Point  # p_CF [m]
     covariance: tuple[Point, Point] | None = None  # of p_CF [m^2]
     mu_c: ContactFrictionFile
-    total_friction: Positive | None = None  # [N]; of data points with measured forces
+    total_friction: Positive | None = None  # [N]; only from data points with measured forces
     misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.prediction.misfit [rad]
     ensemble: tuple[SampleFile, ...] = ()
     made: MadeFile
@@ -102,7 +102,7 @@ class ModelFile(Strict):
         return self
 
     def friction(self) -> FrictionModel:
-        """What predicts: the ensemble where there is one."""
+        """The model that predicts: from the ensemble if there is one."""
         points = np.array(self.object.support.points)
         if not self.ensemble:
             return FrictionModel(points, np.array((self.w,)), np.array((self.mu_c.value,)), np.ones(1), self.misfit)
@@ -110,7 +110,7 @@ class ModelFile(Strict):
         return FrictionModel(points, np.array(w), np.array(mu_c), np.array(share), self.misfit)
 
     def observations(self) -> list[Observation]:
-        """The data points it was made from, in order."""
+        """The data points that the model was made from, in order."""
         return [
             Observation(
                 point.contact,
@@ -136,8 +136,8 @@ def make_model(
     Args:
         model: the object.
         estimate: from at least one data point.
-        observations: the data points it rests on, in order.
-        source: what they came from.
+        observations: the data points that the estimate rests on, in order.
+        source: where they came from.
         settings: of the estimator.
     """
     friction = model_of(estimate, observations)
@@ -202,10 +202,10 @@ def _data_point(observation: Observation) -> DataPointFile:
 
 
 def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
-    """A model and the object it is of.
+    """A model, and the object that it describes.
 
     Raises:
-        InvalidInput: the file cannot be read, or is no model's; one line that says what, where, and what was expected.
+        InvalidInput: the file cannot be read or is not a model; one line says what is wrong, where, and what was expected.
     """
     file = read_yaml(path, ModelFile)
     model = make_object(file.object, str(path))
@@ -220,10 +220,10 @@ def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
 def prior(path: pathlib.Path, pushed: ObjectModel) -> list[Observation]:
     """The data points of a model, for an estimate of the same object that goes on from it.
 
-    Its pushes get the last of all numbers, so that they differ from those that follow.
+    The pushes of the model get the highest push ids, so that they differ from those of later pushes.
 
     Raises:
-        InvalidInput: as for `load_model`, or it is of an object of another name or outline, or has no data points.
+        InvalidInput: as for `load_model`; or the model's object has another name or outline, or the model no data points.
     """
     file, model = load_model(path)
     if model.name != pushed.name:
@@ -242,15 +242,16 @@ def library(folder: pathlib.Path, pushed: ObjectModel) -> list[Hypothesis]:
     """The models in a folder as hypotheses, each by the name of its file: what the pushed object may be.
 
     Raises:
-        InvalidInput: it is no folder, holds no model, or one that cannot be read or has another outline than the object.
+        InvalidInput: `folder` is not a folder, or holds no model, or a model cannot be read or has another outline than the
+            object.
     """
     if not folder.is_dir():
-        raise InvalidInput(f"{folder}: is no folder, expected one of models")
+        raise InvalidInput(f"{folder}: is not a folder, expected a folder of models")
     found = []
     for path in sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES):
         file, model = load_model(path)
         if model.outline != pushed.outline:
-            raise InvalidInput(f"{path}: has another outline than the pushed object, so that it cannot be recognised")
+            raise InvalidInput(f"{path}: has another outline than the pushed object, so it cannot be recognised")
         weights = np.array(file.w)
         found.append(Hypothesis(path.stem, model.support_points, weights=weights / weights.sum()))
     if not found:
@@ -259,10 +260,10 @@ def library(folder: pathlib.Path, pushed: ObjectModel) -> list[Hypothesis]:
 
 
 def check_name(path: pathlib.Path) -> None:
-    """Whether a model can be written there.
+    """Check that a model can be written there.
 
     Raises:
-        InvalidInput: the name is no YAML file's, or its folder does not exist.
+        InvalidInput: the name is not that of a YAML file, or its folder does not exist.
     """
     if path.suffix not in SUFFIXES or path.is_dir():
         raise InvalidInput(f"{path}: expected the name of a file that ends with {' or '.join(SUFFIXES)}")
@@ -274,7 +275,7 @@ def save_model(file: ModelFile, path: pathlib.Path) -> None:
     """Write the file, whole or not at all.
 
     Raises:
-        InvalidInput: it cannot be written there.
+        InvalidInput: the file cannot be written there.
     """
     check_name(path)
     content = file.model_dump(exclude_none=True, exclude_defaults=True)

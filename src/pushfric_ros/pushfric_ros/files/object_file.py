@@ -98,7 +98,7 @@ class HypothesisFile(Strict):
             outline: of the object.
             support_points: (n, 2) those of the object [m].
         Raises:
-            ValueError: its own support points are impossible.
+            ValueError: the hypothesis has impossible support points of its own.
         """
         try:
             points = support_points if self.support is None else self.support.points_over(outline)
@@ -204,8 +204,8 @@ def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:
     """Read a YAML file as a pydantic model.
 
     Raises:
-        InvalidInput: it cannot be read, is not YAML, or does not fit the model; one line names the file, the field, and what
-            was expected there.
+        InvalidInput: the file cannot be read, is not YAML, or does not fit the model; one line names the file, the field, and
+            what was expected there.
     """
     content = yaml_content(path)
     try:
@@ -218,7 +218,7 @@ def yaml_content(path: pathlib.Path) -> Any:
     """The content of a YAML file.
 
     Raises:
-        InvalidInput: it cannot be read, or is not YAML.
+        InvalidInput: the file cannot be read, or is not YAML.
     """
     with reading(path):
         text = text_of(path, TEXT_LIMIT)

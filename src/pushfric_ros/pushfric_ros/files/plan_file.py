@@ -17,7 +17,7 @@ EDGE_PUSHES = 5
 """Number of pushes along each edge if no plan is given."""
 
 ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
-"""Any line; whether a push can be placed does not depend on it."""
+"""A line for the check of a plan; whether a push can be placed does not depend on it."""
 
 
 class PushEntry(Strict):
@@ -60,7 +60,7 @@ def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:
     """Write a plan file.
 
     Raises:
-        InvalidInput: it cannot be written.
+        InvalidInput: the file cannot be written.
     """
     entries = [{"edge": push.edge, "offset": push.offset, "angle_deg": math.degrees(push.angle)} for push in pushes]
     try:

@@ -50,7 +50,7 @@ def chosen_tracker(configs: Sequence[Any]) -> Any:
     """The first of the settings of `tracker_kinds` that is complete.
 
     Raises:
-        ValueError: none is; the text says what the last one lacks.
+        ValueError: no settings are complete; the text says what the last ones lack.
     """
     for config in configs:
         if (absence := config.absence()) is None:
@@ -59,7 +59,7 @@ def chosen_tracker(configs: Sequence[Any]) -> Any:
 
 
 AUTOMATIC = ("fiducial", "contour")
-"""What AUTO chooses from, in this order: if an object has markers, it is seen by them."""
+"""What AUTO chooses from, in this order: an object with markers is found by its markers."""
 
 _WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source"}
-"""The setting that chooses from each group."""
+"""For each group, the setting that chooses from it."""

@@ -1,4 +1,4 @@
-"""Pushes to be judged, as CSV files: SI units, object frame, one push a row."""
+"""Pushes to be judged, as CSV files: SI units, object frame, one push in each row."""
 
 import math
 import pathlib
@@ -42,14 +42,14 @@ def read_point_pushes(path: pathlib.Path, outline: Outline) -> PointPushes:
         path: the file.
         outline: of the object; contacts must lie on it.
     Raises:
-        InvalidInput: names the file, the line, and what was expected there.
+        InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     rows, _ = _read(path, MOVED, outline)
     return PointPushes(rows[:, 0:2], rows[:, 2:4], rows[:, 4:6])
 
 
 def read_edge_pushes(path: pathlib.Path, outline: Outline) -> EdgePushes:
-    """The rows of a CSV file with the columns TURNED; others are ignored. The rest as for `read_point_pushes`."""
+    """The rows of a CSV file with the columns TURNED; others are ignored. For arguments and errors see `read_point_pushes`."""
     rows, places = _read(path, TURNED, outline)
     for where, half_width, turn in zip(places, rows[:, 4], rows[:, 7], strict=True):
         if half_width < 0:
@@ -60,7 +60,7 @@ def read_edge_pushes(path: pathlib.Path, outline: Outline) -> EdgePushes:
 
 
 def _read(path: pathlib.Path, columns: tuple[str, ...], outline: Outline) -> tuple[Array, list[str]]:
-    """Numbers (k, columns), and where each row stands; contacts and normals checked."""
+    """Numbers (k, columns), and the place of each row for errors; contacts and normals are checked."""
     _, rows = read_table(path, columns, "pushes")
     numbers = np.array([row.numbers(columns) for row in rows])
     places = [row.where for row in rows]

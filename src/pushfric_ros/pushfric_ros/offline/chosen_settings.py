@@ -1,4 +1,4 @@
-"""The settings of an estimation from a file: those that were recorded with it, except for those that somebody chose."""
+"""The settings of an estimation from a file: those recorded with it, except for those that the user chose."""
 
 import dataclasses
 import pathlib
@@ -15,12 +15,12 @@ from pushfric_ros.files.estimator_settings import EstimatorSettings
 
 @dataclass(frozen=True)
 class ChosenSettings:
-    """What somebody chose; the rest is as recorded."""
+    """What the user chose; everything else is as recorded."""
 
     estimator: Mapping[str, Any] = field(default_factory=dict)  # fields of EstimatorConfig
-    excluded: tuple[int, ...] = ()  # pushes that are left out, besides those of the recorded run
-    slipping: tuple[int, ...] = ()  # pushes known to slip, besides those of the recorded run
-    kept: tuple[int, ...] = ()  # pushes that are kept, even if they are unlike the others, besides those of the recorded run
+    excluded: tuple[int, ...] = ()  # pushes that are left out, in addition to those of the recorded run
+    slipping: tuple[int, ...] = ()  # pushes known to slip, in addition to those of the recorded run
+    kept: tuple[int, ...] = ()  # pushes kept even if they are unlike the others, in addition to those of the recorded run
 
     def of(self, source: pathlib.Path) -> EstimatorSettings:
         """The settings for a bag or a CSV.

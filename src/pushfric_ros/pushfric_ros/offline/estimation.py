@@ -64,7 +64,7 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
         warn: called with a line for each message or data point that is refused.
         whole_course: keep the estimates after each data point.
     Raises:
-        InvalidInput: the input, or a file that is named with it, is unusable.
+        InvalidInput: the input, or a file that the choices name, is unusable.
         DamagedBag: messages are missing from the bag.
     """
     settings = choices.settings.of(source)

@@ -11,18 +11,18 @@ from pushfric_ros.files.object_file import ObjectModel, SupportFile, complaint, 
 
 
 def object_of(path: pathlib.Path, name: str) -> tuple[ObjectModel, str]:
-    """The object that is given, or the one next to the bag; and where it came from.
+    """The object that is named, or the one next to the bag; and where it came from.
 
     Args:
         path: the bag or the CSV.
-        name: name of the object, or path of its YAML; empty: not given.
+        name: name of the object, or path of its YAML; empty: the one next to the bag.
     Raises:
-        InvalidInput: there is no such object, or its file does not describe one.
+        InvalidInput: there is no such object, or its file does not describe an object.
     """
     data_points.check_source(path)
     next_to_bag = data_points.object_beside(path)
     if not name and next_to_bag is None:
-        raise InvalidInput(f"{path} does not say of what object it is; give --object OBJ.yaml or one of {', '.join(TABLE_1)}")
+        raise InvalidInput(f"{path} does not name the pushed object; give --object OBJ.yaml or one of {', '.join(TABLE_1)}")
     where = name or str(next_to_bag)
     return load_object(where), where
 

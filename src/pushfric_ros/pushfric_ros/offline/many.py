@@ -1,4 +1,4 @@
-"""Estimates from many bags and CSVs: each costs only itself, and a run that was interrupted goes on where it was.
+"""Estimates from many bags and CSVs: a bad input does not stop the others, and an interrupted run goes on where it stopped.
 
 Every finished input adds one line of JSON to `results.jsonl`. The table, the models and the report follow from these lines.
 """
@@ -25,7 +25,7 @@ RESULTS, MODELS = "results.jsonl", "models"
 """Names in the folder of the results."""
 
 Line = dict[str, Any]
-"""What is known of an input: input, fingerprint, warnings; error, or the keys of `estimate --json` and model."""
+"""What is known of an input: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`."""
 
 
 def inputs_of(sources: Iterable[pathlib.Path]) -> list[pathlib.Path]:
@@ -45,18 +45,18 @@ def estimate_many(
     dask: str | None,
     finished: Callable[[Line], None],
 ) -> list[Line]:
-    """The lines of all inputs, in their order; those that stand in `results.jsonl` already are not estimated again.
+    """The lines of all inputs, in order; inputs whose lines are already in `results.jsonl` are not estimated again.
 
     Args:
         inputs: bags and CSVs.
-        choices: what the caller chose, the same for every input; files in it by their absolute paths.
-        out: folder for the lines and models; made if it does not exist.
+        choices: what the caller chose, the same for every input; paths in it are absolute.
+        out: folder for the lines and models; created if it does not exist.
         jobs: processes on this machine; -1: one for each core.
         dask: address of the scheduler of a Dask cluster, whose workers see the same files; None: this machine.
         finished: called with each line as it comes, first with those of an earlier run.
     Raises:
         InvalidInput: the folder cannot be written, two inputs have one model, or no cluster answers.
-        WorkerKilled: a process was killed; the lines until then stand in the folder.
+        WorkerKilled: a process was killed; the lines up to then are in the folder.
     """
     models = model_names(inputs)
     try:
@@ -81,7 +81,7 @@ def estimate_many(
 
 
 def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
-    """Where the model of each input goes, in the folder of the results: named for the input's path, so that it stays the same.
+    """Where the model of each input goes, in the folder of the results; the name follows from the input's path alone.
 
     Raises:
         InvalidInput: two inputs have the same name.
@@ -113,7 +113,7 @@ def fingerprint(path: pathlib.Path, choices: Choices) -> str:
 
 
 def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
-    """The lines of an earlier run that are still true; the last one of each input counts."""
+    """The lines of an earlier run that are still valid; the last one of each input counts."""
     if not file.exists():
         return
     lines: dict[str, Line] = {}
@@ -137,7 +137,7 @@ def _torn(file: pathlib.Path) -> bool:
 
 
 def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Path]) -> str:
-    """Estimate one input and write its model; whatever goes wrong with it is in its line, as JSON."""
+    """Estimate one input and write its model; return its line as JSON, which holds whatever went wrong."""
     warnings: list[str] = []
     line: Line = {"input": str(path), "fingerprint": fingerprint(path, choices), "warnings": warnings}
     try:
@@ -149,7 +149,7 @@ def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Pat
             line["model"] = f"{MODELS}/{model.name}"
     except PushfricError as error:
         line["error"] = str(error)
-    except Exception as error:  # noqa: BLE001 - a fault of ours must not cost the other inputs; it is told with its traceback
+    except Exception as error:  # noqa: BLE001 - a fault of ours must not stop the other inputs; its traceback is reported
         line["error"] = f"{type(error).__name__}: {error}"
         line["traceback"] = traceback.format_exc()
     return to_json(line)

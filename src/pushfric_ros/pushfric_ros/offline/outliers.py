@@ -7,16 +7,17 @@ import numpy as np
 import numpy.typing as npt
 
 FEWEST = 5
-"""Fewer estimates of an object do not say which of them differs."""
+"""With fewer estimates of an object, nobody can tell which of them differs."""
 
 TOO_FAR = 3.5
 """An estimate differs if its modified z-score is larger (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)."""
 
 TOO_FAR_IN_THE_PLANE = 3.92
-"""A normal point in the plane is this many standard deviations away from its mean as rarely as a number is TOO_FAR away."""
+"""A normally distributed point in the plane is farther than this many standard deviations from its mean as rarely as a number
+is farther than TOO_FAR."""
 
 RESOLUTION = 1e-4
-"""Nobody asks why estimates of p_CF differ by less [m]."""
+"""Differences of p_CF below this do not matter [m]."""
 
 NORMAL, RAYLEIGH = 0.6745, 1.1774
 """Median absolute deviation of the standard normal distribution, and median distance of such a point in the plane."""
@@ -39,14 +40,14 @@ def modified_z(values: npt.ArrayLike, resolution: float) -> npt.NDArray[np.float
 
 
 def differing(points: npt.ArrayLike, errors: Sequence[float], mu_c: Sequence[float | None]) -> list[list[str]]:
-    """Why each of M estimates of one object differs from the others; nothing for one that does not.
+    """Why each of M estimates of one object differs from the others; an empty list for one that does not.
 
     Args:
         points: (M, 2) centres of friction [m].
         errors: fit error for each data point.
         mu_c: contact friction coefficients; None for one that is only bounded.
     Returns:
-        for each estimate a list of reasons in words; all are empty if there are too few estimates to tell.
+        For each estimate a list of reasons in words; all are empty if there are too few estimates to tell.
     """
     points = np.asarray(points, dtype=float)
     reasons: list[list[str]] = [[] for _ in errors]
@@ -55,7 +56,7 @@ def differing(points: npt.ArrayLike, errors: Sequence[float], mu_c: Sequence[flo
     far = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     half = float(np.median(far))
     known = np.array([math.nan if value is None else value for value in mu_c])
-    # logarithms, as fit errors scatter by factors
+    # logarithms, because fit errors scatter by factors
     logs = np.log10(np.maximum(errors, 1e-12))
     for reason, z_error, z_mu, distance, error, mu in zip(
         reasons, modified_z(logs, 0.1), modified_z(known, 0.01), far, errors, known, strict=True

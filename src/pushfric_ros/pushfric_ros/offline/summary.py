@@ -1,4 +1,4 @@
-"""What many estimates say together: a page in Markdown with what differs, what is not to be used and what is broken."""
+"""The summary of many estimates: a Markdown page of those that differ, those not to be used, and the broken inputs."""
 
 import pathlib
 from collections import Counter, defaultdict
@@ -16,7 +16,7 @@ PAGE, FIGURE = "report.md", "centers.svg"
 
 
 def mark_outliers(lines: Sequence[Line]) -> list[Line]:
-    """The lines with the key `differs`, the reasons why an estimate differs from the others of its object, where it does."""
+    """The lines; if an estimate differs from the others of its object, its line gets the key `differs` with the reasons."""
     marked = {line["input"]: dict(line) for line in lines}
     for group in by_object(lines).values():
         points = [line["center_of_friction"] for line in group]
@@ -44,10 +44,10 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
 
 
 def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
-    """Write the page and its figure; returns the page.
+    """Write the page and its figure; return the path of the page.
 
     Args:
-        lines: of `mark_outliers`.
+        lines: as `mark_outliers` returns them.
         folder: where to write them.
     """
     number = counts(lines)
@@ -67,14 +67,14 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
             "|---|---|---|---|---|---|---|",
             *(_row(name, group) for name, group in groups.items()),
             "",
-            "p_CF and mu_c are medians; mu_c is only that of the estimates that give it, and not just bound it.",
+            "p_CF and mu_c are medians; that of mu_c is over the estimates that give a value and not only a bound.",
             "",
             f"![The centres of friction of each object]({FIGURE})",
             "",
         ]
     text += _list("Outliers", [(line, "; ".join(line["differs"])) for line in lines if "differs" in line])
     if any(len(group) < FEWEST for group in groups.values()):
-        text += [f"Outliers are looked for among at least {FEWEST} estimates of an object.", ""]
+        text += [f"An object needs at least {FEWEST} estimates before outliers are looked for.", ""]
     doubtful = [line for line in lines if "verdict" in line and not line["verdict"]["use"]]
     text += _list("Not to be used", [(line, " ".join(line["verdict"]["reasons"])) for line in doubtful])
     text += _list("Broken inputs", [(line, line["error"]) for line in lines if "error" in line])
@@ -103,5 +103,5 @@ def _row(name: str, group: Sequence[Line]) -> str:
 
 
 def _list(title: str, entries: Sequence[tuple[Line, Any]]) -> list[str]:
-    """A section with a line for each input, none if there is nothing to list."""
+    """A section with a line for each input; empty if there is nothing to list."""
     return [f"## {title}", "", *(f"- `{line['input']}`: {what}" for line, what in entries), ""] if entries else []

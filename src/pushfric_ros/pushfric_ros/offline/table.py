@@ -1,4 +1,4 @@
-"""Many estimates as one table: a CSV, and a Parquet file where pyarrow is installed."""
+"""Many estimates as one table: a CSV, and a Parquet file if pyarrow is installed."""
 
 import csv
 import importlib.util
@@ -13,7 +13,7 @@ CSV, PARQUET = "table.csv", "table.parquet"
 
 
 def _at(*keys: str | int) -> Callable[[Line], Any]:
-    """Looks up a value in a line, key by key; None if it is not there."""
+    """A function that looks up a value in a line, key by key; None if it is not there."""
 
     def value(line: Any) -> Any:
         for key in keys:
@@ -64,7 +64,7 @@ COLUMNS: dict[str, tuple[str, Callable[[Line], Any]]] = {
 
 
 def write_table(lines: Sequence[Line], folder: pathlib.Path) -> list[pathlib.Path]:
-    """Write the table of many estimates; returns the files."""
+    """Write the table of many estimates; return the files."""
     rows = [[value(line) for _, value in COLUMNS.values()] for line in lines]
     with (folder / CSV).open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
@@ -77,7 +77,7 @@ def write_table(lines: Sequence[Line], folder: pathlib.Path) -> list[pathlib.Pat
 
 
 def _write_parquet(lines: Sequence[Line], rows: Sequence[list[Any]], file: pathlib.Path) -> None:
-    """The same with w and its support points, which do not fit a CSV."""
+    """Write the same table with w and its support points, which do not fit into a CSV."""
     import pyarrow
     from pyarrow import parquet
 

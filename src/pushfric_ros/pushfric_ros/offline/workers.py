@@ -20,11 +20,11 @@ Result = TypeVar("Result")
 
 
 class WorkerKilled(PushfricError):
-    """A process that works for this one was killed."""
+    """A worker process was killed."""
 
 
 def results(work: Callable[[Argument], Result], arguments: Iterable[Argument], jobs: int, dask: str | None) -> Iterator[Result]:
-    """What `work` returns for each argument, in the order in which they are done.
+    """What `work` returns for each argument, in order of completion.
 
     Args:
         work: the function.
@@ -58,7 +58,7 @@ def _end_with(parent: int) -> None:
 
 
 def _on_cluster(work: Callable[[Argument], Result], arguments: Iterable[Argument], address: str) -> Iterator[Result]:
-    # importing it takes a second, which a run without a cluster should not wait for
+    # imported late: it takes a second, for which a run without a cluster should not wait
     distributed = importlib.import_module("distributed")
     try:
         client = distributed.Client(address, timeout=DASK_TIMEOUT)
