@@ -176,7 +176,7 @@ def test_a_second_cell_of_the_same_name_is_refused(running, tmp_path):
 def test_a_node_without_state_is_started_again(running):
     os.kill(running.pid_of("tracker"), signal.SIGKILL)
     # a push that it did not see, or whose first poses did not reach the estimator, is said to be missing
-    missing = r"^error: (.*; )?(no data point came of push|the live estimate missed messages|\d+ of 14 pushes were aborted)"
+    missing = r"^error: (.*; )?(no data point came from push|the live estimate missed messages|\d+ of 14 pushes were aborted)"
     assert running.wait_for_end() == bool(re.search(missing, running.output, re.M)), running.output
     assert "tracker was killed by SIGKILL; starting it again" in running.output
     assert running.nodes_alive() == {}
@@ -186,7 +186,7 @@ def test_an_estimator_that_is_killed_goes_on_from_the_bag(running, tmp_path):
     os.kill(running.pid_of("estimator"), signal.SIGKILL)
     # on a slow machine it may be away long enough that the push is aborted
     code = running.wait_for_end()
-    aborted = re.search(r"^error: .*(aborted|no data point came of push)", running.output, re.M)
+    aborted = re.search(r"^error: .*(aborted|no data point came from push)", running.output, re.M)
     assert code == bool(aborted), running.output
     assert "estimator was killed by SIGKILL; starting it again" in running.output
     assert running.nodes_alive() == {}

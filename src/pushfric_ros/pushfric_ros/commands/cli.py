@@ -19,7 +19,7 @@ from pushfric_ros.graph import fork_server
 COMMANDS = {
     "demo": "Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal, an operator.",
     "run": "Run the real cell: carry out its push plan, estimate, record.",
-    "replay": "Play a bag through the live graph, with the settings it was recorded with: it ends with the estimate of the live"
+    "replay": "Play a bag through the live graph, with the settings it was recorded with; this gives the estimate of the live"
     " run.",
     "estimate": "Estimate from a bag or a CSV, as fast as possible.",
     "recognize": "Rank the hypotheses in the object's file by how well they explain the data (section 5.2).",
@@ -30,7 +30,7 @@ COMMANDS = {
     "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
     "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",
-    "rehearse": "Bring about every fault of docs/safety.md on a real controller without an object, and measure how it rests.",
+    "rehearse": "Cause every fault of docs/safety.md on a real controller without an object; measure how the pusher stops.",
     "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
     "bag": "Check and recover bags.",
     "stop": "Stop the pusher of a running cell; nothing moves before ./pushfric reset.",
@@ -43,7 +43,7 @@ COMMANDS = {
 """Each command's name and the first paragraph of its help; the docstring of its function adds to that."""
 
 MODULES = {"import": "import_"}
-"""Modules of commands whose name is not allowed for a module."""
+"""Modules of the commands whose own name cannot be that of a module."""
 
 RUN_NODES = ("demo", "run", "replay")
 """Commands that start the nodes of a graph."""

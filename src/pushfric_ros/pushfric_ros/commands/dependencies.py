@@ -3,7 +3,7 @@
 The requirements are written once, as install_requires in src/*/setup.cfg. pip reads them there, and so does the script
 `pushfric` before anything is built; later they are in the metadata of the installed packages. Run as a script with
 requirements as arguments, this prints a line on those that are not met, which is empty if all are, and then the folders in
-which it has looked. It imports nothing of pushfric, as the packages may not be built yet.
+which it has looked. It imports nothing of pushfric, because the packages may not be built yet.
 """
 
 import importlib
@@ -79,7 +79,7 @@ def complaint(requirements: Iterable[str]) -> str | None:
 def explain() -> None:
     """End the process with one line and exit code 2 if a package is missing or too old; called when something has failed.
 
-    An old package lacks what is asked of it: ImportError, AttributeError or TypeError. Where none is old, the mistake is ours.
+    An old package lacks what is asked of it: ImportError, AttributeError or TypeError. If none is too old, the mistake is ours.
     """
     if (line := complaint(declared())) is not None:
         print(f"error: {line}", file=sys.stderr, flush=True)

@@ -49,7 +49,7 @@ def estimate(
     out: Annotated[
         pathlib.Path | None,
         typer.Option(
-            help="Folder to write: a table, models and a report, from many inputs, folders of them too.",
+            help="Folder to write: a table, models and a report, from many inputs or folders of inputs.",
             show_default=False,
         ),
     ] = None,
@@ -59,7 +59,7 @@ def estimate(
 ) -> None:
     """Exit code 1: do not use an estimate; warnings, or the report of --out, say why.
 
-    With --out, an input that cannot be read costs only itself. If you interrupt the command, call it again: it goes on.
+    With --out, an input that cannot be read does not stop the others. If you interrupt the command, call it again: it goes on.
     """
     choices = Choices(object_name, grid, support_points, settings, partial)
     if out is not None:

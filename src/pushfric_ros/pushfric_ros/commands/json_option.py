@@ -9,7 +9,7 @@ import typer
 from pushfric_core.errors import InvalidInput
 
 STDOUT = "-"
-"""What the option is without a file."""
+"""The value of the option if no file is given."""
 
 SUFFIX = ".json"
 

@@ -1,4 +1,4 @@
-"""What `NODE_node --help` prints: told by the node itself, which is started on no network for that."""
+"""What `NODE_node --help` prints: the node itself tells it, and is started for that out of reach of every other node."""
 
 import textwrap
 from collections.abc import Iterator

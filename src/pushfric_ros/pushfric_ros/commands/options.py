@@ -35,7 +35,7 @@ NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of 
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
 
 AUTO_VIEW = "auto"
-"""What stands for the address of a view that is asked for without one."""
+"""The address that stands for a --view without an address."""
 
 
 class WithView(typer.core.TyperCommand):
@@ -68,10 +68,10 @@ def view_at(address: str, settings: ViewConfig) -> ViewConfig | None:
     """Where the view is served; None: not at all.
 
     Args:
-        address: what --view was given; empty: it was not.
-        settings: of the cell, which hold where the address says nothing.
+        address: what --view was given; empty if --view was not given.
+        settings: of the cell, for what the address does not say.
     Raises:
-        InvalidInput: this is not an address.
+        InvalidInput: `address` is not an address.
     """
     if not address:
         return None

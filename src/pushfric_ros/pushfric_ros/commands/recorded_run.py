@@ -40,13 +40,13 @@ def left_behind(bag: pathlib.Path) -> str:
 
 
 def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Collection[int], aborted: int) -> list[str]:
-    """What the bag, the live estimate and the plan of a run that has ended say differently, in words; none if they agree.
+    """The differences between the bag, the live estimate and the plan of a finished run, in words; empty if they agree.
 
     Args:
-        bag: its folder.
-        live: the last estimate that the run published; None: there was none.
-        pushed: ids of the pushes that the plan carried out.
-        aborted: number of these that did not reach their end.
+        bag: folder of the bag.
+        live: the last estimate that the run published; None if there was none.
+        pushed: ids of the pushes of the plan that were carried out.
+        aborted: number of those pushes that did not reach their end.
     """
     from pushfric_ros.bags import data_points
 
@@ -55,9 +55,9 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Coll
         model, settings, data = _recorded(bag)
         made = data_points.recorded_observations(bag, model, settings, warn)
     except PushfricError as error:
-        return [*said, f"no estimate comes of the bag {bag}: {error}"]
+        return [*said, f"the bag {bag} gives no estimate: {error}"]
     if empty := sorted(set(pushed) - {point.push_id for point in data} - {*settings.excluded}):
-        said.append(f"no data point came of push {', '.join(str(push_id + 1) for push_id in empty)}")
+        said.append(f"no data point came from push {', '.join(str(push_id + 1) for push_id in empty)}")
     estimator = settings.new_estimator(model.support_points)
     usable = [point for point in data if _is_usable(estimator, point)]
     counts = len(usable), len({point.push_id for point in usable})

@@ -29,7 +29,7 @@ app = typer.Typer(add_completion=False)
 @app.command()
 def region(
     source: Annotated[
-        pathlib.Path | None, typer.Argument(help="Bag (folder or .mcap), or CSV of observations; none: before any push.")
+        pathlib.Path | None, typer.Argument(help="Bag (folder or .mcap), or CSV of observations; if none, before any push.")
     ] = None,
     object_name: ObjectOption = "",
     region_margin: Annotated[

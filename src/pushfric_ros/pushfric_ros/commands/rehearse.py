@@ -26,26 +26,27 @@ def rehearsal(
     stroke: Annotated[
         float | None,
         typer.Option(
-            help="So far may the pusher go forward from where it stands [mm].", min=1.0, max=1000.0, show_default="asked for"
+            help="How far the pusher may go forward from where it stands [mm].", min=1.0, max=1000.0, show_default="asked for"
         ),
     ] = None,
-    speed: Annotated[float, typer.Option(help="Of the pushes [mm/s].", min=1.0, max=1000.0)] = 20.0,
-    axis: Annotated[str, typer.Option(help="Of the controller; -X: the stroke goes to negative coordinates.")] = "X",
-    baud: Annotated[int, typer.Option(help="Of the port [bit/s].", min=300, max=4_000_000)] = 115200,
+    speed: Annotated[float, typer.Option(help="Speed of the pushes [mm/s].", min=1.0, max=1000.0)] = 20.0,
+    axis: Annotated[str, typer.Option(help="Axis of the controller; -X: the stroke goes to negative coordinates.")] = "X",
+    baud: Annotated[int, typer.Option(help="Speed of the port [bit/s].", min=300, max=4_000_000)] = 115200,
     silence: Annotated[float, option(GrblSettings, "silence")] = GrblSettings.silence,
     kills: Annotated[
-        int, typer.Option(help="Instead: kill -9 of the host's processes, so many times at random moments.", min=0, max=100_000)
+        int, typer.Option(help="Instead: kill -9 the host's processes this many times, at random moments.", min=0, max=100_000)
     ] = 0,
-    seed: Annotated[int, typer.Option(help="Of these moments.", min=0, max=2**31)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of these moments.", min=0, max=2**31)] = 0,
     json: JsonOption = None,
 ) -> None:
-    """Bring about the faults of docs/safety.md in mid-push, one after the other, and measure when and where the pusher rests.
+    """Cause the faults of docs/safety.md in mid-push, one after the other, and measure when and where the pusher stops.
 
     Take the object away, bring the tip to the beginning of its stroke, and keep a hand on the emergency stop. The pusher moves
-    between where it stands and the stroke that you allow. In the end it is back, and the controller is as it was.
+    between where it stands and the end of the stroke that you allow. At the end it is back there, and the controller has its
+    old settings.
 
-    A faulty line stands between the actuator and the controller: it loses, changes and delays bytes. What the controller itself
-    reports is the truth that all is measured by. Ctrl-C stops the pusher where it is.
+    A faulty line stands between the actuator and the controller: it loses, changes and delays bytes. Everything is measured by
+    what the controller itself reports. Ctrl-C stops the pusher where it is.
 
     Exit code 1: a fault did not end as it must.
     """
@@ -76,7 +77,7 @@ def rehearsal(
 
 
 def line(outcome: Outcome) -> str:
-    """What came of a fault, as soon as it is known."""
+    """The result of a fault, as a line of text."""
     result = outcome.problem or "as it must be"
     if outcome.travelled is None or outcome.seconds is None:
         return f"{outcome.fault}: {result}"
@@ -96,7 +97,7 @@ def table(outcomes: list[Outcome]) -> Table:
 
 
 def distribution(outcomes: list[Outcome]) -> Table:
-    """Of each kind of process, how far the pusher went after it was killed."""
+    """How far the pusher went after a kill, for each kind of process."""
     shown = Table(box=None)
     for column in ("killed", "times", "median", "90 %", "farthest", "allowed", "failed"):
         shown.add_column(column, justify="left" if column == "killed" else "right")

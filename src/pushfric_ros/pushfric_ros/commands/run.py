@@ -36,19 +36,19 @@ def run(
     ] = None,
     save: Annotated[
         pathlib.Path | None,
-        typer.Option(help="Write a model to keep there (.yaml).", show_default="estimator.save of the cell"),
+        typer.Option(help="Save the model to this file (.yaml).", show_default="estimator.save of the cell"),
     ] = None,
     simulated_camera: Annotated[
         bool,
-        typer.Option("--simulated-camera", help="The cell's controller moves, without an object; the camera is rendered."),
+        typer.Option("--simulated-camera", help="The real controller moves, without an object; the camera is simulated."),
     ] = False,
     simulated: Annotated[
-        bool, typer.Option("--simulated", help="Controller and camera are simulated, five times as fast; nothing moves.")
+        bool, typer.Option("--simulated", help="Controller and camera are simulated, at five times real time; nothing moves.")
     ] = False,
 ) -> None:
-    """With --simulated-camera, the tip pushes an object that exists only in the rendered pictures, in real time: take the real
-    one away. With --simulated, nothing of the cell is needed but its files. An object that is not of Table 1 then bears on its
-    support points evenly, and simulation.contact_friction of the cell's file is its mu_c."""
+    """With --simulated-camera, the real tip moves in real time, and the object that it pushes exists only in the rendered
+    pictures: take the real one away. With --simulated, only the cell's files are needed. A simulated object that is not of
+    Table 1 has equal weights on its support points, and simulation.contact_friction of the cell's file is its mu_c."""
     if simulated and simulated_camera:
         raise InvalidInput("give --simulated or --simulated-camera, not both")
     file = load_cell(cell)

@@ -25,7 +25,7 @@ from pushfric_ros.vision.camera import load_camera
 
 FILE = "policy.xml"
 VERSION = "0.2.0"
-"""Of the schema of policies (sros2, policy.xsd)."""
+"""Version of the schema of policies (sros2, policy.xsd)."""
 
 RULES = {
     ("publishes", "topic"): ("topics", "publish"),
@@ -69,7 +69,7 @@ def security(
     cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
     out: Annotated[pathlib.Path, typer.Option(help=f"Folder for {FILE}.", show_default=False)],
 ) -> None:
-    """docs/security.md says how keys are made from it, and how it is switched on."""
+    """docs/security.md says how to make keys from the policy, and how to switch it on."""
     file = load_cell(cell)
     network.stay_apart()  # the cell may be running, and its nodes are started here only to ask them
     text = policy(permissions(file))
@@ -82,7 +82,7 @@ def security(
 
 
 def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
-    """What each node of a cell may do, by its enclave: what it does with the settings of the cell's file.
+    """What each node of a cell may do, by its enclave: exactly what it does with the settings of the cell's file.
 
     Raises:
         InvalidInput: a node refuses its settings.

@@ -23,7 +23,7 @@ def option(config: type, name: str) -> Any:
 
 
 def option_as_recorded(config: type, name: str) -> Any:
-    """The same where None stands for what a bag was recorded with; its range is the class's to check."""
+    """The same, but None stands for the value that a bag was recorded with; the class checks the range."""
     field = _field(config, name)
     return typer.Option(help=_help(field), show_default=f"as recorded, or {field.default}")
 
@@ -36,7 +36,7 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
     """The command with an option for each field of EstimatorConfig and for single pushes, instead of `settings`.
 
     Args:
-        command: its parameter `settings` gets them as ChosenSettings.
+        command: the function; its parameter `settings` gets the values as ChosenSettings.
         without: fields that have no meaning for the command.
     """
     fields = [field for field in dataclasses.fields(EstimatorConfig) if field.name not in without]
@@ -82,7 +82,7 @@ def _option(field: Any, hint: Any) -> Any:
 
 def _help(field: Any) -> str:
     text = field.metadata["description"]
-    if not text.split()[0].endswith(":"):  # the name of a value is written as it is
+    if not text.split()[0].endswith(":"):  # the name of a value is not capitalised
         text = text[0].upper() + text[1:]
     return f"{text}."
 

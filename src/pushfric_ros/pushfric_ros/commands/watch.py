@@ -24,7 +24,7 @@ from pushfric_ros.node_kit.visit import Visit
 from pushfric_ros.nodes.monitor import MonitorNode
 
 PATIENCE = 10.0
-"""After the end of a run, its last estimate is awaited until the estimator has made no progress for this long [s]."""
+"""After the end of a run, its last estimate is awaited; the wait ends if the estimator makes no progress for this long [s]."""
 
 
 def watch(
@@ -54,7 +54,7 @@ def watch(
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
     def say(name: str, line: str) -> None:
-        # the information of a node is for its log; its warnings, and the line of a failed start, are for the operator
+        # a node's information is for its log; its warnings, and the line of a failed start, are for the operator
         if "[INFO]" not in line and "[DEBUG]" not in line:
             console.print(f"{name}: {line}", highlight=False, markup=False)
 
@@ -62,7 +62,7 @@ def watch(
         def all_replayed() -> bool:
             return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
 
-        # made here, where the supervisor holds signals back, so that none interrupts its start or its end
+        # made here, where the supervisor holds signals back, so that no signal interrupts its start or its end
         with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
             try:
                 ended = monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed)
@@ -145,7 +145,7 @@ class Monitor:
         return ended
 
     def _catches_up(self) -> bool:
-        """Whether the plan is finished and the estimator has not processed all that was seen of it yet."""
+        """Whether the plan is finished but the estimator has not yet processed everything that was seen of it."""
         return self._finished is not None and self._visit.node.settled < self._finished
 
     def stay(self, supervisor: Supervisor) -> Ended:

@@ -9,7 +9,7 @@ from pushfric_ros.node_kit.parameters import overrides
 
 
 def node_class(name: str) -> Any:
-    """The class of a node, from its module, which is loaded only now."""
+    """The class of a node; its module is loaded only now."""
     module = importlib.import_module(f"{PACKAGE}.nodes.{name}")
     return getattr(module, "".join(word.capitalize() for word in f"{name}_node".split("_")))
 

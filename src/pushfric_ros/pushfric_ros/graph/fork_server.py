@@ -38,18 +38,18 @@ PRELOADED = (
 )
 """What the server imports: what several nodes need.
 
-It must start no thread. The one exception are those that LTTng starts where rclpy is built with it: they wait for a tracing
-daemon, and hold no lock that a node takes.
+It must start no threads. The one exception is LTTng's, if rclpy is built with it: they wait for a tracing daemon, and hold no
+lock that a node takes.
 """
 
 LONGEST = 1 << 16
-"""Of a request or report [bytes]."""
+"""Largest size of a request or report [bytes]."""
 
 ROOM = 512
 """The name of a process is written over the arguments that it was started with, so these must be this long [bytes]."""
 
 PATIENCE = 2.0
-"""For the end of the server after its last request [s]."""
+"""How long the server may take to end after its last request [s]."""
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -64,7 +64,7 @@ class NodeProcess:
     Attributes:
         pid: of the process, and of its group.
         output: what it prints to stdout and stderr.
-        returncode: negative: the signal that killed it; None: it has not ended, or how it ended is not known.
+        returncode: exit code; negative: the signal that killed the process; None: it has not ended, or its end is unknown.
     """
 
     def __init__(self, server: "ForkServer", pid: int, output: int) -> None:
@@ -94,7 +94,7 @@ class ForkServer:
     def __init__(self) -> None:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._processes: dict[int, NodeProcess] = {}
-        self._started: int | None = None  # process id that the last request brought
+        self._started: int | None = None  # process id that the server reported for the last request
         self._ready = self.gone = False
         with theirs:
             self._server = subprocess.Popen(
@@ -107,14 +107,14 @@ class ForkServer:
 
     @property
     def pid(self) -> int:
-        """Of the server."""
+        """Process id of the server."""
         return self._server.pid
 
     def ready(self, seconds: float) -> bool:
         """Wait until the server can fork, for at most this long [s]; return whether it can.
 
         Raises:
-            ServerGone
+            ServerGone: the server has ended.
         """
         if not self._ready:
             self.listen(seconds)
@@ -125,7 +125,7 @@ class ForkServer:
         """Take in what the server has reported.
 
         Raises:
-            ServerGone
+            ServerGone: the server has ended.
         """
         self.listen()
         if self.gone:
@@ -138,15 +138,15 @@ class ForkServer:
 
         Args:
             arguments: the interpreter, the script and its arguments, as they would start the process without a server.
-            environment: variables of the process besides those of the server.
+            environment: variables of the process in addition to those of the server.
         Raises:
-            ServerGone
+            ServerGone: the server has ended.
         """
         self.check()
         self._started = None
         read, write = os.pipe()
         request = json.dumps({"arguments": list(arguments), "environment": dict(environment)})
-        with contextlib.suppress(ConnectionError):  # it has gone; `listen` finds that, too
+        with contextlib.suppress(ConnectionError):  # the server has gone; `listen` notices that, too
             socket.send_fds(self._socket, [request.encode()], [write])
         os.close(write)
         while self._started is None and not self.gone:
@@ -201,13 +201,13 @@ _prepared: list[ForkServer] = []
 
 
 def prepare() -> None:
-    """Start a server ahead of its use, so that it imports while this process is still busy with its own imports."""
+    """Start a server before it is needed, so that it imports while this process is still busy with its own imports."""
     if not _prepared:
         _prepared.append(ForkServer())
 
 
 def prepared() -> ForkServer:
-    """The server that was started ahead, or else a new one; the caller closes it."""
+    """The server that `prepare` started, or else a new one; the caller closes it."""
     return _prepared.pop() if _prepared else ForkServer()
 
 
@@ -218,7 +218,7 @@ def main() -> None:
     """Run the server: `python3 -m pushfric_ros.graph.fork_server SOCKET MODULE... ROOM`."""
     die_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # also because more would be threads of the server
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # further threads would be threads of the server
     os.environ["SPT_NOENV"] = "1"  # setproctitle leaves the environment as it is, for those who look at it in /proc
     # of threads, as Python 3.12 does: see PRELOADED
     warnings.filterwarnings("ignore", category=DeprecationWarning, module=__name__)
@@ -232,10 +232,10 @@ def main() -> None:
 
 
 def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:
-    """Fork a process for each request, and report its end; returns in the new process alone, with what it is to run.
+    """Fork a process for each request, and report its end. Only the new process returns from here.
 
     Returns:
-        the request, and the file descriptor of its output.
+        What the process is to run, and the file descriptor of its output.
     """
     read, write = os.pipe()
     os.set_blocking(write, False)
@@ -274,7 +274,7 @@ def _reap(commands: socket.socket) -> None:
     while True:
         try:
             pid, status = os.waitpid(-1, os.WNOHANG)
-        except ChildProcessError:  # there is none
+        except ChildProcessError:  # no child is left
             return
         if not pid:
             return

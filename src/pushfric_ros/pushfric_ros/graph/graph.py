@@ -36,9 +36,9 @@ class NodeSpec:
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
     remappings: Mapping[str, str] = field(default_factory=dict)  # full names of topics -> their names instead
-    respawn: bool = False  # start it again when it dies; only for nodes that lose nothing by it
+    respawn: bool = False  # start the node again when it dies; only for nodes that lose nothing by that
     ends_run: bool = False  # the run ends when this node has done its work
-    environment: Mapping[str, str] = field(default_factory=dict)  # variables besides those of whoever starts it
+    environment: Mapping[str, str] = field(default_factory=dict)  # variables in addition to those of the starting process
 
     @property
     def executable(self) -> str:
@@ -78,9 +78,9 @@ TOPICS = (
     Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
     Topic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
 )
-"""The topics that a cell records: all except images, and the heartbeats: 80 messages a second that say only that nothing hangs.
+"""The topics that a cell records: all except images and heartbeats, which are 80 messages a second that say that nothing hangs.
 
-What a heartbeat that stays away leads to is a fault, which is recorded.
+A missing heartbeat leads to a fault, which is recorded.
 """
 
 WRENCH = Topic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
@@ -122,7 +122,7 @@ def _seer(file: CellFile, frames: Mapping[str, Any]) -> NodeSpec:
 
 
 def _movers(file: CellFile, frames: Mapping[str, Any], start: int) -> list[NodeSpec]:
-    """The nodes that push; or the one that follows a robot which others move, so that the run has no end of its own."""
+    """The nodes that push; or the node that follows a robot moved by others, in which case the run has no end of its own."""
     if file.pusher is None:
         return [NodeSpec("tip_source", {"object": file.object, **frames, **merged(file.tip)})]
     watched = (_seer(file, frames).name, "estimator")
@@ -151,7 +151,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
     if not isinstance(file.driver, GrblConfig):
         raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
     simulation = {"port_link": file.driver.port, "seed": seed, "speed": speed}
-    # at a multiple of real time, the object may be unseen only because the machine is busy, and the controller silent
+    # at a multiple of real time, a busy machine alone can make the object unseen and the controller silent
     late = PATIENCE * speed  # of simulated time, by the stamps of a busy machine
     plan = replace(
         file.plan,
@@ -232,7 +232,7 @@ def replay(
 
 
 def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -> list[NodeSpec]:
-    """The same nodes, and one that shows the run to browsers; what happens waits until it can be seen.
+    """The same nodes, and one that shows the run to browsers; the run begins only when that node is ready.
 
     Args:
         specs: the nodes of a cell or of a replay.

@@ -20,7 +20,7 @@ def launch_description(launchable: Launchable) -> LaunchDescription:
 
     def nodes(context: LaunchContext) -> list[Node]:
         leaving = contextlib.ExitStack()
-        atexit.register(leaving.close)  # at exit, as the launch ends after its processes
+        atexit.register(leaving.close)  # at exit, because the launch ends after its processes
         folder = leaving.enter_context(scratch_folder())
         namespace, specs = launchable.graph(
             {name: context.launch_configurations[name] for name in launchable.arguments}, folder

@@ -13,7 +13,7 @@ from pushfric_core.errors import InvalidInput
 
 @contextlib.contextmanager
 def lock(namespace: str) -> Iterator[None]:
-    """Claim a cell's name on this machine's ROS domain, for the time of the context; the claim also ends with the process.
+    """Claim a cell's name on this machine's ROS domain until the context ends; the claim also ends with the process.
 
     Raises:
         InvalidInput: another run holds the name (two would mistake each other's messages for their own), or the lock file

@@ -7,12 +7,12 @@ import tempfile
 from collections.abc import Iterator
 
 KEEPER = ("/bin/sh", "-c", 'read -r _; rm -rf -- "$1"', "pushfric-scratch")
-"""Removes the folder that is its last argument, as soon as nobody can write to its input any more."""
+"""Command that removes the folder named by its last argument once nobody can write to its input any longer."""
 
 
 @contextlib.contextmanager
 def scratch_folder() -> Iterator[pathlib.Path]:
-    """A temporary folder for the time of the context; it goes with this process, even if that is killed."""
+    """A temporary folder for the context; it is removed with this process, even if the process is killed."""
     folder = tempfile.mkdtemp(prefix="pushfric-")
     keeper = subprocess.Popen(
         [*KEEPER, folder],

@@ -21,13 +21,13 @@ from pushfric_ros.graph.lock import lock
 from pushfric_ros.graph.scratch import scratch_folder
 
 PATIENCE = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
-"""The signals that ask a process to end, and how long to wait after each [s]; SIGINT would print what it interrupts."""
+"""The signals that end a process, and how long to wait after each [s]; SIGINT would print a traceback."""
 
 RESPAWN_DELAY = 1.0
 """A node that has died is started again after this long [s]."""
 
 STOPPED = 10.0
-"""A node whose process stands still (SIGSTOP) for this long [s] is killed, and so has died; one that hangs ends itself."""
+"""A node whose process is stopped (SIGSTOP) for this long [s] is killed, and counts as dead; one that hangs ends itself."""
 
 DEATHS, DEATHS_WITHIN = 3, 30.0
 """A node that dies this many times within this time [s] is not started again."""
@@ -66,7 +66,7 @@ class Supervisor:
 
     def __enter__(self) -> "Supervisor":
         with self._leaving as leaving:
-            # set a flag for `poll`, as an exception could strike anywhere, even in a fork
+            # set a flag for `poll`, because an exception could strike anywhere, even in a fork
             for caught in (signal.SIGINT, signal.SIGTERM):
                 leaving.callback(signal.signal, caught, signal.signal(caught, self._on_signal))
             leaving.enter_context(lock(self._namespace))
@@ -86,7 +86,7 @@ class Supervisor:
 
     @property
     def failed_at_the_end(self) -> Ended | None:
-        """The first node that was asked to end and ended with an error, as a recorder that found messages missing."""
+        """The first node that was asked to end and ended with an error, such as a recorder that found messages missing."""
         return self._at_the_end
 
     @property
@@ -146,7 +146,7 @@ class Supervisor:
         return len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN
 
     def _end_all(self) -> None:
-        """End all processes, the first one last, as the others may depend on it."""
+        """End all processes, the first one last, because the others may depend on it."""
         started = [self._processes[spec.name] for spec in self._specs if spec.name in self._processes]
         for processes in (started[1:], started[:1]):
             _end(processes)
@@ -173,7 +173,7 @@ class Supervisor:
 
 
 def _end(processes: Sequence[NodeProcess]) -> None:
-    """End a process: ask first, and kill it at last."""
+    """End processes: ask each first, and kill it as a last resort."""
     for number, seconds in PATIENCE:
         alive = [process for process in processes if process.running]
         for process in alive:

@@ -39,10 +39,10 @@ MERIDIANS = 8
 """Number of sections through the moment axis that show the limit surface in space."""
 
 WITHIN_90 = -2 * math.log(0.1)
-"""A point of a normal distribution in the plane lies within x' C^-1 x <= this with 90 %."""
+"""A point of a normal distribution in the plane lies within x' C^-1 x <= this with a probability of 90 %."""
 
 PANELS = 12
-"""Most objects whose centres are drawn in one figure."""
+"""Largest number of objects whose centres are drawn in one figure."""
 
 
 def summary_figure(
@@ -60,7 +60,7 @@ def summary_figure(
         outline: of the object.
         estimates: the estimates after each data point, at least one; w and mu_c are drawn from the last.
         data: the data points of the last estimate.
-        truth: the simulated object; None: not known, and the last panel shows p_CF itself instead of its error.
+        truth: the simulated object; None if it is not known: then the last panel shows p_CF itself instead of its error.
         slipping: ids of the pushes whose contact is known to slip; the figure marks their lower bounds on mu_c.
     Raises:
         InvalidInput: the image cannot be written.
@@ -159,7 +159,7 @@ def centers_figure(path: pathlib.Path, objects: Sequence[Centers]) -> None:
 
 
 def table_error_figure(path: pathlib.Path, places: Array, errors: Array) -> None:
-    """A map of how far places on the table are off because of the camera's calibration.
+    """A map of the errors that the camera's calibration makes in places on the table.
 
     Args:
         path: where to write the image; its suffix selects the format.
@@ -281,7 +281,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
 
 
 def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
-    """p_CF against the number of data points: its error in percent of the sides, or without a truth its coordinates."""
+    """p_CF against the number of data points: its error in percent of the sides; if the truth is unknown, its coordinates."""
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
     half: Array = np.array([_half_extents(estimate) for estimate in estimates])
@@ -307,7 +307,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
 
 
 def _half_extents(estimate: Estimate) -> Array:
-    """Half the sizes of the 90 % ellipse of p_CF along x and y [m]; NaN where it is not told."""
+    """Half the sizes of the 90 % ellipse of p_CF along x and y (2,) [m]; NaN if the spread is unknown."""
     if estimate.spread is None:
         return np.full(2, np.nan)
     return np.sqrt(WITHIN_90 * np.diag(estimate.spread.covariance))

@@ -11,7 +11,7 @@ from pushfric_ros.bags.data_points import Warn, taken
 
 
 def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn: Warn) -> HalfPlanes:
-    """The half-planes that the data points allow p_CF, from their lines of motion, as in a live estimator.
+    """The half-planes in which the data points leave p_CF, from their lines of motion, as in a live estimator.
 
     Args:
         outline: of the object.

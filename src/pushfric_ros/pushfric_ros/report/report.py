@@ -20,7 +20,7 @@ STATUS_NAMES = {
 
 
 SLIP_NAMES = [state.value for state in Slip]
-"""In the order of ContactFriction.slips."""
+"""The words for a slip, in the order of the values of ContactFriction.slips."""
 
 
 def report(msg: FrictionEstimate) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
 
 
 def ensemble(estimate: Estimate) -> list[dict[str, Any]]:
-    """Weighted samples of w and mu_c for planners; none where the spread is not told. mu_c is None where it is only bounded."""
+    """Weighted samples of w and mu_c for planners; none if the spread is unknown. mu_c is None if it is only bounded."""
     if estimate.spread is None:
         return []
     weights = estimate.spread.samples

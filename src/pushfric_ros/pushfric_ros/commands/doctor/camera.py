@@ -1,4 +1,4 @@
-"""The camera: whether its frames come, change, are well exposed and bear good stamps."""
+"""The camera: whether its frames arrive, change, are well exposed and have good stamps."""
 
 import itertools
 import math
@@ -30,7 +30,7 @@ SLOWEST = 10.0
 """Frame rate that a push at 2 cm/s needs [1/s]."""
 
 BRIGHTEST, MOST_SATURATED = 235, 0.01
-"""Grey level from which a pixel counts as saturated (video ends there), and the largest fraction of such pixels."""
+"""Grey level from which a pixel counts as saturated (the video range ends there), and the largest share of such pixels."""
 
 STALE = 1.0
 """Frames older than this on arrival [s], or from the future, have stamps of another clock."""

@@ -20,7 +20,7 @@ PATIENCE = 5.0
 """How long to wait for another process [s]."""
 
 DDS_GROUP = "239.255.0.1"
-"""Where DDS participants announce themselves (RTPS 2.5, 9.6.1.4)."""
+"""Group and port at which DDS participants announce themselves (RTPS 2.5, 9.6.1.4)."""
 
 LAST_WAIT = 5.0
 """How long to wait for the child to end [s]."""

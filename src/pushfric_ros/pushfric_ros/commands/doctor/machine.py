@@ -26,7 +26,7 @@ def check_ros() -> Check:
     distro, rmw = os.environ.get("ROS_DISTRO", ""), middleware()
     finding = f"Python {sys.version.split()[0]}, ROS 2 {distro or 'of unknown distribution'}, {rmw}"
     if distro not in TRIED_DISTROS or rmw != TRIED_RMW:
-        advice = f"it may well work; tested were {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW}"
+        advice = f"it may well work; {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW} were tested"
         return Check("ROS 2", Level.WARNING, finding, advice)
     return Check("ROS 2", Level.OK, finding)
 

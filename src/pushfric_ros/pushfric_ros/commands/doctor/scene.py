@@ -52,7 +52,7 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
     except InvalidInput as error:
         return Check("object", Level.FAILED, str(error), "a camera nearer to the table, larger markers, or another object")
     if image is None or image.shape != (camera.height, camera.width):
-        return Check("object", Level.OK, f"{model.name}: nobody looked whether it is seen")
+        return Check("object", Level.OK, f"{model.name}: no image shows whether it is seen")
     try:
         sighting = tracker.track(image)
     except NotSeen as reason:
