@@ -79,7 +79,7 @@ HALF_WIDTHS = (0, 2, 4, 6, 8)
 """Half-widths of the contact interval [mm] in Figures 9 and 10."""
 
 CLEAR = 1e-6
-"""By how much all others must fit worse than the true orientation [cm]; with wide contact intervals, several fit exactly."""
+"""All other orientations must fit worse than the true one by this [cm]; with wide contact intervals, several fit exactly."""
 
 PUBLISHED = {"delrin_square3": 85, "delrin_rect_center": 36, "delrin_rect_right": 32}
 """Numbers of data points in Table 1."""
@@ -90,9 +90,9 @@ SUBSETS = (3, 5, 10, 15, 20, 30, 40, 60)
 SAMPLINGS = 10
 
 VISION_ERROR = (0.008, -0.002)
-"""Half-way through one push of wood_rect4, the object seems to jump by this (table frame) [m]: sideways and towards the tip.
+"""Half-way through one push of wood_rect4, the object seems to jump by this [m], table frame: sideways and towards the tip.
 
-This makes the distant outlier of Table 3 and Figure 7.
+This causes the distant outlier of Table 3 and Figure 7.
 """
 
 BAD_PUSH = 3

@@ -1,7 +1,8 @@
-"""`pushfric study`: how far the estimates can be acted on, measured on simulated pushes of many seeds and on real ones.
+"""`pushfric study`: how far the estimates can be relied on, measured on simulated pushes of many seeds and on real ones.
 
-Each cell of the study is an object, a camera's noise and a plan of pushes. What is counted: how often the 90 % ellipse of p_CF
-contains the truth, its radius compared with the errors, the errors of the optimum and of the middle of the set, mu_c.
+Each cell of the study is an object, a camera's noise and a plan of pushes. For each cell, the study measures how often the 90 %
+ellipse of p_CF contains the truth, its radius compared with the errors, the errors of the optimum and of the middle of the set,
+and mu_c.
 """
 
 import math
@@ -47,7 +48,7 @@ REAL_CENTER = np.full(2, 0.05)
 """True p_CF of the real triangle [m], by statics."""
 
 SLIPPED = 1e-3
-"""A real push slips where its tip moved along the edge by more than this [m]: its sensor then tells mu_c."""
+"""A real push slips if its tip moved along the edge by more than this [m]; then the force sensor tells mu_c."""
 
 Numbers = dict[str, Any]
 
@@ -206,12 +207,12 @@ def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...]
         try:
             estimator.add(observation)
         except PushfricError:
-            continue  # a data point that the estimator refuses, as in a live run
+            continue  # the estimator refuses this data point, as in a live run
     return estimator.estimate()
 
 
 def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
-    """Errors [m] of an estimate, and what it says of them; `told` is false where it cannot tell."""
+    """Errors of an estimate [m], and its own figures for them; `told` is false if it gives none."""
     estimate = _estimate(data, points, terms)
     error = estimate.center_of_friction - truth
     numbers: Numbers = {"error": float(np.hypot(*error)), "told": estimate.spread is not None}
@@ -224,7 +225,7 @@ def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tupl
 
 
 def _summary(runs: Sequence[Numbers]) -> Numbers:
-    """Of the runs of one cell; lengths in mm."""
+    """The figures of the runs of one cell; lengths in mm."""
     told = [one for one in runs if one["told"]]
     numbers: Numbers = {"runs": len(runs), "told": len(told), **_quantiles("error", [1e3 * one["error"] for one in runs])}
     if told:
@@ -241,7 +242,7 @@ def _quantiles(name: str, values: Sequence[float]) -> Numbers:
 
 
 def _within(runs: Sequence[Numbers]) -> Numbers:
-    """How often mu_c is within 10 % of the truth, and its interval holds it."""
+    """How often mu_c is within 10 % of the truth, and how often its interval holds the truth."""
     values = [one["value"] for one in runs if one["value"] is not None]
     return {
         "truth": runs[0]["truth"],
@@ -271,7 +272,7 @@ def _real(logs: dict[str, list[Observation]]) -> Numbers:
 
 
 def _real_mu_c(data: Sequence[Observation], terms: str) -> Numbers:
-    """mu_c without the forces, or with them, against the median that the sensor says of slipping pushes."""
+    """mu_c without the forces, or with them, compared with the median that the sensor gives for slipping pushes."""
     points = Outline(np.array(CORNERS)).grid(*(GRID.grid or (10, 10)), GRID.inset)
     sensed = []
     for one in data:

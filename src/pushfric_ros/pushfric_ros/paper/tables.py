@@ -118,7 +118,7 @@ REFERENCE: Nested = {
     "figure11": {"points_10": _percent(0.8, 3.1), "points_20": _percent(0.4, 1.5), "points_60": _percent(0.1, 0.6)},
     "figure13": {"feet": _percent(0.1, 0.6), "grid_15": {"w_min": -1.9, "w_max": 1.6}},
 }
-"""Medians of another simulation of the paper's cell with the same noise, written independently of this one; it lacks some."""
+"""Medians of another, independently written simulation of the paper's cell, with the same noise; some numbers are missing."""
 
 
 class Spread(NamedTuple):
@@ -149,7 +149,7 @@ def tables(seeds: Sequence[Mapping[str, Any]]) -> Nested:
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Median and quartiles, as order statistics, which infinite values do not spoil."""
+    """Median and quartiles, as order statistics: infinite values do not spoil them."""
     ranked = np.sort(np.asarray(values, dtype=float))
     low, median, high = (_between(ranked, share * (len(ranked) - 1)) for share in (0.25, 0.5, 0.75))
     return Spread(median, low, high)
