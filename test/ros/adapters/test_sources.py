@@ -75,7 +75,7 @@ def test_a_pose_is_found_in_each_kind_of_message(config, msg):
 
 def test_an_array_without_the_body_is_refused():
     source = PoseArrayConfig("there", 2).open_source()
-    with pytest.raises(ValueError, match="a message has 2 poses, so that none has the index 2"):
+    with pytest.raises(ValueError, match="a message has 2 poses, none with the index 2"):
         source.body("there", array())
 
 

@@ -1,4 +1,4 @@
-"""A body that another system tracks, such as a tag on the object or an arm's last link, and what brings it to the table."""
+"""A body that another system tracks, such as a tag on the object or an arm's last link, and its transform to the table."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from pushfric_core.planar import Array, Pose, inverse, transform, wrap
 from pushfric_core.settings import check_ranges, setting
 
 LENGTHS = (1e-3, 1e3)
-"""A quaternion should have length 1. One that is merely not normalised is taken; beyond this range it is refused."""
+"""A quaternion should have length 1. One with a length in this range is normalised; any other is refused."""
 
 
 class Body(NamedTuple):
@@ -26,7 +26,7 @@ class Body(NamedTuple):
         """From the parts of a ROS message: builtin_interfaces/Time, Point or Vector3, Quaternion.
 
         Raises:
-            ValueError: a value is not finite, or the quaternion is of no use.
+            ValueError: a value is not finite, or the quaternion's length is out of range.
         """
         at = np.array((position.x, position.y, position.z), dtype=float)
         q = np.array((quaternion.x, quaternion.y, quaternion.z, quaternion.w), dtype=float)
@@ -46,12 +46,12 @@ class Body(NamedTuple):
         return cls(stamp.sec * 10**9 + stamp.nanosec, at, axes)
 
     def before(self, inner: "Body") -> "Body":
-        """A body in this one's frame, in the frame of this one; as new as the newer of the two."""
+        """A body given in this one's frame, expressed in the frame in which this one was seen; the newer stamp of the two."""
         axes = np.asarray(self.axes @ inner.axes)
         return Body(max(self.stamp, inner.stamp), self.position + self.axes @ inner.position, axes)
 
     def inverted(self) -> "Body":
-        """The frame that this body was seen in, in the body's frame."""
+        """The frame in which this body was seen, expressed in the body's frame."""
         return Body(self.stamp, -self.axes.T @ self.position, self.axes.T)
 
 
@@ -77,7 +77,7 @@ class MountConfig:
                 raise ValueError(f"{name} must be three finite numbers, got {list(values)}")
 
     def stamp(self, body: Body) -> int:
-        """When it was seen, by the clock of the cell [ns]."""
+        """When the body was seen, by the cell's clock [ns]."""
         return body.stamp + round(self.time_offset * 1e9)
 
     def point(self, body: Body) -> Array:
@@ -93,7 +93,7 @@ class MountConfig:
         """
         x, y = body.axes[:2, 0]
         if math.hypot(x, y) < 1e-3:
-            raise ValueError("the x axis of the body is upright, so that it says nothing about the angle on the table")
+            raise ValueError("the x axis of the body is upright, so it does not give the angle on the table")
         at = self.point(body)
         return Pose(float(at[0]), float(at[1]), wrap(math.atan2(y, x) + self.turn - self.table[2]))
 
@@ -109,7 +109,7 @@ class Source(Protocol):
         """The body in a message of a topic; None if it tells nothing new about it.
 
         Raises:
-            ValueError: the message makes no sense.
+            ValueError: the message is not valid.
         """
 
 
@@ -125,10 +125,10 @@ class SourceDriver(Protocol):
 
 
 class Single:
-    """A source of one topic.
+    """A source with a single topic.
 
     Args:
-        topic: its name.
+        topic: name of the topic.
         type_name: package/msg/Type.
         quality: one of `messages.qos.QUALITIES`.
         found: the body in a message.

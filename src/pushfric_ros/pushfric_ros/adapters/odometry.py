@@ -8,7 +8,7 @@ from pushfric_ros.adapters.body import Body, Single, Source
 
 @dataclass(frozen=True)
 class OdometryConfig:
-    """A topic of odometry, of which the pose is taken."""
+    """A topic of odometry, whose pose is used."""
 
     topic: str = setting("odom", "name of the topic, nav_msgs/Odometry")
 

@@ -9,7 +9,7 @@ from pushfric_ros.adapters.body import Body, Single, Source
 
 @dataclass(frozen=True)
 class PoseArrayConfig:
-    """One body of a topic of many."""
+    """One of several bodies on a topic."""
 
     topic: str = setting("poses", "name of the topic, geometry_msgs/PoseArray")
     index: int = setting(0, "place of the body in the array, from 0", 0, 10_000)
@@ -23,6 +23,6 @@ class PoseArrayConfig:
 
     def _found(self, msg: Any) -> Body | None:
         if self.index >= len(msg.poses):
-            raise ValueError(f"a message has {len(msg.poses)} poses, so that none has the index {self.index}")
+            raise ValueError(f"a message has {len(msg.poses)} poses, none with the index {self.index}")
         pose = msg.poses[self.index]
         return Body.of(msg.header.stamp, pose.position, pose.orientation)

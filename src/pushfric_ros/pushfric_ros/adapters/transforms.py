@@ -9,7 +9,7 @@ from pushfric_ros.adapters.body import Body, Source, chain
 MOVING, FIXED = "/tf", "/tf_static"
 TYPE = "tf2_msgs/msg/TFMessage"
 DEEPEST = 100
-"""Most transforms between two frames; more mean that they run in a circle."""
+"""Largest number of transforms between two frames; more mean that they run in a circle."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,7 @@ class TransformsConfig:
 class Transforms:
     """A frame seen from another one, whenever a transform between them moves.
 
-    Transforms between two frames that have different stamps are taken as they are: the newest of each. The body is as new as
-    the newest.
+    The newest transform of each pair of frames is used, even if their stamps differ. The body has the newest of these stamps.
     """
 
     def __init__(self, frame: str, reference: str) -> None:

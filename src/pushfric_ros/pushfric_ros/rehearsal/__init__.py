@@ -1,1 +1,1 @@
-"""Faults brought about on purpose, with a controller that moves: how fast the pusher rests, and how far it goes."""
+"""Faults caused on purpose while a controller moves: how soon the pusher rests, and how far it goes."""

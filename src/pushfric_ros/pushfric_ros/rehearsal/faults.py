@@ -1,4 +1,4 @@
-"""The faults that are rehearsed: how each is brought about, and what must come of it."""
+"""The faults that are rehearsed: how each is caused, and what must follow."""
 
 import signal
 import time
@@ -17,22 +17,22 @@ from pushfric_ros.simulated.faulty_line import Filter, nothing, once
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
 RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
-WATCHED = 1.0  # a pusher that rests is watched for so long [s]
+WATCHED = 1.0  # a pusher that rests is watched for this long [s]
 TRIES = 5
 LATE_GREETING = 3.0  # [s]
-TRUE = 1e-4  # a published position is true within [m]
-LATELY = 0.5  # a state speaks of this moment or one as near [s]
+TRUE = 1e-4  # a published position must be true within this [m]
+LATELY = 0.5  # a state describes a moment at most this far from its stamp [s]
 HOSTILE = ((b"$120=", b"0"), (b"$100=", b"0.000"), (b"$22=", b"1e999"), (b"$110=", b"9" * 4300), (b"$27=", b"-1"))
 
 
 class Outcome(NamedTuple):
-    """What came of a fault."""
+    """What followed a fault."""
 
     fault: str
-    seconds: float | None  # from the fault to rest; None: the pusher was not to be stopped [s]
-    travelled: float | None  # after the fault [m]
-    allowed: float | None  # of that [m]
-    problem: str | None  # None: as it must be
+    seconds: float | None  # from the fault until the pusher rested [s]; None: the pusher was not to stop
+    travelled: float | None  # distance after the fault [m]
+    allowed: float | None  # largest distance allowed [m]
+    problem: str | None  # what was wrong; None: nothing
 
 
 class Fault(NamedTuple):
@@ -40,11 +40,11 @@ class Fault(NamedTuple):
 
     name: str
     bring_about: Callable[[Stage], float | None]
-    """Does it; returns when, or None where the pusher goes on as if nothing had happened."""
+    """Causes the fault; returns when, or None if the pusher must go on as if nothing had happened."""
     within: float | None = REACTION
-    """The pusher may go on for so long [s]; None: until it is off its way, wherever that is."""
+    """The pusher may go on for this long [s]; None: until it has left the way of its push, wherever that is."""
     check: Callable[[Stage], str | None] = lambda stage: None
-    """Afterwards, at rest: what is not as it must be."""
+    """Called once the pusher rests; returns what is wrong, or None."""
 
 
 class Excess(PushfricError):
@@ -52,13 +52,13 @@ class Excess(PushfricError):
 
 
 def rehearse(stage: Stage, faults: tuple[Fault, ...]) -> Iterator[Outcome]:
-    """Bring each fault about, one after the other; the pusher is brought back between them."""
+    """Cause the faults one after the other; the pusher is brought back after each."""
     for fault in faults:
         yield tried(partial(_rehearsed, stage, fault), fault.name)
 
 
 def tried(once: Callable[[], Outcome], name: str) -> Outcome:
-    """Again where the push ended before the fault; not for ever."""
+    """Try again if the push ended before the fault, but not for ever."""
     for _ in range(TRIES):
         try:
             return once()
@@ -81,10 +81,12 @@ def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
 
 
 def judged(stage: Stage, name: str, begin: float | None, first: int, within: float | None) -> Outcome:
-    """Wait for rest, and for what must not follow.
+    """Wait until the pusher rests, watch it for a while, and judge what it did.
 
     Args:
-        begin: when the fault was brought about; None: the pusher was to go on to the end of its push.
+        stage: where the fault was caused.
+        name: of the fault.
+        begin: when the fault was caused; None: the pusher had to go on to the end of its push.
         first: index of the first report of this push.
         within: see Fault.
     """
@@ -119,7 +121,7 @@ def judged(stage: Stage, name: str, begin: float | None, first: int, within: flo
 
 
 def untrue(stage: Stage, since: float, rested: float) -> str | None:
-    """A published state that is not so: the pusher was not there about the moment it speaks of, or has come to rest before."""
+    """The first published state that is untrue: the pusher was elsewhere at about that moment, or had already come to rest."""
     for when, state in stage.states:
         if when < since or state.mode == PusherState.MODE_DISCONNECTED:
             continue
@@ -133,15 +135,15 @@ def untrue(stage: Stage, since: float, rested: float) -> str | None:
 
 
 def traceback_in(stage: Stage) -> str | None:
-    """Whether an actuator died of a fault that nobody thought of."""
+    """Whether an actuator ended with an error that nobody foresaw."""
     return "the actuator ended with a traceback" if "Traceback" in stage.log.read_text(errors="replace") else None
 
 
-# How each is brought about
+# How each fault is caused
 
 
 def damaged(filtered: Filter) -> Callable[[Stage], float]:
-    """The next command that the filter knows, in mid-push."""
+    """Damage the next command that the filter recognises, in mid-push."""
 
     def bring_about(stage: Stage) -> float:
         stage.under_way(0.5)
@@ -152,14 +154,14 @@ def damaged(filtered: Filter) -> Callable[[Stage], float]:
 
 
 def report_damaged(stage: Stage) -> None:
-    """A wrong digit; what is published then must not follow it."""
+    """Put a wrong digit into a report; the published position must not follow it."""
     stage.under_way()
     stage.states.clear()
     stage.line.to_host = once(b"Pos:", b"Pos:9")
 
 
 def published_nonsense(stage: Stage) -> str | None:
-    """A published position off the way of the push."""
+    """A published position that does not lie on the way of the push."""
     for _, state in stage.states:
         if not -SAME <= state.position - stage.position <= stage.reach + SAME:
             return f"{1e3 * state.position:.1f} mm was published"
@@ -167,7 +169,7 @@ def published_nonsense(stage: Stage) -> str | None:
 
 
 def modes_changed(stage: Stage) -> None:
-    """Somebody sends inches, incremental distances and 200 % of the feed, and the push comes after that."""
+    """Switch to inches, incremental distances and 200 % of the feed, as another program might, and push afterwards."""
     for line in ("G20", "G91"):
         stage.ask(line)
     stage.line.tell_controller(b"\x91" * 10)
@@ -176,7 +178,7 @@ def modes_changed(stage: Stage) -> None:
 
 
 def signalled(number: signal.Signals, client: bool) -> Callable[[Stage], float]:
-    """To the actuator or the client, in mid-push."""
+    """Send a signal to the actuator or the client, in mid-push."""
 
     def bring_about(stage: Stage) -> float:
         stage.under_way()
@@ -190,7 +192,7 @@ def signalled(number: signal.Signals, client: bool) -> Callable[[Stage], float]:
 
 
 def goes_on_and_moves_nothing(stage: Stage) -> str | None:
-    """A process that stood still is let go on."""
+    """Let the stopped process go on; nothing may move."""
     rest = stage.along()
     for process in (stage.actuator, stage.client):
         assert process is not None
@@ -202,7 +204,7 @@ def goes_on_and_moves_nothing(stage: Stage) -> str | None:
 
 
 def client_is_told(stage: Stage) -> str | None:
-    """The client gets a result, and the last state is true."""
+    """The client must get a result, and the last state must be true."""
     assert stage.client is not None
     end_of_client = stage.client
     stage.wait(lambda: end_of_client.poll() is not None, "the end of the client")
@@ -217,21 +219,21 @@ def client_is_told(stage: Stage) -> str | None:
 
 
 def mute(stage: Stage) -> float:
-    """Nothing that the controller says arrives."""
+    """From now on, nothing that the controller sends arrives."""
     stage.under_way()
     stage.line.to_host = nothing
     return time.monotonic()
 
 
 def cut(stage: Stage) -> float:
-    """Nothing arrives, either way."""
+    """From now on, nothing arrives in either direction."""
     stage.under_way()
     stage.line.to_host = stage.line.to_controller = nothing
     return time.monotonic()
 
 
 def waits_for_a_person(stage: Stage) -> str | None:
-    """With the line whole again, the actuator knows that it does not know."""
+    """Once the line works again, the actuator must know that the position is unknown, and wait for a person."""
     stage.line.to_host = stage.line.to_controller = bytes
     rest = stage.along()
     stage.states.clear()
@@ -244,7 +246,7 @@ def waits_for_a_person(stage: Stage) -> str | None:
 
 
 def found_moving(stage: Stage) -> float:
-    """A new actuator on a controller that carries out somebody else's line."""
+    """Start a new actuator while the controller carries out another program's line."""
     stage.end_actuator()
     asked: list[float] = []
 
@@ -260,7 +262,7 @@ def found_moving(stage: Stage) -> float:
 
 
 def move_alone(stage: Stage) -> None:
-    """One line of somebody else's, in millimetres whatever the modes, over the whole reach and as long as it takes."""
+    """Send one line as another program would: over the whole reach, slowly, in millimetres whatever the modes are."""
     sign = -1 if stage.given.axis[0] == "-" else 1
     slow = min(stage.given.speed, stage.reach / ALONE)
     line = f"$J=G21G91{stage.given.axis[-1]}{sign * 1e3 * stage.reach:.3f}F{60e3 * slow:.3f}\n"
@@ -269,11 +271,11 @@ def move_alone(stage: Stage) -> None:
 
 
 ALONE = 6.0
-"""Somebody else's motion takes so long, so that a new process is there before its end [s]."""
+"""Duration of the other program's motion [s]: long enough for a new process to start before its end."""
 
 
 def late_greeting(stage: Stage) -> float:
-    """A stop ends with a reset, to which the controller answers late."""
+    """Delay the controller's answer to the reset that ends a stop."""
     stage.under_way()
 
     def late(data: bytes) -> bytes:
@@ -287,7 +289,7 @@ def late_greeting(stage: Stage) -> float:
 
 
 def stopped(stage: Stage) -> float:
-    """Somebody calls the service."""
+    """Call the service that stops the pusher."""
     stage.under_way()
     begin = time.monotonic()
     stage.person.call("actuator/stop")
@@ -295,7 +297,7 @@ def stopped(stage: Stage) -> float:
 
 
 def is_released(stage: Stage) -> str | None:
-    """A person says so, and it is no alarm that ends by it."""
+    """The pusher must be held without an alarm, and a person's reset must release it."""
 
     def over() -> bool:
         return stage.mode() == PusherState.MODE_HOLD
@@ -311,7 +313,7 @@ def is_released(stage: Stage) -> str | None:
 
 
 def hostile_settings(stage: Stage) -> None:
-    """Settings that no controller has; the doctor and the driver say so in one line."""
+    """Answer with impossible settings; the doctor and the driver must say so in one line."""
     stage.end_actuator()
     config, driver = stage.config()
     for key, value in HOSTILE:
@@ -326,7 +328,7 @@ def hostile_settings(stage: Stage) -> None:
 
 
 def in_lines(key: bytes, value: bytes) -> Filter:
-    """A filter that gives a setting another value, wherever the pieces end that come."""
+    """A filter that gives a setting another value, however the bytes are split into pieces."""
     left = [b""]
 
     def filtered(data: bytes) -> bytes:
@@ -340,7 +342,7 @@ def in_lines(key: bytes, value: bytes) -> Filter:
 
 
 def looked_at(stage: Stage) -> None:
-    """The doctor, while the controller moves: it sends nothing but questions, and says that it moves."""
+    """Run the doctor while the controller moves: it must send only questions, and say that the controller moves."""
     stage.end_actuator()
     sent = bytearray()
 
@@ -377,4 +379,4 @@ FAULTS = (
     Fault("a wrong digit in a report", report_damaged, check=published_nonsense),
     Fault("the doctor looks at a moving controller", looked_at),
 )
-"""All that can be brought about without an object."""
+"""All faults that can be caused without an object."""

@@ -18,11 +18,11 @@ from pushfric_ros.vision.camera import Camera, save_camera
 KINDS = ("actuator", "client of a push", "experiment", "command line")
 EARLIEST, LATEST = 0.05, 0.9  # of a push
 LONGEST = 0.05
-"""A push in the rendered camera's view is no longer [m]."""
+"""Largest length of a push in the rendered camera's view [m]."""
 
 
 def kill(stage: Stage, times: int, seed: int) -> Iterator[Outcome]:
-    """Each kind in turn. What remains of the host goes on; afterwards a new actuator must wait for a person.
+    """Kill each kind of process in turn. The remaining processes go on; afterwards a new actuator must wait for a person.
 
     The experiment and the command line are those of a whole cell, with a rendered camera (`run --simulated-camera`).
     """
@@ -83,7 +83,7 @@ def _of_a_cell(stage: Stage, kind: str, share: float) -> Outcome:
 
 
 def _written(stage: Stage, distance: float) -> pathlib.Path:
-    """A cell's file, with the tip at the origin of the table where the rehearsal began."""
+    """Write a cell's file in which the place where the rehearsal began is the origin of the table."""
     pusher, driver = stage.config()
     camera, cell = stage.folder / "camera.yaml", stage.folder / "cell.yaml"
     save_camera(Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625), camera)

@@ -1,4 +1,4 @@
-"""The stage of a rehearsal: a controller behind a line that can fail, the truth as it says it itself, and the processes."""
+"""The stage of a rehearsal: a controller behind a line that can fail, the truth as the controller reports it, the processes."""
 
 import bisect
 import contextlib
@@ -32,13 +32,13 @@ from pushfric_ros.pushers.stroke import OFF_WAY
 from pushfric_ros.simulated.faulty_line import FaultyLine
 
 REACTION = 0.3
-"""Whatever breaks, the pusher may go on for so long, and then brakes [s]."""
+"""Whatever breaks, the pusher may go on for this long before it brakes [s]."""
 INCH = 25.4  # [mm]
-SAME = 2e-5  # of two positions [m]
-LISTENING = 0.02  # the stage asks for a report when none was heard for so long [s]
-AT_REST = 0.5  # for so long at the same place [s]
-PATIENCE = 60.0  # for what a busy machine does in the end [s]
-LEAST_PUSH = 0.5  # of a push at its speed [s]
+SAME = 2e-5  # positions that differ by no more are the same [m]
+LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
+AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
+PATIENCE = 60.0  # how long an event may take on a busy machine [s]
+LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 
 
 class NotRehearsed(PushfricError):
@@ -46,23 +46,23 @@ class NotRehearsed(PushfricError):
 
 
 class EndedEarly(PushfricError):
-    """A push ended before the fault that was to come: on a busy machine, the controller may seem silent."""
+    """A push ended before its fault was caused: on a busy machine, the controller may seem silent."""
 
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What is rehearsed with."""
+    """What the user gives for a rehearsal."""
 
     port: str
     baud: int
     axis: str
     stroke: float  # the pusher may move this far forward from where it stands [m]
     speed: float  # of the pushes [m/s]
-    silence: float = GrblSettings.silence  # of the controller, while it moves [s]
+    silence: float = GrblSettings.silence  # longest silence of the controller while it moves [s]
 
 
 class Heard(NamedTuple):
-    """What the controller said of itself."""
+    """A report of the controller."""
 
     when: float  # [s]
     along: float  # the stroke, from where the rehearsal began [m]
@@ -71,14 +71,14 @@ class Heard(NamedTuple):
 
 
 class Stage(contextlib.AbstractContextManager["Stage"]):
-    """Use as a context manager: on leaving, processes are ended and the pusher rests; `bring_back` is the caller's to call."""
+    """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `bring_back`."""
 
     def __init__(self, given: Rehearsed, say: Callable[[str], None]) -> None:
-        """Nothing is opened yet.
+        """Prepare the stage; nothing is opened yet.
 
         Args:
-            given: what to rehearse with.
-            say: called with what goes wrong on the way, for people.
+            given: what the user gives.
+            say: called with a line for people about whatever goes wrong on the way.
         """
         self.given, self.say = given, say
         self.namespace = f"/rehearsal_{os.getpid()}"
@@ -95,7 +95,13 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self._leaving = contextlib.ExitStack()
 
     def __enter__(self) -> "Stage":
-        """Raises NotConnected, NotRehearsed, and InvalidInput where the stroke is too short."""
+        """Open the line, and check that the controller can be rehearsed with.
+
+        Raises:
+            NotConnected: the controller does not answer.
+            NotRehearsed: the controller is not at rest, unlocked and homed, or stands in the wrong place.
+            InvalidInput: the port cannot be opened, or stroke or speed do not fit the controller.
+        """
         given = self.given
         with self._leaving as leaving:
             self.folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
@@ -140,12 +146,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     @property
     def braking(self) -> float:
-        """Way of the braking [m]."""
+        """Braking distance [m]."""
         return self.given.speed**2 / (2 * self.limits.acceleration)
 
     @property
     def margin(self) -> float:
-        """Of the stroke, what is left free beyond the pushes for what a fault may add [m]."""
+        """The part of the stroke beyond the pushes that is kept free for the distance that a fault may add [m]."""
         return OFF_WAY + REACTION * self.given.speed + self.braking + 1e-3
 
     @property
@@ -156,7 +162,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     # The truth
 
     def _listen(self, data: bytes) -> None:
-        """In the line's thread."""
+        """Take what the controller says; called in the line's thread."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         for raw in lines:
             text = raw.decode("ascii", errors="replace").strip()
@@ -178,7 +184,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
                 self.line.tell_controller(RealTime.HOLD.value)
 
     def spin(self, seconds: float = 0.005) -> None:
-        """Let things happen; the controller is asked where nobody else asks it."""
+        """Let messages and reports come in for this long [s]; ask the controller for a report if nobody else does."""
         if time.monotonic() - self._heard_at > LISTENING:
             self.line.tell_controller(RealTime.ASK.value)
             self._heard_at = time.monotonic()
@@ -188,7 +194,11 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             time.sleep(seconds)
 
     def wait(self, condition: Callable[[], object], what: str, seconds: float = PATIENCE) -> None:
-        """Raises NotRehearsed where it does not come."""
+        """Wait until a condition holds.
+
+        Raises:
+            NotRehearsed: it does not hold in time, or the pusher left its stroke.
+        """
         deadline = time.monotonic() + seconds
         while not condition():
             if self.broken_out is not None:
@@ -202,19 +212,19 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         return self.heard[-1].along
 
     def at(self, when: float) -> float:
-        """Where it was then [m], between two reports."""
+        """Where the pusher was at a time [m], interpolated between two reports."""
         before = next(one for one in reversed(self.heard) if one.when <= when)
         after = next((one for one in self.heard if one.when > when), before)
         share = (when - before.when) / (after.when - before.when) if after is not before else 0.0
         return before.along + share * (after.along - before.along)
 
     def between(self, begin: float, end: float) -> list[Heard]:
-        """What was heard in that time, and what was known when it began."""
+        """The reports within a time, and the last one before it."""
         times = [one.when for one in self.heard]
         return self.heard[max(0, bisect.bisect_right(times, begin) - 1) : bisect.bisect_right(times, end)]
 
     def rest(self) -> Heard:
-        """Wait until the pusher rests; the first report from there."""
+        """Wait until the pusher rests; return the first report from there."""
         since = time.monotonic()
 
         def rests() -> bool:
@@ -232,14 +242,14 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         return self.heard[first]
 
     def ask(self, line: str) -> list[str]:
-        """What the controller answers to a line, at rest."""
+        """The controller's answer to a line; only for use at rest."""
         self._lines.clear()
         self.line.tell_controller(line.encode() + b"\n")
         self.wait(lambda: "ok" in self._lines or any(text.startswith("error") for text in self._lines), f"the answer to {line}")
         return list(self._lines)
 
     def known(self) -> dict[str, list[str]]:
-        """What must be afterwards as it was before."""
+        """The controller's settings and modes, which the rehearsal must not change."""
         return {line: self.ask(line) for line in ("$$", "$#", "$G")}
 
     def place(self) -> float:
@@ -259,7 +269,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             yield pusher
 
     def config(self) -> tuple[PusherConfig, GrblConfig]:
-        """The settings of the actuator: those of any cell but for the place."""
+        """The settings of the actuator: those of any cell, except for the place."""
         given = self.given
         stroke = self.position + given.stroke
         config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, stroke, min(self.limits.max_speed, 10.0))
@@ -279,7 +289,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.actuator = None
 
     def ready(self) -> None:
-        """An actuator that would push, and the pusher where the rehearsal began."""
+        """Have an actuator that accepts pushes, and the pusher where the rehearsal began."""
         self.line.to_controller = self.line.to_host = bytes
         self.line.delay = 0.0
         if self.client is not None:
@@ -298,7 +308,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.make_ready()
 
     def make_ready(self) -> None:
-        """What a person does about an actuator that waits for one."""
+        """Do what a person does about an actuator that waits for one."""
 
         def idle() -> bool:
             if self.mode() == PusherState.MODE_IDLE:
@@ -316,14 +326,14 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             raise NotRehearsed(f"{error}; it said last: {last}") from error
 
     def push(self) -> None:
-        """Another process, which owns a push over the whole reach."""
+        """Start another process, which owns a push over the whole reach."""
         way, speed = 1e3 * self.reach, 1e3 * self.given.speed
         self.client = self.process(
             [sys.executable, "-m", "pushfric_ros", "jog", "--namespace", self.namespace, "--speed", f"{speed}", f"{way}"]
         )
 
     def under_way(self, share: float = 0.3) -> None:
-        """A push that has come so far."""
+        """Start a push, and wait until it has come this far."""
         self.push()
         assert self.client is not None
         self.wait(lambda: self.along() > share * self.reach or self.client.poll() is not None, "the push")  # type: ignore
@@ -331,21 +341,21 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             raise EndedEarly(f"the push ended before the fault: {words_of(self.client)}")
 
     def mode(self) -> int | None:
-        """As last published."""
+        """The mode that was published last; None if none was."""
         return self.states[-1][1].mode if self.states else None
 
     def _on_state(self, state: PusherState) -> None:
-        """A state speaks of the moment of its stamp, whenever it comes."""
+        """Keep a state with the time of its stamp, whenever it comes."""
         ago = time.time() - 1e-9 * stamp_from_msg(state.header.stamp)
         self.states.append((time.monotonic() - ago, state))
 
     @property
     def log(self) -> pathlib.Path:
-        """What the actuators say."""
+        """The file with the output of the actuators."""
         return self.folder / "actuator.log"
 
     def process(self, arguments: Sequence[str], output: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
-        """Out of reach of the terminal's Ctrl-C; it ends with this process."""
+        """Start a process out of reach of the terminal's Ctrl-C; it ends with this process."""
         return subprocess.Popen(
             arguments,
             stdin=subprocess.DEVNULL,
@@ -362,7 +372,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
                 end(process)
 
     def _come_to_rest(self) -> None:
-        """Whatever it does: a connection holds what moves, and takes away what is queued."""
+        """Stop the pusher whatever it does: a new connection holds the motion and discards what is queued."""
         self.line.to_controller = self.line.to_host = bytes
         self.line.delay = 0.0
         try:
@@ -372,7 +382,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.say(f"the controller may not rest: {error}")
 
     def bring_back(self) -> list[str]:
-        """Leave all as it was; what is not."""
+        """Leave everything as it was; return what could not be restored."""
         self._end_processes()
         self.line.to_controller = self.line.to_host = bytes
         self.line.delay = 0.0
@@ -389,17 +399,17 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
 
 RESTORED = {"G20", "G21", "G90", "G91", "G17", "G18", "G19", "G93", "G94", *(f"G{n}" for n in range(54, 60))}
-"""Modal words that a reset of the controller changes, and that a line sets again."""
+"""Modal words that a reset of the controller changes and that a line restores."""
 
 
 def comparable(answer: list[str]) -> list[str]:
-    """Without what says nothing: the last feed, and the motion mode, which goes with the next line."""
+    """An answer without the parts that mean nothing: the last feed, and the motion mode, which the next line sets."""
     words = [[word for word in text.split() if not word.startswith(("F", "[GC:"))] for text in answer]
     return [" ".join(text) for text in words]
 
 
 def drive(pusher: Grbl) -> None:
-    """Poll until it is no longer busy."""
+    """Poll a driver until it is no longer busy."""
     while pusher.busy:
         pusher.poll()
         time.sleep(0.003)
@@ -417,13 +427,13 @@ def pusher_position(pusher: Grbl) -> float:
 
 
 def words_of(process: "subprocess.Popen[str]") -> str:
-    """The last line that an ended process said."""
+    """The last line that an ended process printed."""
     assert process.stdout is not None
     return (process.stdout.read().strip().splitlines() or ["nothing"])[-1]
 
 
 def end(process: "subprocess.Popen[str]") -> None:
-    """Ask it to end, then end it."""
+    """Ask a process to end, then kill it."""
     for number, seconds in ((signal.SIGCONT, 0.0), (signal.SIGTERM, 8.0), (signal.SIGKILL, 8.0)):
         if process.poll() is None:
             process.send_signal(number)

@@ -1,7 +1,7 @@
-"""Serves the page of the live view, its story and its pictures, and takes what visitors ask for; knows no ROS.
+"""Serves the page of the live view, its story and its pictures, and takes the requests of visitors; knows no ROS.
 
-It works in a thread of its own. A slow visitor gets fewer, later changes, and delays nobody: each has one parcel of
-changes on the way and one that waits, in which later values of a key replace earlier ones.
+The server works in a thread of its own. A slow visitor gets fewer, later changes, and delays nobody: each visitor has one
+parcel of changes on the way and one that waits, in which later values of a key replace earlier ones.
 """
 
 import asyncio
@@ -31,10 +31,10 @@ ACTIONS = ("stop", "reset", "next", "exclude")
 """What a visitor may ask for."""
 
 FREE_FOR_ALL = "stop"
-"""This needs no token."""
+"""The action that needs no token."""
 
 ANSWER_WITHIN = 15.0
-"""After this long [s], a visitor is told that nobody answered."""
+"""If nobody answers within this time [s], the visitor is told so."""
 
 PING = 10.0
 """A visitor who has answered no ping for this long [s] counts as gone."""
@@ -43,11 +43,11 @@ LARGEST_REQUEST = 10_000
 """In bytes."""
 
 WITHOUT_TOKEN, RUN_ENDED = 4001, 1001
-"""Why a visitor's connection is closed, as a WebSocket status code."""
+"""WebSocket status codes that say why a visitor's connection is closed."""
 
 POLICY = (
     "default-src 'self'; img-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; "
-    "script-src 'self' 'unsafe-eval'"  # a script that drives a browser waits for conditions in this way
+    "script-src 'self' 'unsafe-eval'"  # scripts that drive a browser wait for conditions in this way
 )
 HEADERS = {
     "Cache-Control": "no-store",
@@ -58,7 +58,7 @@ HEADERS = {
 
 
 class Answer(NamedTuple):
-    """What became of something that a visitor asked for."""
+    """The answer to a visitor's request."""
 
     done: bool
     message: str
@@ -73,14 +73,14 @@ class Request(NamedTuple):
 
 
 class Server:
-    """The server of one run; it serves from its making until `close`.
+    """The server of one run, which serves until `close`.
 
     Args:
-        config: where, and what a visitor must show.
+        config: where to serve, and the token that a visitor must show.
         on_request: called from the server's thread with each request.
-        on_looking: called from there with whether anybody looks, when that changes.
+        on_looking: called from the server's thread with whether anybody looks, whenever that changes.
     Raises:
-        InvalidInput: it cannot serve there.
+        InvalidInput: the server cannot listen there.
     """
 
     def __init__(self, config: ViewConfig, on_request: Callable[[Request], None], on_looking: Callable[[bool], None]) -> None:
@@ -92,7 +92,7 @@ class Server:
         self._token = config.protected().token
         self._sockets = _bound(config)
         self._port = self._sockets[0].getsockname()[1]
-        # the library would tell the operator about each malformed request of a port scanner
+        # otherwise the library would report each malformed request of a port scanner to the operator
         for name in ("tornado.access", "tornado.general"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self._loop = asyncio.new_event_loop()
@@ -107,7 +107,7 @@ class Server:
         return f"http://{host}:{self._port}/" + (f"?token={self._token}" if self._token else "")
 
     def show(self, change: Change) -> None:
-        """Tell a change of the story; from any thread."""
+        """Send a change of the story to the visitors; from any thread."""
         self._call(self._show, change)
 
     def picture(self, jpeg: bytes) -> None:
@@ -115,7 +115,7 @@ class Server:
         self._call(self._picture, jpeg)
 
     def close(self) -> None:
-        """Tell the visitors that the run has ended, and serve no longer."""
+        """Tell the visitors that the run has ended, and stop serving."""
         if self._thread.is_alive():
             asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(2.0)
             self._call(self._loop.stop)
@@ -123,20 +123,20 @@ class Server:
         self._loop.close()
 
     def allows(self, token: str | None) -> bool:
-        """Whether this is the token, if one is needed."""
+        """Whether this is the right token, or none is needed."""
         return not self._token or hmac.compare_digest((token or "").encode(), self._token.encode())
 
     def is_own(self, host: str) -> bool:
-        """Whether a name in a request's Host is this server's.
+        """Whether the name in a request's Host header is this server's.
 
-        Elsewhere than on the loopback the token protects it. There, another site's name that leads here is refused: the site's
-        page could otherwise read and steer the cell through the browser of whoever visits it.
+        On the loopback, another site's name that leads here is refused: the site's page could otherwise read and steer the cell
+        through the browser of its visitor. On other addresses, the token protects the server.
         """
         name = urlsplit(f"//{host}").hostname or ""
         return not self._local or name == self._host or is_loopback(name)
 
     def welcome(self, visitor: "Visitor") -> None:
-        """Tell a new visitor everything so far."""
+        """Send everything so far to a new visitor."""
         self._visitors.add(visitor)
         visitor.tell(self._story)
         self.look()
@@ -217,11 +217,11 @@ class Visitor(WebSocketHandler):
         self._sending: asyncio.Task[None] | None = None
 
     def check_origin(self, origin: str) -> bool:
-        """Only pages of this server: those of other sites must not read the story."""
+        """Accept only pages of this server: those of other sites must not read the story."""
         return super().check_origin(origin) and self._server.is_own(self.request.host)
 
     def open(self, *_: str, **__: str) -> None:
-        """Refuse who does not show the token; the page then says so."""
+        """Refuse a visitor without the right token; the page then says so."""
         if not self._server.allows(self.get_query_argument("token", None)):
             self.close(WITHOUT_TOKEN, "the token is missing or wrong")
             return
@@ -238,7 +238,7 @@ class Visitor(WebSocketHandler):
         self._server.look()
 
     def on_close(self) -> None:
-        """Who is not there cannot look."""
+        """Forget the visitor, who no longer looks."""
         if self._sending is not None:
             self._sending.cancel()
             self._server.leave(self)
@@ -277,13 +277,13 @@ class Visitor(WebSocketHandler):
 
 
 class Action(RequestHandler):
-    """What visitors ask for, each with a POST; answers `{"done": ..., "message": ...}`."""
+    """Visitors' requests, each a POST; the answer is `{"done": ..., "message": ...}`."""
 
     def initialize(self, server: Server) -> None:
         self._server = server
 
     async def post(self, action: str, push: str | None = None) -> None:
-        """Do it, unless the page of another site or somebody without the token asks."""
+        """Carry out a request, unless it comes from the page of another site or without the token."""
         origin = self.request.headers.get("Origin")
         if not self._server.is_own(self.request.host) or (origin and urlsplit(origin).netloc != self.request.host):
             raise HTTPError(403, "asked by the page of another site")
@@ -298,25 +298,25 @@ class Action(RequestHandler):
         self.write(answer._asdict())
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
-        """The reason, in the form of an answer."""
+        """Write the reason, in the form of an answer."""
         error = kwargs.get("exc_info", (None, None))[1]
         why = getattr(error, "log_message", None) or self._reason
         self.finish(Answer(False, why)._asdict())
 
     def set_default_headers(self) -> None:
-        """As for the page."""
+        """Set the headers of the page."""
         for name, value in HEADERS.items():
             self.set_header(name, value)
 
 
 class Page(RequestHandler):
-    """The files of the page: they hold nothing secret, and the button stop must come without a token."""
+    """The files of the page, served without a token: they hold nothing secret, and the stop button must always appear."""
 
     def initialize(self, server: Server) -> None:
         self._server = server
 
     def set_default_headers(self) -> None:
-        """Nothing from elsewhere, and nothing inside other pages."""
+        """Allow nothing from other sites, and no use inside other pages."""
         for name, value in HEADERS.items():
             self.set_header(name, value)
 
@@ -332,7 +332,7 @@ class Page(RequestHandler):
 
 
 def _bound(config: ViewConfig) -> list[Any]:
-    """Sockets that listen where the config says; at a free port, if it names none and the usual one is taken."""
+    """Sockets that listen where the config says; at a free port if the config names none and the usual one is taken."""
     try:
         if config.port:
             return bind_sockets(config.port, config.host)

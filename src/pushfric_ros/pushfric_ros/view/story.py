@@ -1,6 +1,6 @@
 """What a run has shown so far, for the page: everything that a visitor who comes late must know.
 
-The story is one flat dict; a change is a part of it. None takes a key back. Units are SI, frames as in the messages.
+The story is one flat dict; a change is a part of it. A value of None removes a key. Units are SI, frames as in the messages.
 
     cell, object     names, and the object's outline
     estimate         the last friction_estimate as the command line's JSON names it, with mu_c's histogram; None: no data yet
@@ -27,10 +27,10 @@ from pushfric_ros.report.report import report
 Change = dict[str, Any]
 
 REMEMBERED = 1000
-"""Data points and estimates come on two topics; one waits for the other until this many more of its kind have come."""
+"""Data points and estimates come on two topics. One waits for its counterpart until this many more of its kind have come."""
 
 AFTER_PUSH = ("center_of_friction", "confidence", "mu_c", "objective", "data_points", "verdict")
-"""What a push's row keeps of the estimate after it."""
+"""The parts of an estimate that the row of a push keeps."""
 
 PHASES = {
     PlanProgress.PHASE_WAITING: "waiting",
@@ -100,7 +100,7 @@ class Story:
         return changed
 
     def on_plan(self, msg: PlanProgress) -> Change:
-        """How far the plan is, and the push that begins or was given up."""
+        """The plan's progress, and the push that begins or was given up."""
         before, self._plan = self._plan, msg
         plan = {
             "phase": PHASES.get(msg.phase, "waiting"),
@@ -155,7 +155,7 @@ class Story:
         return {"pose": [pose.x, pose.y, pose.theta]}
 
     def _without_data(self) -> Change:
-        """Estimation starts again; what was left out stays so."""
+        """The change when estimation starts again; pushes that were left out stay left out."""
         gone = [push for push in self._pushes if push not in self._excluded]
         for push in gone:
             del self._pushes[push]
@@ -164,7 +164,7 @@ class Story:
         return {"estimate": None, **{f"push/{push}": None for push in gone}}
 
     def _row_after(self, stamp: int) -> Change:
-        """The row of a push, once both a data point of it and the estimate after that have come."""
+        """The row of a push, once both one of its data points and the estimate after that have come."""
         push, after = self._push_of.get(stamp), self._after.get(stamp)
         if push is None or after is None:
             return {}
