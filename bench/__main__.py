@@ -94,10 +94,10 @@ def bench(
     ] = None,
     json: JsonOption = None,
 ) -> int:
-    """Measure the CPU time of one new data point in pushfric and in other solvers of the same program, and that of a frame.
+    """Measure the CPU time of one new data point, in pushfric and in other solvers of the same program, and of one frame.
 
-    Everything runs on one thread. A solver is left out ("-") if one solve takes more than 20 s of CPU time, or must be expected
-    to after its last M. All solvers take each data point in turn, so that a disturbance, also of the caches, affects all alike.
+    Everything runs on one thread. A solver is left out ("-") if one solve takes more than 20 s of CPU time, or is expected to
+    after its last M. All solvers take each data point in turn, so that a disturbance, even of the caches, affects all alike.
     highs_warm is HiGHS kept warm: at each M and N the better of its primal and dual form.
     """
     if fuzzing is not None:
@@ -117,7 +117,7 @@ def bench(
         return _measure_footprint(json)
     plot.parent.mkdir(exist_ok=True)
     start = time.monotonic()
-    # without a thread that refreshes the bar, as its CPU time would be counted for a contender
+    # without a thread that refreshes the bar: its CPU time would be counted for a contender
     with Progress(*COLUMNS, console=Console(stderr=True), auto_refresh=False) as bar:
         steps = (
             len(supports) * (len(points) + 1)

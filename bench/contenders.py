@@ -1,6 +1,6 @@
-"""The contenders: each keeps the program for w up to date or solves it from scratch, as a competent user would write it.
+"""The contenders: each updates the program for w or solves it from scratch, as a competent user would write it.
 
-All get the same groups of two rows: a moment row a, whose |a . w| is minimised, and a hard row b . w >= 0.
+All contenders get the same groups of two rows: a moment row a, whose |a . w| is minimised, and a hard row b . w >= 0.
 
 Primal form: variables w, and u, v >= 0 with a . w - u + v = 0; minimise sum(u + v). A new data point is two rows.
 Dual form:   variables t, -1 <= y <= 1 and z >= 0; maximise t under A'y - B'z >= t. A new data point is two columns, and w is
@@ -74,7 +74,7 @@ class Pushfric:
 
     def objective(self) -> float:
         if self._optimum.status is not Status.OPTIMAL:
-            raise NoOptimum(f"what it ended with is {self._optimum.status.value}")
+            raise NoOptimum(f"the result is {self._optimum.status.value}")
         return self._optimum.objective
 
 

@@ -115,7 +115,7 @@ def prediction_table(figures: Figures) -> Table:
 
 
 def stability_table(figures: Figures) -> Table:
-    """Which two-finger pushes hold the object, told from the point pushes of each log."""
+    """How well each model predicts which two-finger pushes hold the object, learned from the point pushes of each log."""
     models = list(figures["stability"][0]["balanced_accuracy"]) if figures["stability"] else []
     table = Table("object", "learned from", *models, title="Stable pushes, balanced accuracy")
     for row in figures["stability"]:
@@ -140,7 +140,7 @@ def live_table(figures: Figures) -> Table:
 
 
 def footprint_table(figures: Figures) -> Table:
-    """Memory of the demo's processes, and what else a bare rclpy node is the measure of."""
+    """Memory of the demo's processes, and all other figures that are compared with a bare rclpy node."""
     table = Table("figure", "pushfric", "bare rclpy node", title="Footprint of the processes")
     memory, ends = figures["memory_mib"], figures["end_s"]
     for name, mebibytes in memory.items():

@@ -1,8 +1,8 @@
-"""What the processes weigh: memory of the demo, CPU time of two commands, how long nodes take to start and to end.
+"""The footprint of the processes: memory of the demo, CPU time of two commands, how long nodes take to start and to end.
 
-Next to all of it, in the same run, the same figures of a bare rclpy node: one publisher, one subscription, nothing else.
+The same run measures the same figures of a bare rclpy node: one publisher, one subscription, nothing else.
 
-Memory is the proportional set size: a page that several processes share counts for each with its share.
+Memory is the proportional set size: a page that several processes share is divided among them.
 """
 
 import os
@@ -37,7 +37,7 @@ WATCHED = 8.0
 """How long the memory of the demo is sampled, from the first pose [s]; the largest total counts."""
 
 PATIENCE = 60.0
-"""For nodes to appear and to end [s]."""
+"""How long nodes may take to appear and to end [s]."""
 
 ROUNDS = 5
 STEPS = 6
@@ -65,8 +65,8 @@ def measure(progress: Callable[[str], None]) -> Figures:
 
     Returns:
         "memory_mib": of each process of the demo and their "total"; "bare_memory_mib". "help_cpu_s" and "estimate_cpu_s":
-        medians; "bare_start_cpu_s": until a bare node is there. "first_pose_s": median time
-        from the start of the command line's process.
+        medians; "bare_start_cpu_s": until a bare node is ready. "first_pose_s": median time from the start of the command
+        line's process.
         "end_s": from SIGINT to the end of the last process, of a bare node ("bare"), of the estimator ("alone"), of all six
         nodes ("together") and of these while every core is busy ("together_busy"); "end_codes": exit codes other than 0.
     """
@@ -168,7 +168,7 @@ def _started_demo(watched: float) -> tuple[float, list[dict[str, float]]]:
 
 
 def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
-    """Start nodes of the simulated cell, all where none is named, and interrupt them; returns time [s] and exit codes."""
+    """Start the named nodes of the simulated cell, or all, and interrupt them; return the time [s] and the exit codes."""
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as name, ExitStack() as stack:
         folder, up = pathlib.Path(name), set()
         here = stack.enter_context(visit("bench", graph.NAMESPACE))
@@ -196,7 +196,7 @@ def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
 
 
 def _interrupt(processes: Mapping[str, "subprocess.Popen[str]"]) -> tuple[float, dict[str, int]]:
-    """Interrupt all at once, as a terminal does; returns how long the last one took to end [s], and the exit codes."""
+    """Interrupt all at once, as a terminal does; return how long the last one took to end [s], and the exit codes."""
     begin = time.monotonic()
     for process in processes.values():
         process.send_signal(signal.SIGINT)
@@ -226,7 +226,7 @@ def _memory_of_family(pid: int) -> dict[str, float]:
 
 
 def _name(arguments: str) -> str:
-    """What a process of the demo is called, by its arguments."""
+    """The name of a process of the demo, from its arguments."""
     if fork_server.__name__ in arguments:
         return "fork server"
     node = re.search(r"[ \0]__node:=(\w+)", arguments)

@@ -1,4 +1,4 @@
-"""Hostile input to every parser: mutated files, messages and bytes must be taken, or refused in one line.
+"""Hostile input to every parser: mutated files, messages and bytes must be accepted, or refused in one line.
 
     ./pushfric bench --fuzz MINUTES
 
@@ -72,13 +72,13 @@ TOKENS = [
     *(b"\0", b"\xff\xfe", b"\xed\xa0\x80", b"\x7f\xff\xff\xff", b"\xff" * 8),
     *(np.array([value]).tobytes() for value in (1e200, 1e308, -1e200, np.nan, np.inf)),
 ]
-"""What has broken parsers before."""
+"""Tokens that have broken parsers before."""
 
 SLOW = 5.0
 """An input that takes more CPU time is a failure in its own right [s]."""
 
 LONGEST_REFUSAL = 1100
-"""Characters of an error."""
+"""Largest number of characters of an error."""
 
 
 class Target(NamedTuple):
@@ -117,10 +117,10 @@ def mutated(corpus: list[bytes], rng: np.random.Generator) -> bytes:
 
 
 def attempt(name: str, seed: int, folder: pathlib.Path) -> bool:
-    """Give a target one mutated input; returns whether it took it.
+    """Give a target one mutated input; return whether it accepted the input.
 
     Raises:
-        Failure: it raised what it may not, needed several lines to say why, or took too long.
+        Failure: the target raised what it may not, needed several lines to say why, or took too long.
     """
     target = targets()[name]
     data = mutated(target.corpus, np.random.default_rng(seed))
@@ -225,7 +225,7 @@ def _estimated(data: list[Observation]) -> None:
     for observation in data:
         try:
             estimator.add(observation)
-        except PushfricError:  # it says nothing, or contradicts the others
+        except PushfricError:  # the data point says nothing, or contradicts the others
             continue
 
 
@@ -303,7 +303,7 @@ def _decoders() -> dict[str, Decoder]:
 
 @functools.cache
 def _messages() -> list[bytes]:
-    """Messages of each type; a first byte says which."""
+    """Messages of each type; the first byte says which type."""
     demo = {message.topic.rpartition("/")[2]: message.raw for message in Bag(DEMO).messages()}
     encode = encoder(TYPES["observation"])
     full = [encode(observation_to_msg(observation, "rubber_rect4")) for observation in _observations()]
@@ -312,7 +312,7 @@ def _messages() -> list[bytes]:
 
 
 def _use_messages(data: bytes, _: pathlib.Path) -> None:
-    """Whatever a message says, it is refused, or what is made of it does no harm."""
+    """Convert a message and use the result: whatever the message says, it is refused, or the result does no harm."""
     name = list(TYPES)[data[0] % 4] if data else "wrench"
     content = _decoders()[name](data[1:])
     if name == "observation":

@@ -4,9 +4,9 @@ The whole simulated cell runs in real time under the supervisor, as in the demo.
 published a message, so that the delays of the listener do not count.
 
 An estimate carries the stamp of the frame in the middle of its window. The newest image that it needs comes half a window and
-one frame later. The latency runs from the publication of that image to the publication of the estimate. Counted
-from the stamp of the image, it is longer by the time of the simulation's rendering, which a real camera does not need; the
-results have both.
+one frame later. The latency runs from the publication of that image to the publication of the estimate. The results also give
+it from the stamp of the image, which adds the rendering time of the simulation; a real camera does not have that.
+
 An estimate needs a pusher state at least as new as the frame before that image, and sometimes one as new as the image itself.
 """
 
@@ -172,7 +172,7 @@ class _Listener:
 
 
 def _run(frame_rate: float, seconds: float | None) -> _Listener:
-    """Run the cell in real time until its plan is finished, or until frames came for this many seconds."""
+    """Run the cell in real time until its plan is finished, or until frames have come for this many seconds."""
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, _executor() as (executor, node):
         cell = demo_cell(OBJECT, Path(folder))
         specs = [

@@ -24,7 +24,7 @@ RADIUS = 0.05
 
 GRID = "grid_55"
 FOLDS, HALVINGS, SUBSETS, FEW = 5, 5, 20, 10
-"""Of each log: folds, halvings with either half fitted once, and random choices of FEW pushes."""
+"""For each log: the number of folds, of halvings in which each half is fitted once, and of random choices of FEW pushes."""
 
 UNIFORM = Support(OUTLINE.grid(30, 30), np.full(len(OUTLINE.grid(30, 30)), 1 / len(OUTLINE.grid(30, 30))))
 CONTENDERS = ("pushfric", "uniform", "ellipsoid", "fitted_ellipsoid")
@@ -47,7 +47,7 @@ class Pushes(NamedTuple):
 
 
 def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Errors of predicted motions over all logs, and of predicted stability where stable_pushes.csv lies next to the source.
+    """Errors of predicted motions over all logs, and of predicted stability if stable_pushes.csv lies next to the source.
 
     Args:
         source: push_points.csv of `zhou2015`.
@@ -84,7 +84,7 @@ def read(source: pathlib.Path) -> dict[str, Pushes]:
         points = np.array([observation.contact_point for observation in observations])
         twists = np.array([observation.twist for observation in observations])
         tip = np.array(tips[log])
-        # what the contact moves, and the tip along it
+        # the displacement of the contact, and that of the tip along the edge
         velocities = twists[:, :2] + twists[:, 2:] * left_of(points) + tip[:, 2:] - tip[:, :2]
         normals = np.array([observation.contact_normal for observation in observations])
         found[log] = Pushes(observations, points, normals, velocities, twists)
@@ -92,7 +92,7 @@ def read(source: pathlib.Path) -> dict[str, Pushes]:
 
 
 def fit(points: Array, observations: Sequence[Observation]) -> FrictionModel:
-    """What the estimator's defaults make of some data points."""
+    """The model that the estimator, with its defaults, makes from some data points."""
     estimator = Estimator(points)
     for observation in observations:
         estimate = estimator.add(observation)
@@ -107,7 +107,7 @@ def angles(twists: Array, measured: Array) -> Array:
 
 
 def _splits(count: int, index: int) -> Iterator[tuple[str, Array, Array]]:
-    """What is fitted and what is predicted, by name of the protocol."""
+    """The indices of the pushes that are fitted and of those that are predicted, with the name of the protocol."""
     shuffled = np.random.default_rng([index, FOLDS]).permutation(count)
     for fold in range(FOLDS):
         yield f"{FOLDS}-fold", np.delete(shuffled, np.s_[fold::FOLDS]), shuffled[fold::FOLDS]
@@ -210,5 +210,5 @@ def ellipsoid_holds(ellipsoid: Ellipsoid, mu_c: float, pushes: stablepush.EdgePu
 
 
 def balanced_accuracy(found: np.ndarray, truth: np.ndarray) -> float:
-    """Mean of the shares found of those that are and of those that are not."""
+    """Mean of the share of positives that was found and the share of negatives that was found."""
     return float((found[truth].mean() + (~found[~truth]).mean()) / 2)

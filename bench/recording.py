@@ -95,7 +95,7 @@ def _publish_images(seconds: float) -> Figures:
         node = Node("camera")
     output = node.create_publisher(Image, TOPIC, SENSOR_DATA)
     rng = np.random.default_rng(0)
-    # more than fit into one chunk of the bag; otherwise its compression would find each of them twice
+    # more images than fit into one chunk of the bag; otherwise the compression would find each of them twice
     pictures = [array.array("B", rng.bytes(HEIGHT * WIDTH * 3)) for _ in range(8)]
     image = Image(height=HEIGHT, width=WIDTH, encoding="bgr8", step=3 * WIDTH)
     deadline = time.monotonic() + PATIENCE

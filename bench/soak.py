@@ -31,7 +31,7 @@ PER_DATA_POINT = 4.0
 """Memory that a data point may take in the estimator [kB]."""
 
 ALLOWED = 4096.0
-"""Memory that a process may take in the whole time besides, in the noise of its allocator [kB]."""
+"""Memory that a process may take in addition over the whole time, as noise of its allocator [kB]."""
 
 KINDS = ("memory [kB]", "threads", "files")
 
@@ -44,7 +44,7 @@ class Growth(NamedTuple):
     first: float  # after the warm-up, by the fitted line
     last: float
     slope: float  # per hour
-    flat: bool  # or no steeper than what the node keeps of its data
+    flat: bool  # whether the slope is no steeper than what the node keeps of its data
 
 
 def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:

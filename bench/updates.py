@@ -16,7 +16,7 @@ from bench.data_points import data_points
 from pushfric_core.solvers.simplex import Simplex
 
 LIMIT = 20.0
-"""A contender is left out if an update takes longer than this CPU time [s], or if an update or its load is expected to."""
+"""A contender is left out if an update takes more CPU time than this [s], or if an update or its load is expected to."""
 
 LONGEST_LOAD = 300.0
 """Nothing is measured if pushfric's own load, a solve after each data point, is expected to take longer than this [s]."""

@@ -33,7 +33,7 @@ def paths(rng: np.random.Generator) -> Iterator[tuple[int, float, float, float]]
 
 
 def motion(seed: int) -> Iterator[tuple[bool, Pose, np.ndarray]]:
-    """Poses of the object and places of the tip on the table at RATE times three; whether the detector takes a frame."""
+    """At three times RATE: whether the detector takes a frame, the object's pose, and the tip's place on the table (2,) [m]."""
     rng, known = np.random.default_rng(seed), TABLE_1[NAME]
     for edge, offset, bend, speed in paths(rng):
         pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.05, 0.02, rng.uniform(-1, 1)))
@@ -68,7 +68,7 @@ class ArmAndTag(Node):
             raise SystemExit
 
     def move(self) -> bool:
-        """Take a step once somebody looks; return whether there was one left."""
+        """Take a step once somebody subscribes; return whether a step was left."""
         if not (self._tool.get_subscription_count() and self._tag.get_subscription_count()):
             return True
         step = next(self._motion, None)

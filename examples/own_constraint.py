@@ -1,4 +1,4 @@
-"""A constraint of one's own: the object lies on a table with a soft spot, where it was seen to leave no pressure.
+"""A constraint of your own: the object lies on a table with a soft spot, on which it is known to exert no pressure.
 
 python3 examples/own_constraint.py
 """
@@ -12,7 +12,7 @@ from pushfric_core.support import SupportForces
 
 OUTLINE = Outline.rectangle(0.12, 0.06)
 
-DATA = [  # contact point [m], outward unit normal, twist [m, m, rad]: two pushes, which leave much open
+DATA = [  # contact point [m], outward unit normal, twist [m, m, rad]: two pushes, which leave w largely open
     Observation((-0.03, -0.03), (0.0, -1.0), Twist(0.0, 0.0103, -0.155), push_id=0),
     Observation((0.04, -0.03), (0.0, -1.0), Twist(0.0, 0.0094, 0.162), push_id=1),
 ]
@@ -20,7 +20,7 @@ DATA = [  # contact point [m], outward unit normal, twist [m, m, rad]: two pushe
 
 @dataclass(frozen=True)
 class SoftSpot(Constraint):
-    """Supports within a circle bear no weight: each unit of it there costs a moment.
+    """Supports within a circle should bear no weight: each unit of weight there costs a moment.
 
     Args:
         center: of the circle, object frame [m].

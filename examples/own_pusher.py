@@ -1,7 +1,7 @@
-"""A pusher of one's own: a slide without a controller, which moves as it is told. Time alone says where it is.
+"""A pusher of your own: a simulated slide without a controller. Its position follows from the time alone.
 
-A package registers `SlideConfig` as an entry point of the group pushfric.pushers, `slide = own_pusher:SlideConfig`; then the
-file of a cell chooses it with `pusher: {driver: slide, backlash: 0.0002, ...}`. A real one speaks to its controller here.
+A package registers `SlideConfig` as an entry point of the group pushfric.pushers, `slide = own_pusher:SlideConfig`; then a
+cell's file chooses it with `pusher: {driver: slide, backlash: 0.0002, ...}`. A real driver would talk to its controller here.
 
 python3 examples/own_pusher.py
 """
@@ -17,7 +17,7 @@ from pushfric_ros.pushers.pusher import Limits, Mode, Pusher, PusherConfig, Push
 
 @dataclass(frozen=True)
 class SlideConfig:
-    """What a cell's file says of a slide, besides what it says of every pusher."""
+    """The settings of a slide in a cell's file, in addition to those of every pusher."""
 
     backlash: float = setting(0.0, "play of the spindle [m]", 0.0, 0.01)
 
@@ -29,11 +29,11 @@ class SlideConfig:
         return Slide(config.max_speed)
 
     def absence(self) -> str | None:
-        """A slide is always there."""
+        """None: a slide needs nothing else."""
         return None
 
     def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
-        """What ./pushfric doctor says of it."""
+        """What ./pushfric doctor says about the slide."""
         level = Level.OK if self.backlash < distance / 100 else Level.WARNING
         yield Check("slide", level, f"{1e3 * self.backlash:g} mm of play in pushes of {1e3 * distance:g} mm")
 
@@ -68,7 +68,7 @@ class Slide:
         self._connected = False
 
     def recover(self) -> None:
-        """It knows no alarm."""
+        """Do nothing: a slide has no alarms."""
 
     def move_to(self, position: float, speed: float) -> None:
         self._start, self._end, self._speed, self._began = self._position(), position, speed, time.monotonic()

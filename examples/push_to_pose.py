@@ -1,8 +1,9 @@
 """A planner that pushes an object to a goal pose, learning on the way how it slides.
 
-It chooses each stroke from random candidates, refined: the one that the exact quasi-static model leaves nearest to the goal.
-The model comes from the data points of the strokes so far. The same planner with uniform pressure, and with friction that is
-wrong, shows what that is worth. The object, the camera's noise and the pusher are simulated; pushfric_core is all it needs.
+It draws random strokes, refines the best ones, and chooses the stroke after which the exact quasi-static model predicts the
+object nearest to the goal. The model comes from the data points of the strokes so far. The same planner with uniform pressure,
+and with wrong friction, shows what learning is worth. The object, the camera's noise and the pusher are simulated;
+pushfric_core is all it needs.
 
     python3 examples/push_to_pose.py --seeds 20 --figure push_to_pose.png
 """
@@ -51,13 +52,13 @@ class Course(NamedTuple):
 
 
 def wrong(support: Support, mu_c: float) -> FrictionModel:
-    """Friction as a careless user would put it: p_CF 8 mm off, and half of mu_c."""
+    """Friction as a careless user might guess it: p_CF is wrong by 8 mm, and mu_c is half of the true one."""
     points = support.points + (0.008, 0.0)
     return FrictionModel.of(Support(points, support.weights), mu_c / 2)
 
 
 def uniform(points: np.ndarray) -> FrictionModel:
-    """The same pressure on all support points, as those assume who have not pushed."""
+    """The same pressure on all support points: the usual assumption before any push."""
     return FrictionModel.of(Support(points, np.full(len(points), 1 / len(points))), GUESS)
 
 
@@ -69,7 +70,7 @@ def random_strokes(outline: Outline, rng: np.random.Generator) -> np.ndarray:
 
 
 def nearby(strokes: np.ndarray, share: float, rng: np.random.Generator) -> np.ndarray:
-    """As many strokes as CANDIDATES around some good ones, off by a share of the range of each number; the good ones stay."""
+    """CANDIDATES strokes: some good ones, and others that differ from them by a share of the range of each number."""
     many = np.repeat(strokes, CANDIDATES // len(strokes), axis=0)
     noise = share * rng.normal(size=(len(many), 3)) * (0.8, 2 * STEEPEST, LONGEST)
     low, high = (0.1, -STEEPEST, 0.0), (0.9, STEEPEST, LONGEST)
@@ -110,7 +111,7 @@ def arm() -> float:
 
 
 def distance(poses: np.ndarray, length: float) -> np.ndarray:
-    """From the goal [m], of poses (..., 3)."""
+    """Distance (...) of poses (..., 3) from the goal [m]; at the arm `length` [m], an angle counts as much as a position."""
     angles = (poses[..., 2] - GOAL.theta + math.pi) % (2 * math.pi) - math.pi
     return np.sqrt((poses[..., 0] - GOAL.x) ** 2 + (poses[..., 1] - GOAL.y) ** 2 + (length * angles) ** 2)
 
@@ -135,9 +136,9 @@ def stroke(
 
 
 def place(seed: int, fixed: FrictionModel | None) -> Course:
-    """Push the object from a random pose to the goal, with a model that stays as it is, or with one that learns.
+    """Push the object from a random pose to the goal, with a fixed model, or with one that learns.
 
-    The one that learns has placed the object ROUNDS - 1 times before, from other poses: with uniform pressure at first, and
+    The model that learns has placed the object ROUNDS - 1 times before, from other poses: at first with uniform pressure, and
     with what it has learned once there are FEWEST pushes.
     """
     known = TABLE_1[NAME]
@@ -174,12 +175,12 @@ def _placed(
 
 
 def learned(estimator: Estimator, data: Sequence[Observation]) -> FrictionModel | None:
-    """What all data points so far say; None while they are too few, or contradict each other."""
+    """The model that follows from all data points so far; None while there are too few, or they contradict each other."""
     for observation in data:
         try:
             estimator.add(observation)
         except PushfricError:
-            continue  # it rotated about a support point
+            continue  # the object rotated about a support point
     estimate = estimator.estimate()
     if estimate.pushes < FEWEST or estimate.contradiction is not None:
         return None

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from pushfric_msgs.msg import FrictionEstimate
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""The last estimate comes at once, however late this node starts."""
+"""With this quality of service, the last estimate comes at once, however late the node starts."""
 
 
 class Subscriber(Node):

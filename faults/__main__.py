@@ -30,9 +30,9 @@ all was as asked.
 def main(
     quick: Annotated[bool, typer.Option("--quick", help="Only a few cases, in about a minute; writes nothing.")] = False,
     only: Annotated[str, typer.Option(help="Only faults whose name contains this; writes nothing.")] = "",
-    times: Annotated[int, typer.Option(help="How often each is tried.", min=1)] = 1,
+    times: Annotated[int, typer.Option(help="How often each fault is tried.", min=1)] = 1,
 ) -> None:
-    """Do to running cells what can go wrong, and judge what follows; writes docs/reliability.md. All takes about an hour."""
+    """Cause faults in running cells and judge what follows; writes docs/reliability.md. All faults take about an hour."""
     # a shell starts background jobs with SIGINT ignored, and the runs would inherit that
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

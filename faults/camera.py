@@ -1,6 +1,6 @@
-"""Something between camera and tracker that goes wrong in the middle of a push.
+"""Faults between camera and tracker, in the middle of a push.
 
-`python -m faults.camera FAULT FOLDER` runs a simulated cell in real time, with this in it, and records `bag` in the folder.
+`python -m faults.camera FAULT FOLDER` runs a simulated cell in real time, with this fault, and records `bag` in the folder.
 """
 
 import array
@@ -32,7 +32,7 @@ from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 
 NAMESPACE = "/cell"
 TRUE, SHOWN = "camera/image_raw", "image_raw"
-"""What the camera sees, and what the tracker is given."""
+"""The topic on which the camera publishes, and the topic that the tracker receives."""
 
 BEGIN = 0.015
 """The fault begins when the pusher has come this far [m]: in the middle of the first push."""
@@ -55,7 +55,7 @@ class Frame(NamedTuple):
 class Seen:
     """What the camera has seen since the fault began."""
 
-    first: list[Frame] = field(default_factory=list)  # up to two
+    first: list[Frame] = field(default_factory=list)  # the first frames, up to two
     last: deque[Frame] = field(default_factory=lambda: deque(maxlen=8))
     count: int = 0
 
@@ -72,7 +72,7 @@ class Seen:
 
 
 def _shows(picture: Callable[[Seen], Picture]) -> Callable[[Seen], list[Frame]]:
-    """A fault of the pictures alone."""
+    """A fault that changes only the pictures."""
     return lambda seen: [Frame(picture(seen), seen.now.stamp)]
 
 
@@ -95,7 +95,7 @@ def _half(seen: Seen) -> Picture:
 
 
 def _turn(seen: Seen) -> list[Frame]:
-    """Each two frames in the wrong order."""
+    """Each pair of frames in the wrong order."""
     return [seen.last[-1], seen.last[-2]] if seen.count % 2 == 0 else []
 
 
@@ -117,11 +117,11 @@ FAULTS: dict[str, Callable[[Seen], list[Frame]]] = {
     "clock set back by an hour": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR)],
     "clock set back for a second": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR * (seen.count < 14))],
 }
-"""What is shown of what was seen, by the name of the fault."""
+"""By the name of the fault: which frames the tracker gets, from those that the camera has seen."""
 
 
 class FaultyCamera(Node):
-    """Passes images on, and from the middle of the first push on, what the fault makes of them."""
+    """Passes images on; from the middle of the first push, it passes on what the fault makes of them."""
 
     def __init__(self, fault: str, context: rclpy.Context) -> None:
         super().__init__("faulty_camera", namespace=NAMESPACE, context=context)

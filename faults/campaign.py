@@ -24,7 +24,7 @@ class Outcome(NamedTuple):
     case: Case
     seen: str  # exit code and time
     message: str  # the line that says what happened
-    problems: tuple[str, ...]  # how it differs from what was asked
+    problems: tuple[str, ...]  # how the outcome differs from what was asked
 
 
 def attempt(case: Case) -> Outcome:

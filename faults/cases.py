@@ -32,10 +32,10 @@ class Case:
         fault: what is done.
         asked: what must follow.
         strike: does it to a run whose first push is over, or which has just begun if `at_once`.
-        codes: the exit codes with which the run may end; of one that is interrupted, 130.
-        says: a regular expression that matches in what the run prints.
+        codes: the exit codes with which the run may end; 130 if it is interrupted.
+        says: a regular expression that must match in the run's output.
         camera: the fault of the camera, one of `camera.FAULTS`, instead of a strike.
-        interrupt: the run waits for a person, so that Ctrl-C ends it, once it has said what the matter is.
+        interrupt: the run waits for a person; once it has said why, Ctrl-C ends it.
         at_once: strike right after the start.
         quick: part of the quick campaign.
     """
@@ -64,13 +64,13 @@ def _stall(node: str, run: CellRun) -> None:
 
 
 def _limit_the_recorder(more: int, run: CellRun) -> None:
-    """Let its files grow by this many bytes; the next write fails, as on a full disk."""
+    """Let the recorder's files grow by this many more bytes; the next write fails, as on a full disk."""
     limit = sum(file.stat().st_size for file in run.bag.glob("*.mcap")) + more
     resource.prlimit(run.pid_of("recorder"), resource.RLIMIT_FSIZE, (limit, limit))
 
 
 def _second_recorder(run: CellRun) -> None:
-    """It must refuse the folder, and the run must not notice."""
+    """A second recorder must refuse the folder, and the run must not notice."""
     topic = "/cell/observation pushfric_msgs/msg/Observation reliable"
     program = "import sys; sys.argv[0] = 'recorder_node'; from pushfric_ros.node_kit.executable import main; main()"
     parameters = ["--ros-args", "-p", f"bag:={run.bag}", "-p", f"topics:=['{topic}']"]

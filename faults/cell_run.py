@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player", "simulated_cell")
 
 PROCESSES = {"pushfric_ros.graph.fork_server": "fork_server", **{f"{node}_node": node for node in NODES}}
-"""What the command lines of a run's processes contain, and what these are called here."""
+"""What the command lines of a run's processes contain, and the names of those processes here."""
 
 PATIENCE = 300.0
 """How long an awaited event may take [s], on a machine that is ten times slower than usual."""
@@ -33,7 +33,7 @@ def demo(folder: pathlib.Path, *options: str) -> list[str]:
 
 
 def nodes_alive(marker: str) -> dict[int, str]:
-    """The processes of nodes, and what starts them, whose environment holds a marker: their names, by process id."""
+    """The processes of nodes, and of what starts them, whose environment holds a marker: their names, by process id."""
     alive = {}
     for process in pathlib.Path("/proc").glob("[0-9]*"):
         try:
@@ -79,19 +79,19 @@ class CellRun:
 
     @property
     def output(self) -> str:
-        """What it has printed."""
+        """What the run has printed."""
         return "".join(self._lines)
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended."""
+        """Whether the run has ended."""
         return self.process.poll() is not None
 
     def wait_for(self, predicate: Callable[[], object], what: str) -> None:
         """Wait until a predicate holds.
 
         Raises:
-            DidNotHappen: it does not within PATIENCE.
+            DidNotHappen: the predicate does not hold within PATIENCE.
         """
         deadline = time.monotonic() + PATIENCE
         while not predicate():
@@ -104,24 +104,24 @@ class CellRun:
         self.wait_for(lambda: self.ended or "\npush" in self.output, "the first push")
 
     def wait_for_output(self, pattern: str) -> None:
-        """Wait until it has printed what a regular expression matches, or has ended."""
+        """Wait until the run has printed a match of a regular expression, or has ended."""
         self.wait_for(lambda: self.ended or re.search(pattern, self.output), pattern)
 
     def wait_for_end(self) -> int:
-        """Wait until it has ended; returns its exit code."""
+        """Wait until the run has ended; return its exit code."""
         self.wait_for(lambda: self.ended, "the end")
         self._listener.join(10.0)
         return self.process.returncode
 
     def nodes_alive(self) -> dict[int, str]:
-        """Names of its nodes that are alive, by process id."""
+        """Names of the run's nodes that are alive, by process id."""
         return nodes_alive(self._marker)
 
     def pid_of(self, node: str) -> int:
         """The process of a node.
 
         Raises:
-            DidNotHappen: it is not alive.
+            DidNotHappen: the node is not alive.
         """
         for pid, name in self.nodes_alive().items():
             if name == node:
