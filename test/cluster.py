@@ -20,7 +20,7 @@ with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as 
 
 @contextlib.contextmanager
 def local_cluster(folder: pathlib.Path) -> Iterator[str]:
-    """The address of its scheduler; at the end, the cluster and its workers have ended.
+    """Start a cluster; yields the address of its scheduler. Afterwards, the cluster and its workers have ended.
 
     Args:
         folder: for the workers' files.

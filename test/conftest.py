@@ -27,7 +27,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 @pytest.fixture(autouse=True)
 def own_state(tmp_path_factory, monkeypatch) -> None:
-    """Keep what an actuator remembers of its pusher to the test: neither another test nor the user's own cell finds it."""
+    """Keep an actuator's memory of its pusher within the test: neither another test nor the user's own cell finds it."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
 
 
@@ -45,7 +45,7 @@ def real_pushes() -> pathlib.Path:
 
 
 class Ros:
-    """rclpy nodes of one test, spun by one background thread."""
+    """The rclpy nodes of one test, spun by one background thread."""
 
     def __init__(self) -> None:
         from rclpy.executors import SingleThreadedExecutor
@@ -78,7 +78,7 @@ class Ros:
         return self.compose(Node(name, **kwargs))
 
     def take_out(self, node) -> None:
-        """Spin a node no longer, and leave its destruction to the test."""
+        """Stop spinning a node; the test destroys it."""
         self._executor.remove_node(node)
         self._nodes.remove(node)
 

@@ -31,7 +31,7 @@ OF_KEYS = {
     "rosbags": "python3-rosbags-pip",
     "zstandard": "mcap-ros2-support",
 }
-"""The key that brings a Python package, where it is not python3-NAME."""
+"""The rosdep key of a Python package, if it is not python3-NAME."""
 
 WITHOUT_KEY = {"osqp"}
 
@@ -66,13 +66,13 @@ def declared(script, name):
 
 
 def optional(name):
-    """Names of the modules without which a package can do less, but works."""
+    """Names of the optional modules: a package works without them, but does less."""
     extras = options(name)["options.extras_require"]
     return {package for extra in extras if extra != "test" for package in extras[extra].split()}
 
 
 def imported(name):
-    """Names of the top-level modules that a package imports, wherever in its files."""
+    """Names of the top-level modules that a package imports, anywhere in its files."""
     found = set()
     for path in (ROOT / "src" / name).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -149,7 +149,7 @@ def test_a_command_that_needs_more_says_so(script):
 
 @pytest.fixture
 def old(tmp_path, monkeypatch):
-    """A folder with packages of old versions, before all others on the path of Python; and one without metadata."""
+    """A folder of packages with old versions, one of them without metadata; it comes first on Python's path."""
     for name, version in (("pydantic", "1.10.14"), ("rich", "9.0")):
         info = tmp_path / f"{name}-{version}.dist-info"
         info.mkdir()
@@ -217,7 +217,7 @@ sys.meta_path.insert(0, Old())
 version = importlib.metadata.version
 importlib.metadata.version = lambda name: "1.10.14" if name == "pydantic" else version(name)
 """
-"""Ubuntu 24.04's pydantic, as far as it matters: nothing is in it that is asked of it."""
+"""Stands in for Ubuntu 24.04's pydantic: it is old, and has none of the names that are asked of it."""
 
 NODE = """
 sys.argv = ["estimator_node", "--ros-args", "-p", "object:=rubber_rect4"]

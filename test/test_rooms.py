@@ -1,4 +1,4 @@
-"""The rooms: which one may import which, and docs/architecture.md says of each what its package says."""
+"""The rooms: which may import which; and docs/architecture.md describes each room as its package does."""
 
 import importlib
 import pathlib

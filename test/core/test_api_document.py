@@ -16,7 +16,7 @@ sources tell the rest: shapes, units, frames and errors of every argument. All o
 `from pushfric_core import Estimator, Observation, Twist`."""
 
 DATA = {"TABLE_1": "The six objects of Table 1 by name: outline, support, mu_c, grid and noise of each."}
-"""What is no class and no function has no docstring."""
+"""Names that are neither classes nor functions have no docstring."""
 
 
 def document():

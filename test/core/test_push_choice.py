@@ -67,7 +67,7 @@ def test_a_plan_cuts_in_both_directions():
 
 
 def test_a_plan_predicts_the_mean_area_it_leaves(rng):
-    """Compared with the regions that noiseless outcomes leave for p_CF at many places, each region cut out by itself."""
+    """The prediction is compared with the regions that noiseless outcomes leave for p_CF at many places."""
     plan = planned_pushes(HalfPlanes(ELL, margin=0.003), 5)
     hull = HalfPlanes(ELL).region().polygon
     places = [place for place in rng.uniform(0, 0.1, (3000, 2)) if shapely.contains_xy(hull, *place)]

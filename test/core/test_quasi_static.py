@@ -1,4 +1,4 @@
-"""The vectorised model against the scalar one of `simulation`, and against what statics asks."""
+"""The vectorised model against the scalar one of `simulation`, and against statics."""
 
 import numpy as np
 import pytest

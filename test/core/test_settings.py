@@ -50,7 +50,7 @@ def test_plain_values_are_read_again():
         "stroke": 0.5, "axes": ["X", "Y"], "steps": 200, "plan": "a.yaml", "speed": 0.25, "penalty": math.inf
     }  # fmt: skip
     assert read(merged(configs), Stage, Plan) == configs
-    assert plain(Stage(0.5, ())) == {"stroke": 0.5, "steps": 200}  # of what an empty list is one, ROS cannot tell
+    assert plain(Stage(0.5, ())) == {"stroke": 0.5, "steps": 200}  # ROS cannot tell the type of an empty list
 
 
 @pytest.mark.parametrize(

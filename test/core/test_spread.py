@@ -1,4 +1,4 @@
-"""How far the estimate can be trusted: how often the ellipse holds the truth, what it depends on, and when nothing is told."""
+"""How far the estimate can be trusted: how often the ellipse holds the truth, what it depends on, and when there is none."""
 
 import numpy as np
 import pytest

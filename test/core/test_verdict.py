@@ -1,4 +1,4 @@
-"""What is said about unusable input, on pushes of the four feet; good input is used."""
+"""What the verdict says about unusable input, with pushes of the object on four feet; good input is used."""
 
 import math
 from dataclasses import replace

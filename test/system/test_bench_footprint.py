@@ -1,4 +1,4 @@
-"""The benchmark's figures of what processes weigh, of real processes."""
+"""The benchmark's footprint figures, of real processes."""
 
 import os
 import pathlib

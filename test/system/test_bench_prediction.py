@@ -1,4 +1,4 @@
-"""The peers that predictions are measured against are what they are called, and the figures come out of real pushes."""
+"""The peers that predictions are compared with are what their names say, and real pushes give the figures."""
 
 import numpy as np
 import pytest

@@ -28,14 +28,14 @@ PATIENCE = 120.0  # [s]
 OBJECT = "wood_rect4"
 STROKE = 0.05  # of each push [m]
 PUSHES = 80
-"""More than the tests last for."""
+"""More pushes than the tests take."""
 
 
 SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 910}
-"""Of the pictures of the docs [px]."""
+"""Size of the docs' pictures [px]."""
 
 LAST_PUSH = 14
-"""Of the demo."""
+"""Number of the last push of the demo."""
 
 FRAME_MS = 600
 """Time between two images of the moving picture."""
@@ -188,7 +188,7 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
             expect(one.locator("#rows tr").first).to_contain_text("excluded")
         expect(page.locator("#answer")).to_have_text(re.compile("^Exclude push 1: .* data points"))
         deadline = time.monotonic() + PATIENCE
-        while "is given up" not in page.locator("#answer").inner_text():  # between two pushes there is none to give up
+        while "is given up" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
             assert time.monotonic() < deadline
             expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
             with page.expect_response("**/next"):

@@ -123,7 +123,7 @@ def test_a_bag_of_observations_alone_is_replayed_too(demo, tmp_path):
 
 @pytest.fixture
 def running(tmp_path, monkeypatch):
-    """A demo of which the first push is over."""
+    """A demo whose first push is over."""
     monkeypatch.syspath_prepend(ROOT)
     from faults.cell_run import CellRun, demo
 
@@ -175,7 +175,7 @@ def test_a_second_cell_of_the_same_name_is_refused(running, tmp_path):
 
 def test_a_node_without_state_is_started_again(running):
     os.kill(running.pid_of("tracker"), signal.SIGKILL)
-    # a push that it did not see, or whose first poses did not reach the estimator, is said to be missing
+    # the run reports a push that the tracker did not see, or whose first poses did not reach the estimator
     missing = r"^error: (.*; )?(no data point came from push|the live estimate missed messages|\d+ of 14 pushes were aborted)"
     assert running.wait_for_end() == bool(re.search(missing, running.output, re.M)), running.output
     assert "tracker was killed by SIGKILL; starting it again" in running.output

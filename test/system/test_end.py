@@ -18,7 +18,7 @@ from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.qos import RELIABLE
 
 PATIENCE = 60.0
-"""For the nodes to appear, and to end [s]; far more than they take."""
+"""How long the nodes may take to appear, and to end [s]; far more than they need."""
 
 
 @pytest.fixture

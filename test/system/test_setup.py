@@ -59,11 +59,11 @@ def test_each_environment_has_a_build_of_its_own(workspace, tmp_path):
     assert (first / "local_setup.bash").is_file()
     said = set_up(workspace, tmp_path / "theirs")
     second = (workspace / "install").resolve()
-    assert "another ROS 2 environment than before is sourced" in said
+    assert "a different ROS 2 environment is sourced" in said
     assert second != first
     assert (second / "local_setup.bash").is_file()
     assert (first / "local_setup.bash").is_file()  # whatever runs from there runs on
-    assert "building" not in set_up(workspace)  # back again: it is still there
+    assert "building" not in set_up(workspace)  # the first environment again: its build is still there
     assert (workspace / "install").resolve() == first
 
 

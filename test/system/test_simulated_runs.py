@@ -1,4 +1,4 @@
-"""`./pushfric run CELL --simulated` and `--simulated-camera`: one's own files, simulated parts, the whole graph."""
+"""`./pushfric run CELL --simulated` and `--simulated-camera`: the user's own files, simulated parts, the whole graph."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""The documentation as a site: it builds without a warning, nothing in it is loaded from elsewhere, and no page is missing."""
+"""The documentation as a site: it builds without a warning, loads nothing from other sites, and lacks no page."""
 
 import pathlib
 import re

@@ -1,4 +1,4 @@
-"""Bags: what is written is read back by us and by readers others wrote; what is broken is refused in one line or rescued."""
+"""Bags: what is written is read back, by pushfric and by other readers; a broken bag is refused in one line or rescued."""
 
 import contextlib
 import os
@@ -39,7 +39,7 @@ STRING = "std_msgs/msg/String"
 
 
 def observation(number: int) -> Observation:
-    """One whose bounded list is empty and full by turns."""
+    """An observation whose bounded list is alternately empty and full."""
     msg = Observation(object="rubber_rect4", push_id=number, half_width=0.001 * number)
     msg.header.stamp.sec = number
     msg.header.frame_id = "object"
@@ -151,7 +151,7 @@ def test_messages_come_in_log_time_order_and_equal_times_as_written(tmp_path):
 
 
 def test_several_files_are_one_bag(tmp_path):
-    """As `ros2 bag record --max-bag-duration` splits them."""
+    """The bag is split as `ros2 bag record --max-bag-duration` does it."""
     first, second = write_texts(tmp_path / "first", 3), write_texts(tmp_path / "second", 5)[3:]
     mcap_of(tmp_path / "second").unlink()
     with BagWriter(tmp_path / "rest") as writer:
@@ -263,7 +263,7 @@ def test_metadata_is_that_of_version_9(cell_bag):
 @pytest.mark.parametrize("compression", [None, *CompressionMode])
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_other_storages_and_compressed_bags_are_read(tmp_path, storage, compression):
-    """As ROS 2 before Iron, or `ros2 bag record --compression-mode`, writes them; old databases embed no definitions."""
+    """Bags as ROS 2 before Iron, or `ros2 bag record --compression-mode`, writes them; old databases embed no definitions."""
     if storage == StoragePlugin.SQLITE3 and compression == CompressionMode.STORAGE:
         pytest.skip("rosbag2 has no such combination")
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -456,7 +456,7 @@ def test_messages_of_a_channel_that_is_lost_are_left_out(tmp_path):
 
 @contextlib.contextmanager
 def as_nobody():
-    """Without root's right to write everywhere."""
+    """Run without root's permission to write everywhere."""
     if os.geteuid() != 0:
         yield
         return

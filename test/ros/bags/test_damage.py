@@ -1,4 +1,4 @@
-"""Damaged bags: what is lost is known to the message, what is not lost is saved, and hostile bytes end in one line."""
+"""Damaged bags: every lost message is known, all others are saved, and hostile bytes are refused in one line."""
 
 import json
 import pathlib
@@ -30,7 +30,7 @@ STRING = "std_msgs/msg/String"
 
 @pytest.fixture
 def copy(tmp_path):
-    """A copy of the demo's bag; its folder is called as the bag is."""
+    """A copy of the demo's bag, in a folder with the name of the bag."""
     return pathlib.Path(shutil.copytree(DEMO, tmp_path / "bag" / DEMO.name))
 
 

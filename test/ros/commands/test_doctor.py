@@ -1,4 +1,4 @@
-"""The doctor on real parts: a GRBL controller on a pseudo-terminal, video files and topics as camera, files that are wrong."""
+"""The doctor on real parts: a GRBL controller on a pseudo-terminal, video files and topics as camera, and wrong files."""
 
 import json
 import math
@@ -43,7 +43,7 @@ OK, WARNING, FAILED = Level.OK, Level.WARNING, Level.FAILED
 
 
 class Listening(SimulatedGrbl):
-    """Remembers the lines it was sent."""
+    """Remembers the lines that it was sent."""
 
     def __init__(self, *arguments, **options) -> None:
         self.heard: list[str] = []
@@ -60,7 +60,7 @@ class Listening(SimulatedGrbl):
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
-    """With a machine that is busy with other tests."""
+    """Allow for a machine that is busy with other tests."""
     for waits in (discovery, camera):
         monkeypatch.setattr(waits, "PATIENCE", 60.0)
 
@@ -135,7 +135,7 @@ def test_a_cell_without_its_parts_says_so_of_each(tmp_path):
 
 @pytest.fixture
 def machine_is_well(monkeypatch):
-    """Leaves the checks of the machine out."""
+    """Leave out the checks of the machine."""
     for name in ("ros", "packages", "build", "clock", "discovery", "multicast"):
         monkeypatch.setattr(doctor, f"check_{name}", lambda name=name: Check(name, OK, ""))
 

@@ -118,7 +118,7 @@ def test_the_help_of_a_node_tells_all_of_it(described):
 
 @pytest.mark.parametrize("start", [["-m", "pushfric_ros.nodes.recorder"], [INSTALLED]])
 def test_a_node_prints_its_help(start):
-    """It once started as if nothing had been asked; here, a bag to record is missing."""
+    """Once, the node ignored --help and started; then it would complain here about the missing bag."""
     asked = subprocess.run([sys.executable, *start, "--help"], capture_output=True, text=True, timeout=120)
     assert (asked.returncode, asked.stderr) == (0, "")
     assert asked.stdout.startswith("usage: ros2 run pushfric_ros recorder_node")

@@ -1,4 +1,4 @@
-"""docs/planning.md: its commands and its Python run, in its order, and say what it says."""
+"""docs/planning.md: its commands and its Python run, in its order, and print what it says."""
 
 import itertools
 import json
@@ -46,7 +46,7 @@ def folder(tmp_path, monkeypatch):
     shutil.copy("model.yaml", "models/four_feet.yaml")
     file, _ = load_model(tmp_path / "model.yaml")
     points = np.array(file.object.support.points)
-    left = np.where(points[:, 0] < 0, 1.0, 0.0)  # as if it stood on its left side alone
+    left = np.where(points[:, 0] < 0, 1.0, 0.0)  # as if the object stood only on its left side
     x, y = (left @ points / left.sum()).tolist()
     other = {"w": (left / left.sum()).tolist(), "center_of_friction": (x, y), "ensemble": ()}
     save_model(file.model_copy(update=other), tmp_path / "models" / "left.yaml")

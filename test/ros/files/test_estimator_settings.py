@@ -40,7 +40,7 @@ def bag_of(folder, text):
         writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
         if text is not None:
             writer.add_topic("/cell/estimator_settings", "std_msgs/msg/String", [offered(LATCHED)])
-            for said in (EstimatorSettings().to_text(), text):  # an exclusion comes later
+            for said in (EstimatorSettings().to_text(), text):  # the settings with an exclusion come later
                 writer.write("/cell/estimator_settings", 1, serialize_message(String(data=said)))
         for stamp, observation in enumerate(DATA):
             writer.write("/cell/observation", 1 + stamp, serialize_message(observation_to_msg(observation, NAME)))

@@ -1,4 +1,4 @@
-"""Whatever comes from outside is taken or refused in one line; each case here once ended a process or took all its memory."""
+"""All input from outside is accepted, or refused in one line; each case here once ended a process or took all its memory."""
 
 import gzip
 import math
@@ -158,7 +158,7 @@ def png(width: int, height: int) -> bytes:
 
 
 def test_a_picture_too_large_is_refused_before_it_is_allocated(tmp_path):
-    """In a process of its own: OpenCV learns the limit as it is loaded."""
+    """In a process of its own, because OpenCV reads the limit when it is loaded."""
     pictures = [tmp_path / "huge.png", tmp_path / "large.png"]
     for path, size in zip(pictures, (100_000, 20_000), strict=True):
         path.write_bytes(png(size, size))

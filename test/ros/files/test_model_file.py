@@ -1,4 +1,4 @@
-"""A model that is written is the one that is read, to the last bit; one that makes no sense is refused with a line."""
+"""A model is read as it was written, to the last bit; an impossible one is refused in one line."""
 
 import dataclasses
 import math

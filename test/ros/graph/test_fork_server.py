@@ -18,7 +18,7 @@ from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 
 PATIENCE = 120.0
-"""For anything that a process is to do; far more than it takes [s]."""
+"""How long a process may take for anything; far more than it needs [s]."""
 
 WAITS = "import time\nprint('waits', flush=True)\ntime.sleep(300)"
 
@@ -34,7 +34,7 @@ def server():
 
 @pytest.fixture
 def start(server, tmp_path):
-    """Starts a program; the fixture ends what it has left."""
+    """A function that starts a program; the fixture ends what is left of it."""
     started = []
 
     def start(program, *arguments, **environment):

@@ -24,7 +24,7 @@ def above(request, tmp_path, monkeypatch) -> pathlib.Path:
 
 
 def lock_file(above: pathlib.Path) -> pathlib.Path:
-    """Where the lock file goes: its folder's name differs, the file is the only one."""
+    """The path of the lock file: the only file, in a folder whose name varies."""
     with lock(NAME):
         (path,) = above.rglob("*.lock")
     return path

@@ -23,7 +23,7 @@ def command(spec, _, folder):
 
 @pytest.fixture
 def run(monkeypatch):
-    """Supervises programs until the run ends; gives how it ended, and the lines it printed."""
+    """A function that supervises programs until the run ends; it returns how the run ended, and the lines that were printed."""
     monkeypatch.setattr(supervisor, "command", command)
     monkeypatch.setattr(supervisor, "RESPAWN_DELAY", 0.0)
 
@@ -72,7 +72,7 @@ def test_a_node_with_unusable_input_is_not_started_again(run):
 
 
 def test_a_node_that_fails_at_the_end_is_known(monkeypatch):
-    """As a recorder that closes its bag and finds that messages were lost."""
+    """A recorder, for example, closes its bag and finds that messages were lost."""
     monkeypatch.setattr(supervisor, "command", command)
     fails = "import signal, sys; signal.signal(15, lambda *_: sys.exit(1)); print('ready', flush=True); signal.pause()"
     said: list[str] = []
@@ -91,7 +91,7 @@ def test_a_killed_node_is_named_with_its_signal(run):
 
 
 def test_a_stopped_node_has_died(run, monkeypatch, tmp_path):
-    """It is started again where that loses nothing; where not, it ends the run."""
+    """The node is started again if that loses nothing; otherwise its death ends the run."""
     monkeypatch.setattr(supervisor, "STOPPED", 0.2)
     lives = tmp_path / "lives"
     stops = f"""
@@ -112,7 +112,7 @@ if len(open({str(lives)!r}).read()) == 1:
 
 
 def test_a_node_that_is_stopped_for_a_moment_lives_on(run, tmp_path):
-    """Stopped by a sibling, which lets it go on."""
+    """A sibling stops the node and lets it go on."""
     program = """
 import os, signal, time
 child = os.fork()

@@ -143,7 +143,7 @@ def test_a_pose_is_the_transform_from_the_table_to_the_object():
 
 
 class Recording:
-    """Takes the place of a node and records what it is asked for."""
+    """Stands in for a node, and records what it is asked for."""
 
     def __init__(self) -> None:
         self.lines, self.topics, self.sent = [], [], []

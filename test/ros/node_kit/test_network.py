@@ -1,4 +1,4 @@
-"""Who reaches a process, and its shared memory for images; each in its own process, as Fast DDS reads its settings once."""
+"""Who reaches a process, and its memory for images; in processes of their own, because Fast DDS reads its settings once."""
 
 import json
 import os
@@ -122,7 +122,7 @@ def test_the_network_reaches_a_process_if_asked_for(unset, served, variables):
 
 @pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
 def test_other_programs_of_this_machine_reach_it(unset, served, range_):
-    """Such as `ros2 topic echo` or RViz, which ROS 2 sets up as it always does."""
+    """For example `ros2 topic echo` or RViz, which ROS 2 sets up in its usual way."""
     asks = """
 import rclpy, sys
 from std_srvs.srv import Trigger
@@ -148,7 +148,7 @@ def test_a_cell_asks_for_its_range_unless_the_user_does(unset, monkeypatch):
 
 @pytest.mark.parametrize(("distro", "number"), [("jazzy", 0), ("kilted", 1)])
 def test_fast_dds_is_told_by_the_variable_that_it_knows(unset, monkeypatch, distro, number):
-    """Kilted complains about the other one."""
+    """Kilted warns about the other variable."""
     monkeypatch.setenv("ROS_DISTRO", distro)
     assert [name in changed() for name in FILE_VARIABLES] == [number == 0, number == 1]
 
@@ -180,7 +180,7 @@ def test_the_segment_is_large(unset):
 
 
 def test_ten_colour_images_in_a_burst_arrive(ros, unset):
-    """The default segment is too small for a single one."""
+    """The default segment is too small for a single image."""
     heard: list[int] = []
     viewer = ros.node("viewer")
     images = viewer.create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
@@ -221,7 +221,7 @@ def test_with_little_shared_memory_images_get_no_more(unset, monkeypatch, attrib
 
 
 def test_a_node_without_keys_is_refused_in_one_line(unset, monkeypatch, tmp_path):
-    """Or without security in the middleware, as the wheels have it: a traceback before."""
+    """The same holds for a middleware without security, like that of the wheels. It once ended in a traceback."""
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
     monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))

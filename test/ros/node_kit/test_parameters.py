@@ -61,7 +61,7 @@ def test_defaults_are_those_of_the_class(ros):
 def test_every_parameter_has_a_type_and_stays_as_it_is(ros):
     node, _ = declared("typed", name="x")
     for field in dataclasses.fields(Config):
-        # one of no type makes `ros2 param dump` print none at all
+        # a parameter without a type makes `ros2 param dump` print nothing at all
         assert node.get_parameter(field.name).type_ is not Parameter.Type.NOT_SET, field.name
         descriptor = node.describe_parameter(field.name)
         assert descriptor.read_only
@@ -115,7 +115,7 @@ def test_a_name_may_not_be_declared_twice(ros):
 
 
 def test_every_parameter_can_be_asked_for(ros):
-    """One without a value made rclpy answer with nothing at all: `ros2 param dump` printed {}."""
+    """A parameter without a value once made rclpy answer with nothing at all: `ros2 param dump` printed {}."""
     ros.compose(EstimatorNode(parameter_overrides=[Parameter("object", value="wood_rect4")]))
     peer = ros.node("peer")
     clients = {kind: peer.create_client(kind, f"/estimator/{name}") for kind, name in

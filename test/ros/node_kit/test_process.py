@@ -1,4 +1,4 @@
-"""A node's process ends in good order, whenever it is asked to."""
+"""A node's process ends cleanly, whenever it is asked to."""
 
 import pathlib
 import signal
@@ -100,7 +100,7 @@ process.run_node(Hanging)
 
 @pytest.mark.parametrize("how", ["ctypes.PyDLL(None).sleep(600)", "while True: pass"])
 def test_a_node_that_hangs_dies_whoever_started_it(how):
-    """In compiled code that lets no other Python run, too."""
+    """This holds for compiled code that lets no other Python run, too."""
     ended = run(HANGS_IN_A_CALLBACK.replace("HOW", how))
     assert (ended.returncode, ended.stdout) == (-signal.SIGALRM, "hangs\n")
 

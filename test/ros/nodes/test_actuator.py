@@ -78,7 +78,7 @@ class HeldClock:
         return time.monotonic() - self._behind if self._held is None else self._held
 
     def release(self) -> None:
-        """From where it stood: a carriage cannot jump."""
+        """Let the clock go on from where it stood, because a carriage cannot jump."""
         self._behind, self._held = time.monotonic() - (self._held or 0.0), None
 
 
@@ -316,7 +316,7 @@ def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
 
 
 def test_a_push_whose_owner_shows_no_sign_of_life_is_stopped(ros, controller, tmp_path):
-    """Whoever else is there: the client itself, and its node, live on."""
+    """The client itself and its node live on; that does not matter."""
     cell = Cell(ros, tmp_path / "port", owner_timeout=0.3).ready()
     handle = cell.halfway(controller)
     begin = controller.position()
@@ -405,7 +405,7 @@ def test_a_force_beyond_the_limit_stops_until_a_person_says_so(ros, controller, 
 
 
 def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, capfd):
-    """It rested at 10 mm, as it does now; it rested there, and is said to be elsewhere; it moved when the old one died."""
+    """In turn: the pusher rested at 10 mm and still does; it is reported elsewhere; it moved when the old process died."""
     memory = PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port"))
     controller._carriage, controller._offset = 10.0, 0.0
     memory.keep(0.010)
@@ -428,7 +428,7 @@ def test_a_new_process_that_cannot_know_waits_for_a_person(ros, controller, tmp_
 
 
 def test_a_manager_takes_it_through_its_states(ros, controller, tmp_path):
-    """Without autostart, the port is left alone, then it is connected, then goals are accepted; and back again."""
+    """Without autostart, the node leaves the port alone, then connects, then accepts goals; and back again."""
     cell = Cell(ros, tmp_path / "port", autostart=False)
     ros.wait_for(cell._client.server_is_ready, what="the action server")
     assert cell.state == "unconfigured"
@@ -747,7 +747,7 @@ def test_a_pusher_that_cannot_home_does_not_push(ros, controller, tmp_path, capf
 
 
 class Strict(SimulatedGrbl):
-    """Like grblHAL with $22=5: only homing unlocks it."""
+    """A controller like grblHAL with $22=5: only homing unlocks it."""
 
     def _system(self, line: str) -> None:
         if line == "$X":

@@ -144,7 +144,7 @@ CELL = {
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """Installs the package as pip does, where only this test finds it."""
+    """Install the package as pip does, where only this test finds it."""
     name, site = "crane_and_spot", tmp_path / "site"
     info = site / f"{name}-1.0.dist-info"
     info.mkdir(parents=True)

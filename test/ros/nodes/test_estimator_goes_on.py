@@ -1,4 +1,4 @@
-"""A model to go on from and one to keep, and an estimator that dies: nothing is lost, and nothing counts twice."""
+"""Models that are loaded and saved, and an estimator that dies: nothing is lost, and nothing counts twice."""
 
 import contextlib
 import subprocess
@@ -128,11 +128,11 @@ class Cell:
             (self.states if isinstance(msg, PusherState) else self.poses).publish(msg)
 
     def await_data(self, count):
-        """Wait for an estimate from these many data points."""
+        """Wait for an estimate from this many data points."""
         self.ros.wait_for(lambda: self.estimates and self.estimates[-1].data_points == count, LONG, "the estimate")
 
     def offline(self):
-        """The estimate that the bag gives, as far as it is written, once it holds every data point."""
+        """The estimate from the bag as far as it is written, once the bag holds every data point."""
 
         def found():
             settings = data_points.recorded_settings(self.bag)
@@ -287,7 +287,7 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
         again.header.stamp.nanosec = 2
         write(*STATES[5:9], again, EstimationStart(continuation=7), at=2)  # the start is recorded late
         writer.flush()
-        assert handover.read_on() is None  # that was another one's number
+        assert handover.read_on() is None  # that was the number of another estimator
         write(EstimationStart(continuation=handover.continuation), at=3)
         writer.flush()
         assert [each.msg.position for each in handover.read_on()] == [msg.position for msg in STATES[5:9]]

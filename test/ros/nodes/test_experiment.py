@@ -32,9 +32,9 @@ PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
 ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
 DISTANCE = 0.03
-"""Of a push [m]."""
+"""Length of a push [m]."""
 GAP = 0.005
-"""Between the resting tip and the object that is placed [m]."""
+"""Gap between the resting tip and the placed object [m]."""
 STILL = 0.15
 """How long the object must lie still [s]; short, so that the tests are quick."""
 
@@ -47,7 +47,7 @@ def controller(tmp_path):
 
 
 class Table:
-    """What the experiment sees of a table: poses of an object that lies where the test, or the prompt, puts it."""
+    """The table as the experiment sees it: poses of an object that lies where the test, or the prompt, puts it."""
 
     def __init__(self, ros, tmp_path, actuator=None, **parameters) -> None:
         self.ros, self.obedient, self.object = ros, True, AWAY
@@ -196,7 +196,7 @@ def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, 
 
 
 def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
-    """The object may be placed meanwhile; where somebody moves it again, that is told before the push."""
+    """The object may be placed meanwhile; if somebody then moves it, the operator is told before the push."""
     table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
     table.wait_for_message("place the object")
     assert table.wait_for_message("waiting for: recorder").phase == PlanProgress.PHASE_WAITING
@@ -359,7 +359,7 @@ def test_a_clock_that_jumps_back_forgets_the_poses_before_it(ros, controller, tm
 
 
 class DeafPusher:
-    """An actuator that reports to be idle, whatever it is asked to do."""
+    """An actuator that reports that it is idle, whatever it is asked to do."""
 
     def __init__(self, ros, accept: bool) -> None:
         self._node = ros.node("actuator", namespace="/cell")

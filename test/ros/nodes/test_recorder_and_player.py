@@ -1,4 +1,4 @@
-"""The recorder and the player over the real middleware: a recording is played, and recorded again it is the same."""
+"""The recorder and the player over the real middleware: a recording that is played and recorded again stays the same."""
 
 import pathlib
 import re
@@ -304,7 +304,7 @@ def test_a_signal_ends_the_recorder_with_a_complete_bag(ros, outputs, tmp_path):
 
 
 def test_a_recorder_that_was_stopped_says_what_it_lost(ros, outputs, tmp_path):
-    """SIGSTOP for longer than its queues last: whoever reads the bag must not take it for all that was published."""
+    """SIGSTOP for longer than the recorder's queues last: a reader must not believe that the bag holds all messages."""
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
     process = subprocess.Popen([*RECORDER, *arguments], stderr=subprocess.PIPE)
     file = tmp_path / "bag/bag_0.mcap"
@@ -415,7 +415,7 @@ run_node(make)
 
 
 def test_a_full_disk_ends_the_recorder_with_one_line(ros, outputs, tmp_path):
-    """A limit on the size of files takes the place of a full disk."""
+    """A limit on the size of files stands in for a full disk."""
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
     process = subprocess.Popen([sys.executable, "-c", LIMITED_RECORDER, *arguments], stderr=subprocess.PIPE)
     try:

@@ -79,7 +79,7 @@ class Cell:
         return pose_from_msg(self.poses[-1].pose.pose)
 
     def place(self, pose: Pose) -> None:
-        """Announce a placement; return when the tracker has it, or will have it before any later frame."""
+        """Announce a placement; return once the tracker has it, or will have it before any later frame."""
         self.placements.publish(PoseStamped(pose=pose_to_msg(pose)))
         self.ros.wait_for(lambda: self.tracker._placement == pytest.approx(pose), what="the placement's arrival")
 
@@ -319,7 +319,7 @@ def test_padded_rows_are_read_without_a_copy():
 
 @pytest.mark.parametrize("late", [False, True], ids=["placement first", "placement late"])
 def test_an_object_turned_while_no_frame_came_is_seen_as_it_was_to_be_placed(cell, late):
-    """As when the tracker was stopped while the operator turned the object and put it down where it had been."""
+    """For example, the tracker was stopped while the operator turned the object and put it back in its place."""
     cell.see(TRUTH)
     turned = TRUTH._replace(theta=wrap(TRUTH.theta + np.pi))
     cell.stamp += 10**9

@@ -58,7 +58,7 @@ class Cell:
             out.publish(msg)
 
     def post(self, what: str, **headers: str) -> tuple[int, dict]:
-        """Ask for something as a page does."""
+        """Send a request as a page does."""
         request = urllib.request.Request(f"{self.url.partition('?')[0]}{what}", method="POST", headers=headers)
         try:
             with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
@@ -118,7 +118,7 @@ def test_a_late_visitor_is_told_everything_from_the_start(cell):
     late = Visitor(cell.url)
     late.until(lambda: late.wholes)
     told, told_early = ({key: one.story[key] for key in one.story if not key.startswith("node/")} for one in (late, early))
-    assert told == told_early  # but for the nodes' health, which goes on
+    assert told == told_early  # except for the nodes' health, which goes on changing
     assert late.story["plan"]["message"] == "place it"
     assert [len(late.story[f"push/{push}"]["contacts"]) for push in (0, 1)] == [2, 1]
     assert [late.story[f"push/{push}"]["after"]["data_points"] for push in (0, 1)] == [2, 3]

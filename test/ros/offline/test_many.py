@@ -1,4 +1,4 @@
-"""Many inputs at once: what each costs, how a run goes on, and what its table, models and report say."""
+"""Many inputs at once: broken ones, interrupted runs, and what the table, the models and the report say."""
 
 import csv
 import json

@@ -261,7 +261,7 @@ def test_the_report_says_how_often_and_how_near():
 
 @pytest.fixture
 def calls(seed, monkeypatch):
-    """Recorded experiments take the place of new ones, and nothing is drawn; gives the seeds that were run."""
+    """Replace experiments by recorded ones, and draw nothing; yields the seeds that were run."""
     asked = []
 
     def run_seed(number):

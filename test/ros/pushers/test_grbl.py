@@ -18,9 +18,9 @@ GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
 IDLE = "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
 JOG = b"\x90$J=G21G90X1.500F1200.000\n"
-"""A stroke so short that it is one piece: `begin_move`'s."""
+"""A stroke so short that `begin_move` sends it as one piece."""
 PATIENT = {"silence": 2.0}
-"""For a busy machine, where silence is not what is tested."""
+"""Silence allowed on a busy machine, in tests that are not about silence."""
 
 
 class Peer:
@@ -229,7 +229,7 @@ def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
 
 
 def test_a_controller_deaf_to_questions_is_held_and_reset_and_not_believed(peer):
-    """As GRBL is after a limit, and while it homes."""
+    """GRBL is like this after a limit, and while it homes."""
     peer.status = ""
     pusher = Grbl(peer.port, greeting_timeout=0.05)
     pusher.connect()
@@ -394,7 +394,7 @@ def test_a_move_is_a_jog_that_trusts_no_modal_state_and_no_override(peer):
 
 
 def test_a_long_move_is_sent_in_pieces_as_the_reports_show_room_for_them(peer):
-    """Never more than 0.25 s ahead of the last report, and braking; and to the end exactly, with nothing added up."""
+    """The driver is never more than 0.25 s and the braking ahead of the last report, and errors do not add up at the end."""
     pusher = connect(peer)
     peer.heard = b""
     pusher.move_to(0.025, 0.02)

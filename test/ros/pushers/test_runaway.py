@@ -27,13 +27,13 @@ LATE = 1e-3
 
 
 class Stage:
-    """A controller that keeps running whoever comes and goes, behind a line that can fail."""
+    """A controller that goes on running whoever connects and leaves, behind a line that can fail."""
 
     def __init__(self, controller: SimulatedGrbl, line: FaultyLine) -> None:
         self.controller, self.line = controller, line
 
     def driver(self, **options) -> Grbl:
-        """Connected, and ready."""
+        """A driver that is connected and ready."""
         pusher = Grbl(self.line.port, **{"silence": 2.0} | options)
         pusher.connect()
         self.drive(pusher, lambda: not pusher.busy)
@@ -52,7 +52,7 @@ class Stage:
     def fails(
         self, pusher: Grbl, error: type[PusherError] | tuple[type[PusherError], ...], text: str | None = None
     ) -> PusherError:
-        """Poll until it is raised, then until the pusher rests."""
+        """Poll until the error is raised, then until the pusher rests."""
         with pytest.raises(error, match=text) as caught:
             self.drive(pusher, lambda: False)
         if pusher.mode is not Mode.DISCONNECTED:
@@ -326,7 +326,7 @@ def test_who_only_looks_at_a_moving_controller_changes_nothing(stage):
 
 @pytest.mark.parametrize("delay", [1.3, 3.0])
 def test_a_greeting_may_take_its_time(stage, delay):
-    """After the driver's own reset; the one reset is not taken for somebody else's."""
+    """After the driver's own reset: its greeting is not taken for a reset by another program."""
     pusher = under_way(stage)
 
     def late(data: bytes) -> bytes:
@@ -410,7 +410,7 @@ def test_an_impossible_feed_is_not_published(stage):
 
 
 def test_a_position_that_jumps_for_good_is_no_position_any_more(stage):
-    """As after a power cut whose greeting was lost."""
+    """For example after a power cut, if the greeting was lost."""
     pusher = under_way(stage)
     stage.line.to_host = lambda data: b"" if b"Grbl" in data else data
     stage.controller.reset()

@@ -1,7 +1,7 @@
-"""The simulated firmware next to what real firmware answered, and the driver's reading of both.
+"""The answers of the simulated firmware compared with those of real firmware, and the driver's reading of both.
 
-`answers_*.json` hold a dialogue with the simulators of two real firmwares, as [how, sent, answered lines]. How: "go" goes on at
-once, "wait" waits for the end of a motion, and "held" gets no answer yet. Input pins are left out.
+Each `answers_*.json` holds a dialogue with the simulator of a real firmware, as [how, sent, answered lines]. `how` is "go" to
+go on at once, "wait" to wait for the end of a motion, and "held" if there is no answer yet. Input pins are left out.
 """
 
 import json
@@ -22,7 +22,7 @@ SAME_SETTINGS = ("$10=3", "$110=6000", "$120=500", "$130=100", "$20=0", "$21=0",
                  "$111=500", "$112=500", "$121=10", "$122=10", "$131=200", "$132=200")  # fmt: skip
 SECONDS = {"go": 0.06, "wait": 1.4, "held": 0.3, "": 0.3}
 NOT_THERE = {"G10L20P1X0\n", "G10L2P1X0\n", "G92X1\n", "G92.1\n", "G43.1Z1\n"}
-"""Offsets, which the simulated firmware does not have, and says so (error:20)."""
+"""Offsets: the simulated firmware does not have them, and says so (error:20)."""
 FEED_IN_INCHES = "[GC:G1 G54 G17 G20 G90 G94 M5 M9 T0 F1200 S0]"
 """Real firmware shows the number of the feed as it was given in millimetres until the next F."""
 MOVED = {"in a jog", "in a line", "reset in a line", "reset in a jog", "queue"}
@@ -50,7 +50,7 @@ class Terminal:
         self.controller.close()
 
     def say(self, text: str, count: int, how: str = "") -> list[str]:
-        """Send, wait for so many lines, and let time pass; all lines that came."""
+        """Send a text, wait for `count` lines, and let time pass; return all lines that came."""
         os.write(self._fd, text.encode("latin1"))
         lines = self._lines(count)
         if not count and how != "held" and not self.controller._deaf and self.controller._state != "Sleep":

@@ -15,7 +15,7 @@ PATIENCE = 60.0
 
 
 class Told:
-    """What the server tells its node."""
+    """Keeps what the server tells its node."""
 
     def __init__(self) -> None:
         self.looking: list[bool] = []
@@ -105,7 +105,7 @@ def test_a_visitor_who_is_cut_off_no_longer_counts(server, told):
     async def visit():
         socket = await websocket_connect(live(server))
         await until(lambda: told.looking == [True])
-        socket.protocol.stream.close()  # without a farewell
+        socket.protocol.stream.close()  # without closing the WebSocket
         await until(lambda: told.looking == [True, False])
 
     asyncio.run(visit())

@@ -295,7 +295,7 @@ def test_points_that_do_not_determine_the_table_are_refused(tmp_path, pixels, te
 WIDE_LENS = Lens(640, 480, np.array(((560.0, 0, 330), (0, 560, 236), (0, 0, 1))), np.zeros(5))
 FAR = (0.15, -0.1, 0.0, 0.6)
 PLACES = ((0.0, 0.0, 0.0), (0.12, 0.02, 0.4), (-0.12, 0.06, -0.3), (-0.1, -0.1, 1.6), (0.1, -0.12, -0.8))
-"""Of the board's frame on the table [m, rad]; the first is the table frame."""
+"""Poses of the board's frame on the table [m, rad]; the first is the table frame."""
 
 
 def far_places(noise_px, seed=0):

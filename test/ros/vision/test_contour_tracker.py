@@ -238,7 +238,7 @@ def test_a_mirrored_object_is_refused(rng):
 
 
 def test_a_longer_bar_of_the_same_width_is_refused(rng):
-    """Its long sides fit, but leave the position along them open."""
+    """The object's long sides fit, but leave the position along them open."""
     bar, longer = (np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * (half, 0.01) for half in (0.07, 0.08))
     frame = SimulatedCamera(looking_down(), longer, HEIGHT, rng).render(MIDDLE)
     with pytest.raises(NotSeen, match="outline does not fit"):
@@ -248,7 +248,7 @@ def test_a_longer_bar_of_the_same_width_is_refused(rng):
 @pytest.mark.parametrize("shape", ["rectangle", "square", "triangle"])
 @pytest.mark.parametrize(("scale", "higher"), [(0.99, 0.0), (1.03, 0.0), (1.0, 0.01), (0.98, 0.0)])
 def test_an_object_of_another_size_or_height_is_refused_with_both_sizes_and_the_cause(rng, shape, scale, higher):
-    """The height, too, for which the outline would fit: what lies higher looks larger."""
+    """The text also gives the height at which the outline would fit: what lies higher looks larger."""
     camera = looking_down()
     simulation = SimulatedCamera(camera, SHAPES[shape] * scale, HEIGHT + higher, rng)
     looks = scale * camera.metres_per_pixel(HEIGHT) / camera.metres_per_pixel(HEIGHT + higher)
