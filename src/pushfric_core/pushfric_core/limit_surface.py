@@ -196,7 +196,7 @@ class LimitSurface:
         Args:
             first: the wrench whose multiples are the first coordinate.
             second: the wrench whose multiples are the second coordinate.
-            count: number of points of the curve besides the ends of its straight parts.
+            count: number of points of the curve, not counting the ends of its straight parts.
         Raises:
             ValueError: a wrench is zero or not finite, they are parallel, or count < 4.
             SolverFailed: a motion was not found.

@@ -1,7 +1,7 @@
 """How the middleware of a process is set up: who can reach it, and how much memory its images have.
 
 Nodes can be reached from this machine alone unless the cell's file says otherwise. ROS 2's own LOCALHOST only stops a process
-from *looking for* others: with Fast DDS its sockets stay open to every network, and whoever sends to them is let in. So the
+from *looking for* others: with Fast DDS its sockets stay open to every network, and accept messages from everybody. So the
 files of profiles next to this module bind the sockets to the loopback interface.
 
 Processes that start together find each other at once: Fast DDS alone lets them miss each other for 3 s, every other time.
