@@ -55,7 +55,7 @@ FORCE_TERMS = ("force", "force_angle")
 """The terms that need a measured force; a data point without one adds no row for them."""
 
 COR_SHARE = 0.55
-"""How far the centre of rotation wanders in a step, as a fraction of the support's size; see docs/estimation.md."""
+"""How far the centre of rotation moves in a step, as a fraction of the support's size; see docs/estimation.md."""
 
 TIE_BREAK_LIMIT = 300
 """Number of data points up to which ties are broken; more leave hardly any, and their cost must not grow with the number."""
@@ -345,7 +345,7 @@ class Estimator:
     def _forget(self) -> None:
         """Begin to look at the data points from the first one on."""
         self._variety, self._input = Variety(self._size), InputCheck(self.support_points)
-        self._unchecked: list[Observation] = []  # that the input check has not seen yet: only a verdict needs it
+        self._unchecked: list[Observation] = []  # data points that the input check has not seen yet: only a verdict needs it
         self._effects: Effects | None = None
         self._extremes: Array | None = None
         self._measured = 0  # data points that the extremes rest on

@@ -9,8 +9,8 @@ A change of the object is a shift of p_CF. One fit to all pushes is compared wit
 errors of a Laplace distribution, the difference in units of their scale is a log-likelihood ratio (Andrews, "Tests for
 parameter instability and structural change with unknown change point", 1993).
 
-The fit is one of its own: no support is freed, because a shift could hide behind the free forces. Instead, a data point counts
-the less, the more of its moment is open near the centre of rotation.
+This uses a separate fit, in which no support is freed, because a shift could hide behind the free forces. Instead, the more of
+a data point's moment is open near the centre of rotation, the less the data point counts.
 """
 
 import math
@@ -36,7 +36,7 @@ LIMITS = {"mismatch": 4.9, "drift": 5.2, "jump": 3.6, "poses": 2.7}
 """Beyond this many times what is usual, a push is bad: some 3 in 1000 good simulated pushes exceed each, at either noise."""
 
 FEW = 4
-"""Of k pushes, limits are 1 + FEW / k over 1 + FEW / 14 as wide: what is usual is known the less, the fewer they are."""
+"""With k pushes, limits are (1 + FEW / k) / (1 + FEW / 14) times as wide: fewer pushes show less well what is usual."""
 
 LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
 """What is usual counts as this share of the tip's speed at least: an error of a finite step, not of the camera."""
@@ -61,16 +61,16 @@ UNCHANGED = 9.0
 errors of whole pushes have something in common, so that in simulation some 5 of 100 runs of 14 pushes exceed it."""
 
 AGREEING = 3
-"""A change is believed when it explains this many of the last pushes; fewer may be bad ones."""
+"""A change is believed only if it explains this many of the last pushes; fewer may be bad pushes."""
 
 LATEST = 4
-"""A change is looked for before each of this many last pushes, as it would have been found before."""
+"""A change is looked for before each of this many last pushes; an earlier one would have been found earlier."""
 
 BEFORE = 5
-"""Pushes before a change that tell what the object was."""
+"""Number of pushes before a change that show what the object was."""
 
 STEPS = 10
-"""Of the reweighted least squares that find a shift of p_CF."""
+"""Number of steps of the reweighted least squares that find a shift of p_CF."""
 
 TINY = 1e-9
 """Keeps the direction of a wholly free support defined; its weight is next to nothing."""
@@ -82,7 +82,7 @@ REASONS = {
     "poses": "the velocities disagree with the poses that were seen",
     "moment": "it contradicts the other pushes",
 }
-"""Why a push is bad, by what shows it."""
+"""For each measure, why a push that fails it is bad."""
 
 
 class Rejected(NamedTuple):
@@ -93,7 +93,7 @@ class Rejected(NamedTuple):
 
 
 class Change(NamedTuple):
-    """The object is another one than before."""
+    """A change of the object."""
 
     since: int  # push_id of the first push after it
     shift: tuple[float, float]  # of p_CF [m]
@@ -165,7 +165,7 @@ class Screening:
         return found | self._contradicting(pushes, place)
 
     def change(self) -> Change | None:
-        """Since when the object is another one; None as long as it seems to be the same."""
+        """The change of the object; None as long as it seems to be the same."""
         count = sum(map(len, self._groups.values()))
         if self._change is None and count != self._compared:
             self._compared = count

@@ -15,7 +15,7 @@ def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX,
 
     Args:
         n: number of support points.
-        loss: L2 takes the solver for least squares.
+        loss: L2 selects the solver for least squares, whatever `solver` is.
         solver: of the linear program.
         with_scale: the rows have one more column, that of the scale; only the simplex solver can handle it.
     Raises:

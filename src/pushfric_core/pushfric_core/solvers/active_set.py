@@ -1,7 +1,7 @@
-"""Quadratic programs over the weights and hard rows, solved exactly: which conditions are active, found by exchanging them.
+"""Quadratic programs over the weights and hard rows, solved exactly: exchanges find which conditions are active.
 
-OSQP, a first-order method, finds which w_j vanish and which rows are active where the exchanges do not end by themselves. With
-that known, the optimum is the solution of a linear system, after a few more exchanges where OSQP stopped too early.
+If the exchanges do not end by themselves, OSQP, a first-order method, finds which w_j vanish and which rows are active. Then
+the optimum is the solution of a linear system, after a few more exchanges if OSQP stopped too early.
 """
 
 from typing import NamedTuple
@@ -26,13 +26,13 @@ RIDGE = 1e-10
 REFINEMENTS = 4
 
 PROXIMITY = 1e-6
-"""Weight of |w - start|^2 / 2 relative to the largest curvature, if many w are nearly as good and pivoting does not end."""
+"""Weight of |w - start|^2 / 2 relative to the largest curvature, if pivoting does not end because many w are nearly as good."""
 
 PIVOTS = 30
 """Cap on the exchanges of active conditions."""
 
 PATIENCE = 3
-"""Number of exchanges of all wrong conditions at once that may fail to reduce their number; afterwards, one at a time."""
+"""Number of exchanges of all wrong conditions that may fail to reduce their number; afterwards, one is exchanged at a time."""
 
 ROUNDS = 20
 """Cap on the descents of a solve, and on the halvings of a step."""
@@ -67,10 +67,16 @@ class Minimum(NamedTuple):
 
 
 def minimise(hessian: Array, linear: Array, hard: HardRows, start: Array) -> Minimum | None:
-    """min w' H w / 2 - linear . w over the simplex and the hard rows; None if these could not be met.
+    """min w' H w / 2 - linear . w over the simplex and the hard rows; None if the hard rows could not be met.
 
-    The conditions active at `start` are tried first, then those that OSQP finds. The point they lead to is approached by
-    proximal steps until its own conditions do. Inactive hard rows join when they are violated.
+    The conditions active at `start` are tried first, then those that OSQP finds. Proximal steps approach the point that those
+    lead to, until its own active conditions give the optimum. Inactive hard rows join when they are violated.
+
+    Args:
+        hessian: H (n, n).
+        linear: (n,).
+        hard: the hard rows.
+        start: (n,) where to begin.
     """
     scale = float(hessian.diagonal().max()) or 1.0
     hessian, linear = hessian / scale, linear / scale
@@ -103,9 +109,9 @@ def minimise(hessian: Array, linear: Array, hard: HardRows, start: Array) -> Min
 
 
 def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Mask, start: Array) -> Minimum | None:
-    """Block principal pivoting: solve with the w_j not in `free` zero and the low rows in `active` met, exchange what is wrong.
+    """Block principal pivoting: solve with w_j = 0 outside `free` and the low rows in `active` met; exchange what is wrong.
 
-    If several w are optimal, one near `start`; None if the exchanges do not end.
+    If several w are optimal, the result is one near `start`. It is None if the exchanges do not end.
     """
     n, equal = len(start), len(hard.equal)
     free, active = free.copy(), active.copy()
@@ -193,7 +199,7 @@ def hard_rows(rows: ConstraintRows) -> tuple[HardRows, Indices]:
 
 
 def unit_rows(a: Array) -> Array:
-    """Scaled to a largest coefficient of 1; rows of zeros are left out."""
+    """The rows, each scaled to a largest coefficient of 1; rows of zeros are left out."""
     peak = np.abs(a).max(axis=1, initial=0.0)
     return np.asarray(a[peak > 0] / peak[peak > 0, None])
 

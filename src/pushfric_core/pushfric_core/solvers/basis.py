@@ -15,7 +15,7 @@ NEGATIVE_PART = 1e3
 """Cost of a negative x_j relative to that of a violated row; it keeps w in the simplex even if hard rows are contradictory."""
 
 ROOM = 384
-"""A basis takes this number of rows more than twice those it was given before some of them must be settled."""
+"""A basis has room for twice the rows that it was given, and this many more; beyond that, some must be settled."""
 
 BROKEN = 1e-6
 """If the sum of w differs from 1 by this much, the inverse is unusable: the active conditions nearly depend on each other."""
@@ -57,7 +57,7 @@ class Basis:
         return int(self.state.tally[COUNT])
 
     def restart(self) -> None:
-        """Start where the last support point bears everything."""
+        """Start at the vertex at which the last support point bears everything."""
         state = self.state
         state.side[state.active] = 1.0
         state.active[:] = np.delete(np.arange(self._fixed), self._weights)
@@ -65,7 +65,7 @@ class Basis:
         self.refresh()
 
     def refresh(self) -> None:
-        """Compute everything again from the active conditions; from others if these turn out to depend on each other."""
+        """Compute everything again from the active conditions, or from others if these turn out to depend on each other."""
         state = self.state
         try:
             state.inverse[:] = np.linalg.inv(state.a[:, state.active].T)
@@ -103,7 +103,7 @@ class Basis:
         pivoting.sum_gradients(state)
 
     def free(self, numbers: Indices) -> Mask:
-        """Remove the costs of these consecutive rows; return which of them are here."""
+        """Remove the costs of these consecutive rows; return which of them are in the basis."""
         here = self.state.number[self._fixed : self.count]
         first, last = self._fixed + np.searchsorted(here, (numbers[0], numbers[-1] + 1))
         for position in range(first, last):
@@ -121,7 +121,7 @@ class Basis:
         self.state.number[rows] = numbers[self.state.number[rows]]
 
     def sides(self) -> tuple[Indices, Array]:
-        """Number and side of every row here."""
+        """Number and side of every row in the basis."""
         rows = slice(self._fixed, self.count)
         return self.state.number[rows], self.state.side[rows]
 

@@ -12,13 +12,13 @@ from pushfric_core.solvers.quadratic import distinct, least_violation
 from pushfric_core.solvers.row_table import SPARE, RowTable
 
 LINEAR = {"eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 2000, "polishing": True, "verbose": False}
-"""Tolerance that leaves gaps of some thousandths of F, unless OSQP's polish succeeds; a smaller one is not worth its time."""
+"""Tolerance that leaves gaps of some thousandths of F, unless OSQP's polish succeeds; a smaller one is not worth the time."""
 
 
 class OsqpLinearProgram:
     """Minimises F over the weights of n support points by OSQP, approximately: a `Program`.
 
-    OSQP gets the dual, in which a new row is a new column. It is filled into a column in reserve, and all iterates remain.
+    OSQP gets the dual, in which a new row is a new column. The row fills a column in reserve, so all iterates remain valid.
 
     Args:
         n: number of support points.
@@ -54,7 +54,7 @@ class OsqpLinearProgram:
         self._dual = None
 
     def solve(self) -> Optimum:
-        """The w found, and how far it may be from the optimum; the status is usually UNCERTIFIED.
+        """The w that OSQP finds, and how far it may be from the optimum; the status is usually UNCERTIFIED.
 
         O(M n) for each iteration of OSQP, of which there are hundreds.
         """
@@ -66,7 +66,7 @@ class OsqpLinearProgram:
         hard, origin = hard_rows(rows)
         nearest = minimise(np.eye(n), w, hard, w)
         if nearest is None:
-            self._dual = None  # its iterates lead nowhere
+            self._dual = None  # its iterates are useless
             w, status, contradicting = least_violation(hard)
             self._conflicts = distinct(self._table.groups[origin[contradicting]])
             objective = fit_error(rows, rows.a @ w)
@@ -75,7 +75,7 @@ class OsqpLinearProgram:
         return certify(rows, nearest.w, y).optimum
 
     def nearest_uniform(self) -> Optimum:
-        """The same as `solve`, because an approximate w does not show which others are as good."""
+        """The same as `solve`, because an approximate w does not show which other w are as good."""
         return self.solve()
 
     def conflicts(self) -> list[int]:

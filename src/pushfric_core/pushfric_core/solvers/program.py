@@ -1,4 +1,4 @@
-"""The program for w, the protocol of its solvers, and the certificate that says how good a solution is, whoever found it.
+"""The program for w, the protocol of its solvers, and the certificate that says how good a solution from any solver is.
 
     minimise  F(w, s) = sum_k phi_k(a_k . w + b_k s)   over   w >= 0, sum w = 1, s >= 0
     phi_k(r) = above_k * max(r, 0) + below_k * max(-r, 0)
@@ -114,10 +114,10 @@ class Program(Protocol):
 
 @runtime_checkable
 class LevelSets(Program, Protocol):
-    """A program that tells, besides its optimum, how far the objective leaves w free."""
+    """A program that gives not only its optimum, but also how far the objective leaves w free."""
 
     def extremes(self, tilts: Array, rise: float, /) -> Array | None:
-        """For each tilt (k, n) the w of the largest tilt . w that raises F by at most `rise`; None where they are not found."""
+        """For each tilt (k, n), the w of the largest tilt . w that raises F by at most `rise`: (k, n); None if not found."""
 
     def rows(self) -> ConstraintRows:
         """The present rows, in order of arrival."""

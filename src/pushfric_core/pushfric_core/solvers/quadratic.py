@@ -31,14 +31,14 @@ class LeastSquares:
         F(w) = sum_k above_k * max(a_k . w, 0)^2 + below_k * max(-a_k . w, 0)^2   over   w >= 0, sum w = 1
 
     That is the estimate for Gaussian errors, as the sum of magnitudes is for errors of distribution e^-|z| (section 6.1), and
-    the least squares of section 7 without its negative w. An infinite cost makes a side hard, here too. F has the unit of a
+    the least squares of section 7 without its negative w. Here, too, an infinite cost makes a side hard. F has the unit of a
     cost times that of a . w squared.
 
-    F is w' H w while no row changes sides, with H = sum_k c_k a_k a_k', (n, n). A row with one cost for both sides adds to H
+    While no row changes sides, F is w' H w with H = sum_k c_k a_k a_k', (n, n). A row with one cost for both sides adds to H
     once, so the cost of a data point does not depend on the number of such rows before it. A descent looks at all other rows,
-    O(M n), and keeps in H what they cost on their present side. It minimises w' H w (Newton's method), and is halved until F
-    falls, as it must in the end: F is convex and starts with this slope. Hard rows constrain a descent once it turns out to
-    violate them.
+    O(M n), and keeps in H what they cost on their present side. It minimises w' H w (Newton's method), and its step is halved
+    until F falls. It must fall in the end, because F is convex and starts with this slope. Hard rows constrain a descent once
+    it turns out to violate them.
 
     Args:
         n: number of support points.
@@ -54,8 +54,8 @@ class LeastSquares:
         self._groups = Groups()
         self._even_hessian = np.zeros((n, n))
         self._uneven_hessian = np.zeros((n, n))
-        self._counted = np.zeros(0)  # cost with which each uneven row is in it
-        self._largest = 0.0  # that its trace was: what came and went leaves rounding errors of that size
+        self._counted = np.zeros(0)  # cost with which each uneven row is in H
+        self._largest = 0.0  # trace that H ever had: rows that came and went leave rounding errors of that size
         self._w = np.full(n, 1 / n)
         self._conflicts: list[int] = []
 
@@ -105,7 +105,7 @@ class LeastSquares:
         return optimum
 
     def nearest_uniform(self) -> Optimum:
-        """The same as `solve`: of equally good w, the one near the last."""
+        """The same as `solve`, which returns, of equally good w, one near the last."""
         return self.solve()
 
     def conflicts(self) -> list[int]:
@@ -149,7 +149,7 @@ class LeastSquares:
     def _judge(self, reaction: Array) -> Optimum:
         """F at w, and a bound below it: F is convex, so F(v) >= F(w) + g . (v - w) for any v, g the gradient at w.
 
-        The reaction is nonnegative at any v that meets the hard rows: half of g may be reduced by it.
+        The reaction is nonnegative at any v that meets the hard rows, so half of g may be reduced by it.
         """
         w = self._w
         w.setflags(write=False)

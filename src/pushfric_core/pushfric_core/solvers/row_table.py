@@ -6,7 +6,7 @@ import numpy.typing as npt
 from pushfric_core.planar import Array
 
 SPARE = 64
-"""Number of rows that there is room for at first; the room doubles whenever it is too small."""
+"""Initial room, as a number of rows; the room doubles whenever it is too small."""
 
 
 class RowTable:

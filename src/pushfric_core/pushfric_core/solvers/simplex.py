@@ -57,7 +57,7 @@ FLOOR = 1e-9
 """Least radius a ball is sorted for: the rows of noiseless data are all zero, and none of them is ever settled."""
 
 RIDGE = 1e-5
-"""Part of the identity in C: keeps it invertible before the rows span all directions."""
+"""Part of the identity in C, which keeps C invertible before the rows span all directions."""
 
 SAMPLE = 2048
 """Number of rows, or 2 n if that is more, from which C is computed."""
@@ -67,10 +67,10 @@ BLOCK = 512
 
 
 LONGEST_WALK = 400
-"""Cap on the exchanges from the optimum to an extreme of the level set; some twenty are usual."""
+"""Cap on the exchanges from the optimum to an extreme of the level set; about twenty are usual."""
 
 WIDENINGS = 8
-"""How often the balls are doubled for such a walk, at most."""
+"""Largest number of times that the balls are doubled for such a walk."""
 
 STEEP = 1e-9
 """An edge along which F rises by less than this fraction of its gradient counts as level."""
@@ -159,21 +159,21 @@ class Simplex:
         self._removed += len(numbers)
         self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ finite(rows.cost).max(axis=1))
         self._scaled -= int(np.count_nonzero(rows.a[:, self._n :]))
-        # without cost, a row is in nobody's way: it may stay active until an exchange takes it out
+        # a row without cost does no harm: it may stay active until an exchange takes it out
         rows.cost[:] = 0.0
         rows.scale[:] = 0.0
 
     def solve(self) -> Optimum:
-        """The optimum over the present rows, from the last one. Where the optimum is not unique, w is one of its vertices.
+        """The optimum over the present rows, starting from the last one. If several w are optimal, w is a vertex of their set.
 
-        Where hard rows contradict each other, w has the least sum of violations, and of such w the smallest F.
+        If hard rows contradict each other, w has the least sum of violations, and of such w the smallest F.
         """
         if self._optimum is None:
             self._optimum = self._solved()
         return self._optimum
 
     def nearest_uniform(self) -> Optimum:
-        """As `solve`; but of equally good w the one nearest to equal weights, unless there is a scale. O(M n)."""
+        """As `solve`, but of equally good w the one nearest to equal weights, unless there is a scale. O(M n)."""
         optimum = self.solve()
         if self._columns > self._n or optimum.status is not Status.OPTIMAL or self.unique():
             return optimum
@@ -186,10 +186,10 @@ class Simplex:
         """For each tilt, the w of the largest tilt . w among those with F(w) <= the least F + rise; exact.
 
         Args:
-            tilts: (k, n)
-            rise: >= 0.
+            tilts: (k, n).
+            rise: of F, >= 0.
         Returns:
-            (k, n) weights; None where the hard rows contradict each other, or rounding keeps a walk from its end.
+            (k, n) weights; None if the hard rows contradict each other, or rounding keeps a walk from its end.
         """
         optimum = self.solve()
         if optimum.status is not Status.OPTIMAL:

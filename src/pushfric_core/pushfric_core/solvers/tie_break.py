@@ -13,14 +13,14 @@ STRICT = 1e-9
 def nearest_uniform(rows: ConstraintRows, solution: Solution) -> Solution:
     """Of all optimal w of a linear program, the one nearest to equal weights; O(M n), and some O(n^3).
 
-    By complementary slackness with any optimal multipliers y, w is optimal where a . w = 0 in the rows with y inside its box,
-    on the side of y in the others, and w_j = 0 where (A' y)_j is above its minimum.
+    By complementary slackness with any optimal multipliers y, w is optimal if a . w = 0 in the rows with y inside its box and
+    lies on the side of y in the others, and if w_j = 0 for every (A' y)_j above the minimum.
 
     Args:
         rows: the program.
         solution: an optimal w of it and its multipliers.
     Returns:
-        The optimum found, certified; `solution` itself where there is no other, or where the one found cannot be certified.
+        The optimum found, certified; `solution` itself if there is no other optimum, or the one found cannot be certified.
     Raises:
         ValueError: solution is not optimal.
     """
