@@ -53,7 +53,15 @@ def tangent(normal: npt.ArrayLike) -> Array:
 
 
 def contact_interval(point: npt.ArrayLike, normal: npt.ArrayLike, half_width: float) -> tuple[Array, Array]:
-    """The ends c-, c+ of the interval of possible contact points, along -t and +t; not clipped to the edge (section 3.1)."""
+    """The ends c-, c+ of the interval of possible contact points, along -t and +t; not clipped to the edge (section 3.1).
+
+    Args:
+        point: (2,) middle of the interval [m].
+        normal: (2,) unit, outward.
+        half_width: half the length of the interval [m].
+    Returns:
+        c-, c+: (2,) each [m], in the frame of the arguments.
+    """
     reach = half_width * tangent(normal)
     return np.asarray(point) - reach, np.asarray(point) + reach
 

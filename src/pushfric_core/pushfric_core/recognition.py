@@ -106,6 +106,7 @@ class Ranked:
 
     @property
     def feasible(self) -> bool:
+        """Whether some w satisfies the hard constraints of the hypothesis."""
         return self.contradiction is None
 
 

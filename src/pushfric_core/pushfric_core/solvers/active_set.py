@@ -50,18 +50,22 @@ RANK = 1e-11
 class HardRows(NamedTuple):
     """Rows of largest coefficient 1 with equal @ w = 0, low @ w >= 0."""
 
-    equal: Array
-    low: Array
+    equal: Array  # (p, n)
+    low: Array  # (q, n)
 
     @property
     def stacked(self) -> Array:
+        """All rows (p + q, n)."""
         return np.concatenate(self)
 
     def allows(self, w: Array) -> bool:
+        """Whether w (n,) meets the rows, within VIOLATED."""
         return bool(np.all(np.abs(self.equal @ w) <= VIOLATED) and np.all(self.low @ w >= -VIOLATED))
 
 
 class Minimum(NamedTuple):
+    """The solution of a quadratic program."""
+
     w: Array
     reaction: Array  # (n,) sum of the hard rows, each times its multiplier
 
@@ -199,13 +203,13 @@ def hard_rows(rows: ConstraintRows) -> tuple[HardRows, Indices]:
 
 
 def unit_rows(a: Array) -> Array:
-    """The rows, each scaled to a largest coefficient of 1; rows of zeros are left out."""
+    """The rows (m, n), each scaled to a largest coefficient of 1; rows of zeros are left out."""
     peak = np.abs(a).max(axis=1, initial=0.0)
     return np.asarray(a[peak > 0] / peak[peak > 0, None])
 
 
 def row_space(a: Array) -> Array:
-    """An orthonormal basis of the space that the rows span."""
+    """An orthonormal basis (r, n) of the space that the rows (m, n) span."""
     if not len(a):
         return a
     _, singular, basis = np.linalg.svd(np.linalg.qr(a, mode="r"))

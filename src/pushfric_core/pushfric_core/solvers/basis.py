@@ -54,6 +54,7 @@ class Basis:
 
     @property
     def count(self) -> int:
+        """Number of conditions: the fixed ones, and the rows."""
         return int(self.state.tally[COUNT])
 
     def restart(self) -> None:
@@ -83,12 +84,16 @@ class Basis:
             self.restart()
 
     def has_room(self, rows: int) -> bool:
+        """Whether this many more rows may come before some must be settled."""
         return self.count + rows <= self._limit
 
     def replace(self, numbers: Indices, rows: Rows, settled: Array) -> None:
         """Replace all rows, and the gradient of the settled ones.
 
-        The numbers must ascend, and include the active rows.
+        Args:
+            numbers: of the rows to keep unsettled; they must ascend, and include the active rows.
+            rows: all rows.
+            settled: (n,) gradient of the settled rows.
         """
         active = self.state.number[self.state.active]
         self._limit = self._fixed + 2 * len(numbers) + ROOM
@@ -112,11 +117,12 @@ class Basis:
         return np.isin(numbers, self.state.number[first:last])
 
     def forget(self, gradient: Array) -> None:
-        """Subtract this part from the gradient of the settled rows."""
+        """Subtract this part (n,) from the gradient of the settled rows."""
         self.state.settled[:] -= gradient
         self.state.gradient[FIT] -= gradient
 
     def renumber(self, numbers: Indices) -> None:
+        """Give each row a new number: numbers[old]."""
         rows = slice(self._fixed, self.count)
         self.state.number[rows] = numbers[self.state.number[rows]]
 

@@ -174,6 +174,9 @@ def least_violation(hard: HardRows) -> tuple[Array, Status, Indices]:
     """The w that violates the hard rows least, in squares; INFEASIBLE, and the rows at fault, if no w meets them.
 
     Weighted with their violations, the rows at fault add up to a row that every w violates (Farkas).
+
+    Returns:
+        w (n,); INFEASIBLE, or UNCERTIFIED if no contradiction is proven; the indices of the rows at fault in `hard.stacked`.
     """
     rows = hard.stacked
     equal = np.arange(len(rows)) < len(hard.equal)
@@ -193,4 +196,5 @@ def _gram(a: Array, cost: Array) -> Array:
 
 
 def distinct(groups: Indices) -> list[int]:
+    """The groups that occur, ascending."""
     return [int(group) for group in np.unique(groups)]

@@ -19,13 +19,16 @@ class RowTable:
 
     @property
     def rows(self) -> Array:
+        """The rows (m, columns), in order of arrival; a view."""
         return self._room[: self._count]
 
     @property
     def groups(self) -> npt.NDArray[np.intp]:
+        """The group (m,) of each row; a view."""
         return self._groups[: self._count]
 
     def append(self, rows: Array, group: int) -> None:
+        """Add rows (k, columns) of one group."""
         first, self._count = self._count, self._count + len(rows)
         if self._count > len(self._room):
             self._room = np.concatenate((self._room[:first], np.empty((self._count, self._room.shape[1]))))
@@ -34,6 +37,7 @@ class RowTable:
         self._groups[first : self._count] = group
 
     def remove(self, group: int) -> None:
+        """Remove all rows of a group; the others keep their order."""
         kept = self.groups != group
         rows, groups = self.rows[kept], self.groups[kept]
         self._count = len(rows)

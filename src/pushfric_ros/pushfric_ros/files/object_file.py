@@ -66,7 +66,11 @@ class SupportFile(Strict):
         return self
 
     def points_over(self, outline: Outline) -> Array:
-        """The support points (n, 2) [m]."""
+        """The support points (n, 2) over an outline, object frame [m].
+
+        Raises:
+            ValueError: the grid or the spacing is impossible for this outline.
+        """
         if self.points is not None:
             return np.array(self.points)
         if self.grid is not None:

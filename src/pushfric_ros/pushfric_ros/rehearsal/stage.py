@@ -289,7 +289,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.actuator = None
 
     def ready(self) -> None:
-        """Have an actuator that accepts pushes, and the pusher where the rehearsal began."""
+        """Have an actuator that accepts pushes, and the pusher where the rehearsal began.
+
+        Raises:
+            NotRehearsed: the actuator does not become ready.
+            EndedEarly: the pusher could not be brought back.
+        """
         self.line.to_controller = self.line.to_host = bytes
         self.line.delay = 0.0
         if self.client is not None:
@@ -308,7 +313,11 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.make_ready()
 
     def make_ready(self) -> None:
-        """Do what a person does about an actuator that waits for one."""
+        """Do what a person does about an actuator that waits for one.
+
+        Raises:
+            NotRehearsed: the actuator does not become ready.
+        """
 
         def idle() -> bool:
             if self.mode() == PusherState.MODE_IDLE:
@@ -333,7 +342,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         )
 
     def under_way(self, share: float = 0.3) -> None:
-        """Start a push, and wait until it has come this far."""
+        """Start a push, and wait until it has covered this share of the reach.
+
+        Raises:
+            EndedEarly: the push ended before.
+            NotRehearsed: the push does not begin, or the pusher left its stroke.
+        """
         self.push()
         assert self.client is not None
         self.wait(lambda: self.along() > share * self.reach or self.client.poll() is not None, "the push")  # type: ignore
@@ -416,7 +430,11 @@ def drive(pusher: Grbl) -> None:
 
 
 def pusher_position(pusher: Grbl) -> float:
-    """Stroke position of a connected driver [m]."""
+    """Stroke position of a connected driver [m].
+
+    Raises:
+        NotRehearsed: the controller reports no position.
+    """
     pusher.ask(0)
     deadline = time.monotonic() + PATIENCE
     while (report := pusher.poll()) is None:
