@@ -83,7 +83,7 @@ def _second_cell(run: CellRun) -> None:
     command = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(run.folder / "second")]
     second = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert second.returncode == 2, second
-    assert "runs already" in second.stderr, second
+    assert "is already running" in second.stderr, second
 
 
 def _interrupt(after: float, run: CellRun) -> None:

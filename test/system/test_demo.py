@@ -169,7 +169,7 @@ def test_the_death_of_what_starts_the_nodes_ends_the_run(running):
 def test_a_second_cell_of_the_same_name_is_refused(running, tmp_path):
     second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
     assert second.returncode == 2
-    assert "a cell named /cell runs already on ROS domain" in second.stderr
+    assert "a cell named /cell is already running on ROS domain" in second.stderr
     assert not (tmp_path / "second").exists()
 
 

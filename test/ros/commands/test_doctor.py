@@ -171,7 +171,7 @@ def test_the_exit_code_says_whether_a_check_failed(monkeypatch, capsys, level, c
 def test_the_parts_of_a_running_cell_are_left_alone(tmp_path):
     with SimulatedGrbl(time.monotonic) as controller, supervisor.lock("/cell"):
         checks = examined(cell_file(tmp_path, controller.port), tmp_path)
-    assert "a cell named /cell runs already" in checks["cell"].finding
+    assert "a cell named /cell is already running" in checks["cell"].finding
     assert list(checks)[-1] == "cell"
 
 
@@ -250,7 +250,7 @@ def test_room_for_bags(monkeypatch, tmp_path, free, level):
 
 def test_a_folder_that_may_not_be_written_to_fails(monkeypatch, tmp_path):
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert machine.check_disk(tmp_path).finding == f"you may not write to {tmp_path}"
+    assert machine.check_disk(tmp_path).finding == f"no permission to write to {tmp_path}"
 
 
 def test_without_discovery_no_other_process_answers(monkeypatch):

@@ -95,7 +95,7 @@ def test_the_python_runs(capsys):
 @pytest.mark.parametrize(
     ("command", "expected"),
     [
-        ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model brings its object"),
+        ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model has its own object"),
         ("predict none.yaml --pushes pushes.csv", "none.yaml: cannot be read"),
         ("predict none --pushes pushes.csv", "no such file"),
         ("predict pushes.csv --pushes pushes.csv", "does not name the pushed object"),
@@ -104,7 +104,7 @@ def test_the_python_runs(capsys):
             "recognize bags/rubber_rect4 --library bags/rubber_rect4",
             "metadata.yaml: expected any of the keys format",
         ),
-        ("recognize bags/rubber_rect4 --library models --grid 3 3", "models bring their own"),
+        ("recognize bags/rubber_rect4 --library models --grid 3 3", "models have their own support points"),
         ("stable model.yaml --pushes pushes.csv", "missing column half_width"),
         ("estimate bags/rubber_rect4 --save none/model.yaml", "its folder does not exist"),
     ],

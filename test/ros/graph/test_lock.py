@@ -32,7 +32,7 @@ def lock_file(above: pathlib.Path) -> pathlib.Path:
 
 def test_a_cell_is_claimed_once_and_freed_again(above):
     with lock(NAME):
-        with pytest.raises(InvalidInput, match=f"a cell named {NAME} runs already on ROS domain"), lock(NAME):
+        with pytest.raises(InvalidInput, match=f"a cell named {NAME} is already running on ROS domain"), lock(NAME):
             pass
         with lock("/another"):
             pass
@@ -47,7 +47,7 @@ def test_a_symbolic_link_in_place_of_the_lock_file_is_not_followed(above):
     precious.write_text("kept")
     path.parent.mkdir(mode=0o700)
     path.symlink_to(precious)
-    with pytest.raises(InvalidInput, match="cannot be made a lock file"), lock(NAME):
+    with pytest.raises(InvalidInput, match="the lock file cannot be created"), lock(NAME):
         pass
     assert precious.read_text() == "kept"
     assert path.is_symlink()

@@ -129,7 +129,7 @@ os.waitpid(child, 0)
 def test_two_runs_of_one_name_are_refused():
     with (
         Supervisor([], NAME, print),
-        pytest.raises(InvalidInput, match=f"a cell named {NAME} runs already"),
+        pytest.raises(InvalidInput, match=f"a cell named {NAME} is already running"),
         Supervisor([], NAME, print),
     ):
         pass

@@ -341,7 +341,7 @@ def test_a_worker_with_other_code_is_refused(seed, tmp_path, monkeypatch):
 
 def test_unusable_input_is_named(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InvalidInput, match="file: cannot be made a folder"):
+    with pytest.raises(InvalidInput, match="file: the folder cannot be created"):
         reproduce.reproduce(tmp_path / "file", 1, 1, None, QUIET)
     (tmp_path / "seeds").mkdir()
     (tmp_path / "seeds/0000.json").write_text("{")

@@ -40,5 +40,5 @@ def test_a_summary_counts_only_what_was_told():
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InvalidInput, match="cannot be made a folder"):
+    with pytest.raises(InvalidInput, match="the folder cannot be created"):
         study.study(tmp_path / "file", 1, None, 1, None, Console(quiet=True))

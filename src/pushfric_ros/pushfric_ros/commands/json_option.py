@@ -36,7 +36,7 @@ JsonOption = Annotated[
     str | None,
     typer.Option(
         "--json",
-        help="Print the result as one JSON object on stdout, and nothing else there; or write it to this file as well.",
+        help="Print only the result, as one JSON object, on stdout; with FILE.json, print as usual and write the object there.",
         metavar="[FILE.json]",
         callback=_checked,
         show_default=False,

@@ -37,7 +37,7 @@ def known(source: pathlib.Path, object_name: str, warn: Callable[[str], None]) -
     """
     if source.suffix in SUFFIXES:
         if object_name:
-            raise InvalidInput(f"{source}: a model brings its object; give --object with a bag or a CSV only")
+            raise InvalidInput(f"{source}: a model has its own object; give --object only with a bag or a CSV")
         file, model = load_model(source)
         return Known(model.outline, file.friction())
     estimation = estimate_from(source, Choices(object_name), warn)

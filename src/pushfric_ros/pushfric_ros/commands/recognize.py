@@ -36,7 +36,7 @@ def recognize(
     chosen = settings.of(source)
     model, where = object_of(source, object_name)
     if models is not None and (grid is not None or support_points is not None):
-        raise InvalidInput("give --library without --grid and --support-points: models bring their own")
+        raise InvalidInput("give --library without --grid and --support-points: models have their own support points")
     model = with_support(model, grid, support_points)
     hypotheses = model.hypotheses if models is None else library(models, model)
     if not hypotheses:

@@ -39,7 +39,7 @@ def rehearsal(
     seed: Annotated[int, typer.Option(help="Seed of these moments.", min=0, max=2**31)] = 0,
     json: JsonOption = None,
 ) -> None:
-    """Cause the faults of docs/safety.md in mid-push, one after the other, and measure when and where the pusher stops.
+    """The faults come in mid-push, one after the other; the command measures when and where the pusher stops.
 
     Take the object away, bring the tip to the beginning of its stroke, and keep a hand on the emergency stop. The pusher moves
     between where it stands and the end of the stroke that you allow. At the end it is back there, and the controller has its

@@ -49,7 +49,7 @@ def replay(
         nonlocal printed
         if last is None or last.data_points < len(data):
             arrived = 0 if last is None else last.data_points
-            fail(f"the live graph made {arrived} data points of the {len(data)} in the bag; try a lower --rate", 1)
+            fail(f"the live graph made only {arrived} of the {len(data)} data points in the bag; try a lower --rate", 1)
         print_result(report(last), json, settings.estimator.loss)
         printed = True
 

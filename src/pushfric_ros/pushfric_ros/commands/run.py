@@ -32,7 +32,8 @@ def run(
     headless: HeadlessFlag = False,
     view: ViewOption = "",
     model_file: Annotated[
-        pathlib.Path | None, typer.Option("--model", help="Model to go on from.", show_default="estimator.model of the cell")
+        pathlib.Path | None,
+        typer.Option("--model", help="Model to start from (.yaml).", show_default="estimator.model of the cell"),
     ] = None,
     save: Annotated[
         pathlib.Path | None,

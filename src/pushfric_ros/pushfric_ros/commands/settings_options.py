@@ -72,8 +72,9 @@ def _option(field: Any, hint: Any) -> Any:
         kind, metavar = str, f"NUMBER|{AUTO}"
     else:
         kind, metavar = hint, None
-    flag = f"--{name}/--no-{name}" if kind is bool else f"--{name}"
-    shown = f"--{name}" if default is True else str(default)
+    flag, shown = f"--{name}", str(default)
+    if kind is bool:
+        flag, shown = f"--{name}/--no-{name}", f"--{name}" if default else f"--no-{name}"
     return Annotated[
         kind | None,
         typer.Option(flag, help=_help(field), metavar=metavar, show_default=f"as recorded, or {shown}"),

@@ -227,7 +227,7 @@ def prior(path: pathlib.Path, pushed: ObjectModel) -> list[Observation]:
     """
     file, model = load_model(path)
     if model.name != pushed.name:
-        raise InvalidInput(f"{path}: is the model of {model.name}, expected one of {pushed.name}")
+        raise InvalidInput(f"{path}: is a model of {model.name}, expected a model of {pushed.name}")
     if model.outline != pushed.outline:
         raise InvalidInput(f"{path}: has another outline of {model.name} than the pushed object")
     data = file.observations()

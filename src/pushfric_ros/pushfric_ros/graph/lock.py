@@ -27,13 +27,13 @@ def lock(namespace: str) -> Iterator[None]:
         except FileNotFoundError:
             continue  # another run has just ended and removed the folder
         except OSError as error:
-            raise InvalidInput(f"{path}: cannot be made a lock file: {error.strerror}") from error
+            raise InvalidInput(f"{path}: the lock file cannot be created: {error.strerror}") from error
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(file)
             raise InvalidInput(
-                f"a cell named {namespace} runs already on ROS domain {domain}; end it, or set another ROS_DOMAIN_ID"
+                f"a cell named {namespace} is already running on ROS domain {domain}; end it, or set another ROS_DOMAIN_ID"
             ) from None
         if _is_at(path, file):
             break

@@ -230,7 +230,7 @@ class ExperimentNode(Node):
     def _on_withdraw(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """A person says that the pusher may be brought back though the object is not seen."""
         response.success, self._blind = self._blind, False
-        response.message = "bringing the pusher back" if response.success else "the pusher does not wait to be brought back"
+        response.message = "bringing the pusher back" if response.success else "the pusher is not waiting to be brought back"
         return response
 
     def _on_next(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -279,10 +279,10 @@ class ExperimentNode(Node):
     def _hindrance(self) -> str | None:
         """Why the pusher cannot move; None if it can."""
         if self._pusher is None or self._silent:
-            return "nothing is heard of it"
+            return "it does not report"
         if self._pusher.mode != PusherState.MODE_IDLE:
             return HINDRANCES[self._pusher.mode]
-        return None if self._action.server_is_ready() else "its action server is not there"
+        return None if self._action.server_is_ready() else "its action server is not available"
 
     @property
     def _silent(self) -> bool:

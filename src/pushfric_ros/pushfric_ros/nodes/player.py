@@ -54,7 +54,7 @@ class PlayerNode(Node):
         self._bag = Bag(config.bag)
         if self._bag.damage is not None:
             if self._bag.damage.loses_messages and not config.partial:
-                raise InvalidInput(f"{self._bag.what_is_missing()}; expected a whole one, or parameter partial set")
+                raise InvalidInput(f"{self._bag.what_is_missing()}; expected a whole bag, or the parameter partial")
             self.get_logger().warning(self._bag.what_is_missing())
         summary = self._bag.summary
         if not summary.message_count:

@@ -43,7 +43,7 @@ def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Arg
     try:
         yield from parallel(delayed(work)(argument) for argument in arguments)
     except TerminatedWorkerError as error:
-        raise WorkerKilled("a worker process was killed; perhaps the memory was full, and fewer --jobs help") from error
+        raise WorkerKilled("a worker process was killed; perhaps memory ran out: try fewer --jobs") from error
 
 
 def _end_with(parent: int) -> None:

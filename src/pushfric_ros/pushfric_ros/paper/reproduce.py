@@ -39,7 +39,7 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
     try:
         (out / "seeds").mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidInput(f"{out}: cannot be made a folder: {error.strerror}") from error
+        raise InvalidInput(f"{out}: the folder cannot be created: {error.strerror}") from error
     kept = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
     results = {seed: found for seed, found in kept.items() if found["code"] == CODE}
     if len(results) < len(kept):

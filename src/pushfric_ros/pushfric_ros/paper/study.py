@@ -145,7 +145,7 @@ def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int,
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InvalidInput(f"{out}: cannot be made a folder: {error.strerror}") from error
+        raise InvalidInput(f"{out}: the folder cannot be created: {error.strerror}") from error
     logs = {} if pushes is None else read_push_points(pushes)
     found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
     found.sort(key=lambda one: int(one["seed"]))

@@ -128,9 +128,9 @@ def untrue(stage: Stage, since: float, rested: float) -> str | None:
         lately = [one.along for one in stage.between(when - LATELY, when + LATELY)]
         if not min(lately) - TRUE <= state.position - stage.position <= max(lately) + TRUE:
             places = f"{1e3 * min(lately):.2f} to {1e3 * max(lately):.2f} mm"
-            return f"{1e3 * (state.position - stage.position):.2f} mm was published, lately it was at {places}"
+            return f"{1e3 * (state.position - stage.position):.2f} mm was published, but the pusher was at {places}"
     if stage.states and stage.mode() == PusherState.MODE_RUNNING and stage.states[-1][0] > rested + WATCHED / 2:
-        return "the published state says that it moves, and it rests"
+        return "the published state says that the pusher moves, but it rests"
     return None
 
 
@@ -242,7 +242,7 @@ def waits_for_a_person(stage: Stage) -> str | None:
         stage.person.jog(1e-3, stage.given.speed)
     except NoAnswer:
         return "it moved unasked" if abs(stage.along() - rest) > SAME else None
-    return "it took a push without a reset"
+    return "it accepted a push without a reset"
 
 
 def found_moving(stage: Stage) -> float:

@@ -137,7 +137,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         given = self.given
         if self.position < -SAME:
             here = f"the controller stands at {1e3 * self.position:.3f} mm"
-            raise NotRehearsed(f"{here}, expected 0 or more along axis {given.axis}: set its work zero, or turn the axis round")
+            raise NotRehearsed(f"{here}, expected 0 or more along axis {given.axis}: set its work zero, or reverse the axis")
         if given.speed > self.limits.max_speed:
             raise InvalidInput(f"--speed must be at most {1e3 * self.limits.max_speed:g} mm/s, as the controller is set")
         least = self.margin + LEAST_PUSH * given.speed
@@ -202,7 +202,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         deadline = time.monotonic() + seconds
         while not condition():
             if self.broken_out is not None:
-                raise NotRehearsed(f"the pusher left its stroke, at {1e3 * self.broken_out:.1f} mm: held")
+                raise NotRehearsed(f"the pusher left its stroke at {1e3 * self.broken_out:.1f} mm and was held")
             if time.monotonic() > deadline:
                 raise NotRehearsed(f"waited {seconds:g} s in vain for {what}")
             self.spin()

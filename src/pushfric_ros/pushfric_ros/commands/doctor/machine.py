@@ -65,7 +65,7 @@ def check_disk(folder: pathlib.Path) -> Check:
     free = shutil.disk_usage(there).free
     finding = f"{free / 1e9:.1f} GB free at {there}, {free / BAG_RATE / 3600:.0f} hours of recording"
     if not os.access(there, os.W_OK):
-        return Check("disk", Level.FAILED, f"you may not write to {there}", "record elsewhere, with --bag")
+        return Check("disk", Level.FAILED, f"no permission to write to {there}", "record elsewhere, with --bag")
     if free < AMPLE_SPACE:
         level = Level.FAILED if free < LEAST_SPACE else Level.WARNING
         return Check("disk", level, finding, "make room, or record elsewhere, with --bag")
