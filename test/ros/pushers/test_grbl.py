@@ -516,6 +516,17 @@ def test_the_reported_feed_is_ignored_in_a_hold(peer, state, feed):
     assert report_now(pusher, peer, 3 * 10**9) == (0.0005, 0.0, Mode.HOLD, 3 * 10**9)
 
 
+def test_a_pusher_that_brakes_is_not_said_to_rest(peer):
+    """A busy controller answered twice in one moment: its speed was published as 0, and it went on by 0.3 mm."""
+    pusher = connect(peer)
+    for second, x in ((1, 0.3), (2, 0.5), (3, 0.5)):
+        peer.status = f"<Hold:1|MPos:{x:.3f},0.000,0.000|FS:0,0>"
+        report = report_now(pusher, peer, second * 10**9)
+    assert report.speed == pytest.approx(0.0002)
+    peer.status = "<Hold:0|MPos:0.500,0.000,0.000|FS:0,0>"
+    assert report_now(pusher, peer, 4 * 10**9).speed == 0.0
+
+
 def test_idle_right_after_ok_does_not_mean_arrival(peer):
     pusher = connect(peer)
     pusher.move_to(0.0015, 0.02)

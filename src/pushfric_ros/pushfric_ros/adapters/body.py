@@ -9,9 +9,7 @@ import numpy as np
 
 from pushfric_core.planar import Array, Pose, inverse, transform, wrap
 from pushfric_core.settings import check_ranges, setting
-
-LENGTHS = (1e-3, 1e3)
-"""A quaternion should have length 1. One with a length in this range is normalised; any other is refused."""
+from pushfric_ros.messages.conversions import quaternion_length, stamp_from_msg
 
 
 class Body(NamedTuple):
@@ -29,13 +27,8 @@ class Body(NamedTuple):
             ValueError: a value is not finite, or the quaternion's length is out of range.
         """
         at = np.array((position.x, position.y, position.z), dtype=float)
-        q = np.array((quaternion.x, quaternion.y, quaternion.z, quaternion.w), dtype=float)
-        if not (np.isfinite(at).all() and np.isfinite(q).all()):
-            raise ValueError(f"a pose must be finite, got {(*at.tolist(), *q.tolist())}")
-        length = float(np.linalg.norm(q))
-        if not LENGTHS[0] <= length <= LENGTHS[1]:
-            raise ValueError(f"a pose needs a quaternion of length 1, got length {length:g}")
-        x, y, z, w = q / length
+        length = quaternion_length(at.tolist(), quaternion)
+        x, y, z, w = np.array((quaternion.x, quaternion.y, quaternion.z, quaternion.w), dtype=float) / length
         axes = np.array(
             (
                 (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
@@ -43,7 +36,7 @@ class Body(NamedTuple):
                 (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
             )
         )
-        return cls(stamp.sec * 10**9 + stamp.nanosec, at, axes)
+        return cls(stamp_from_msg(stamp), at, axes)
 
     def before(self, inner: "Body") -> "Body":
         """A body given in this one's frame, expressed in the frame in which this one was seen; the newer stamp of the two."""

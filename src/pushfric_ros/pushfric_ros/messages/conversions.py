@@ -47,7 +47,7 @@ from pushfric_msgs.srv import PredictPush, StablePushes
 from pushfric_ros.messages.frames import OBJECT, TABLE, is_frame
 
 QUATERNION_LENGTHS = (1e-3, 1e3)
-"""A quaternion should have length 1. One with a length in this range is normalised; any other is refused."""
+"""A quaternion should have length 1. One with a length in this range is taken for one of length 1; any other is refused."""
 
 BIN_WIDTH = 0.05
 """Width of the bins of the histogram of lower bounds on mu_c, about that of Figures 7 and 8."""
@@ -96,20 +96,30 @@ def pose_to_msg(pose: Pose) -> PoseMsg:
     return PoseMsg(position=Point(x=pose.x, y=pose.y), orientation=Quaternion(z=math.sin(half), w=math.cos(half)))
 
 
+def quaternion_length(position: Sequence[float], q: Quaternion) -> float:
+    """The length of a pose's quaternion, which should be 1: whoever needs it to be divides by this.
+
+    Raises:
+        ValueError: a coordinate of the position or the quaternion is not finite, or the length is not in QUATERNION_LENGTHS.
+    """
+    values = (*position, q.x, q.y, q.z, q.w)
+    if not all(math.isfinite(value) for value in values):
+        raise ValueError(f"a pose must be finite, got {values}")
+    length = math.hypot(q.x, q.y, q.z, q.w)
+    if not QUATERNION_LENGTHS[0] <= length <= QUATERNION_LENGTHS[1]:
+        raise ValueError(f"a pose needs a quaternion of length 1, got length {length:g}")
+    return length
+
+
 def pose_from_msg(msg: PoseMsg) -> Pose:
     """The planar part of a pose: its position and its rotation about z, with theta in (-pi, pi].
 
     Raises:
         ValueError: a value is not finite, a position is beyond FARTHEST, or the quaternion's length is far from 1.
     """
-    q = msg.orientation
-    values = (msg.position.x, msg.position.y, q.x, q.y, q.z, q.w)
-    if not all(math.isfinite(value) for value in values):
-        raise ValueError(f"a pose must be finite, got {values}")
-    length = math.hypot(q.x, q.y, q.z, q.w)
-    if not QUATERNION_LENGTHS[0] <= length <= QUATERNION_LENGTHS[1]:
-        raise ValueError(f"a pose needs a quaternion of length 1, got length {length:g}")
-    _check_size("a position", values[:2], FARTHEST, "m")
+    q, at = msg.orientation, (msg.position.x, msg.position.y)
+    quaternion_length(at, q)
+    _check_size("a position", at, FARTHEST, "m")
     theta = math.atan2(2 * (q.w * q.z + q.x * q.y), q.w**2 + q.x**2 - q.y**2 - q.z**2)
     return Pose(msg.position.x, msg.position.y, theta)
 

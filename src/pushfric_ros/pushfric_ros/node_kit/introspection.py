@@ -13,13 +13,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from pushfric_core.settings import AUTO
-from pushfric_ros.node_kit.parameters import REQUIRED, overrides
+from pushfric_ros.node_kit.parameters import ENDLESS, REQUIRED, overrides
 from pushfric_ros.node_kit.transforms import TYPE as TRANSFORMS
 from pushfric_ros.node_kit.transforms import TransformBroadcaster
 from pushfric_ros.node_kit.visit import Visit
-
-LARGEST = 2**62
-"""An integer range without an end is given this one."""
 
 GRAPH_PATIENCE = 120.0
 """How long the middleware may take to know all of a node of this process [s]."""
@@ -196,6 +193,6 @@ def _shown(value: Any) -> str:
 
 
 def _end(value: float) -> str:
-    if abs(value) >= LARGEST:
+    if abs(value) >= ENDLESS:
         return "any"
     return str(value) if isinstance(value, int) else f"{value:g}"

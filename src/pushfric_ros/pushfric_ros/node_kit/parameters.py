@@ -17,6 +17,8 @@ Config = TypeVar("Config")
 REQUIRED = "required"
 """Additional constraint of a parameter without a default."""
 
+ENDLESS = 2**62
+"""An integer range without an end is given this one."""
 
 EMPTY = {int: Parameter.Type.INTEGER_ARRAY, float: Parameter.Type.DOUBLE_ARRAY, str: Parameter.Type.STRING_ARRAY}
 """Type of an empty list of these."""
@@ -82,7 +84,9 @@ def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:
     low, high = field.metadata.get("low"), field.metadata.get("high")
     if low is not None or high is not None:
         if hint is int:
-            span = IntegerRange(from_value=int(-(2**62) if low is None else low), to_value=int(2**62 if high is None else high))
+            span = IntegerRange(
+                from_value=int(-ENDLESS if low is None else low), to_value=int(ENDLESS if high is None else high)
+            )
             descriptor.integer_range = [span]
         else:
             infinity = math.inf

@@ -370,7 +370,7 @@ class Grbl:
                 return
             # in these states grblHAL reports no feed while it brakes, and the programmed feed at rest
             feed = None if status.state in ("Hold", "Door") else status.feed
-            report = PusherReport(here, self._speed(here, feed, stamp), self.mode, stamp)
+            report = PusherReport(here, self._speed(here, feed, stamp, _moves(status)), self.mode, stamp)
         else:
             report = None
         self._stamp = self._asked = self._silent_since = None
@@ -396,14 +396,19 @@ class Grbl:
             self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")
         return believed
 
-    def _speed(self, position: float, feed: float | None, stamp: int | None) -> float:
-        """The controller's feed with the sign of the motion; without a feed, the difference of the positions."""
+    def _speed(self, position: float, feed: float | None, stamp: int | None, moves: bool) -> float:
+        """The controller's feed with the sign of the motion; without a feed, the difference of the positions.
+
+        While the controller says that it moves, two equal positions do not mean rest, but reports of one moment.
+        """
         if self._last is None:
             return 0.0
         moved = position - self._last.position
         if feed is not None:
             way = moved or self._last.speed  # without a difference, both reports are of the same moment
             return math.copysign(feed * self._unit * MM_PER_MINUTE, way) + 0.0 if way else 0.0
+        if moves and not moved:
+            return self._last.speed
         if stamp is None or self._last.stamp is None or stamp <= self._last.stamp:
             return 0.0
         return moved / ((stamp - self._last.stamp) * 1e-9)
