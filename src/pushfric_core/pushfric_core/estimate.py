@@ -93,7 +93,7 @@ class Estimate:
         return contact_friction.coefficient(self.contact_forces, self.tip, weights)
 
     def mu_c_of(self, weights: Array) -> list[float | None]:
-        """mu_c under each of some w (k, n); None where it is only bounded."""
+        """mu_c under each of some w (k, n); None for a w under which it is only bounded."""
         if self.tip is None or not self.data_points:
             return [None] * len(weights)
         found = [contact_friction.coefficient(self.contact_forces, self.tip, w[None]) for w in weights]

@@ -355,7 +355,7 @@ class Estimator:
         self._unchecked.append(observation)
 
     def _spread(self, solution: Optimum) -> Spread | None:
-        """What the data leave open; None where the extremes of the set were not found."""
+        """What the data leave open; None if the extremes of the set were not found."""
         count, pushes = len(self._observations), len(self._pushes)
         assert isinstance(self._program, LevelSets)
         delta = rise(solution.objective, count, solution.w)

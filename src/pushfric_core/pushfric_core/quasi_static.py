@@ -37,7 +37,7 @@ SUM = 1e-6
 """The sum of weights may differ from 1 by this much."""
 
 TINY = 1e-300
-"""Keeps a division defined where the divisor may be zero and the quotient is not used."""
+"""Keeps a division defined whose divisor may be zero; the quotient is then not used."""
 
 
 @comparable
@@ -265,7 +265,7 @@ def _pushed(
 def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Array]:
     """The rotations (r,) about the contacts that dissipate least, and the forces (r, 2), of contacts with unit velocities.
 
-    Newton's method on the moment about the contact, which grows with the rotation; where a step leaves the bracket, or is more
+    Newton's method on the moment about the contact, which grows with the rotation. If a step leaves the bracket, or is more
     than half as long as the last one, the bracket is halved instead.
 
     Args:

@@ -49,7 +49,7 @@ def check_ranges(config: Any) -> None:
     """
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
-        if value is not None:  # to be found: only where the field's type allows it
+        if value is not None:  # None, to be found by the program: only if the field's type allows it
             _check_range(field, field.name, value)
 
 

@@ -95,4 +95,4 @@ def test_sros2_takes_the_policy(allowed, tmp_path):
     sros2 = pytest.importorskip("sros2.policy", reason="sros2 is not installed")
     path = tmp_path / security.FILE
     path.write_text(security.policy(allowed))
-    sros2.load_policy(path)  # raises where it does not fit the schema
+    sros2.load_policy(path)  # raises an error if it does not fit the schema

@@ -318,7 +318,7 @@ def test_measured_forces_reach_the_estimate(ros):
     )
     wrong = wrench_msg(10**18 - 1, (1.0, 0.0))
     wrong.header.frame_id = "sensor"
-    wrenches.publish(wrong)  # refused, as it is in another frame
+    wrenches.publish(wrong)  # refused, because it is in another frame
     for msg in push(0, 10**18):
         (states if isinstance(msg, PusherState) else poses).publish(msg)
         if isinstance(msg, PusherState):

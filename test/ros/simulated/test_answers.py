@@ -89,7 +89,7 @@ def test_the_simulated_firmware_answers_as_real_grbl_does(section):
             elif FEED_IN_INCHES in answered:
                 assert said == [FEED_IN_INCHES.replace("F1200", "F47"), "ok"]
             elif sent == "?":
-                assert len(said) == len(answered)  # none where a reset is demanded
+                assert len(said) == len(answered)  # no answers while a reset is demanded
                 assert not said or shape(said[0], section not in MOVED) == shape(answered[0], section not in MOVED), (
                     sent,
                     said,

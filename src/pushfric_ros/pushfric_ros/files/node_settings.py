@@ -210,7 +210,7 @@ class ViewConfig:
     host: str = setting(
         LOOPBACK, f"address that the page is served on; not {LOOPBACK}: other machines reach it too, and need the token"
     )
-    port: int = setting(0, f"port of the page; 0: {VIEW_PORT}, or a free one where that is taken", 0, 65535)
+    port: int = setting(0, f"port of the page; 0: {VIEW_PORT}, or a free one if that is taken", 0, 65535)
     token: str = setting("", f"what a visitor must show; empty: nothing on {LOOPBACK}, a new one for each run elsewhere")
 
     def __post_init__(self) -> None:
@@ -226,7 +226,7 @@ class ViewConfig:
         return is_loopback(self.host)
 
     def protected(self) -> "ViewConfig":
-        """The same, with a new token where one is needed and none is given."""
+        """The same, with a new token if one is needed and none is given."""
         return self if self.is_local or self.token else dataclasses.replace(self, token=secrets.token_urlsafe(12))
 
 

@@ -42,10 +42,10 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
         bags: folder in which bags will be recorded.
         progress: called with the name of what is checked next.
     Raises:
-        InvalidInput: the cell's file cannot be read, or describes no cell; before any check.
+        InvalidInput: the cell's file cannot be read, or does not describe a cell; raised before any check.
     """
     cell = load_cell(path) if path is not None else None
-    # as the nodes will, this process and its children look for others where the cell's file says
+    # like the nodes, this process and its children look for others where the cell's file says
     os.environ.update(network.asked_for(CellConfig.discovery if cell is None else cell.discovery))
     progress("environment")
     yield check_ros()
