@@ -330,6 +330,28 @@ def test_a_push_whose_owner_shows_no_sign_of_life_is_stopped(ros, controller, tm
     assert cell.node._goal is None
 
 
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_push_whose_client_is_killed_or_hangs_is_stopped_whoever_else_is_there(ros, controller, tmp_path, how):
+    cell = Cell(ros, tmp_path / "port", owner_timeout=2.0).ready()
+    arguments = ["--ros-args", "-r", f"__ns:={cell.node.get_namespace()}"]
+    client = subprocess.Popen([sys.executable, "-c", PUSH, *arguments], stdout=subprocess.DEVNULL)
+    try:
+        ros.wait_for(lambda: controller.position() > 0.001, what="the motion")
+        client.send_signal(how)
+        ros.wait_for(lambda: cell.faults[-1:] == ["owner"], what="the fault")
+        rest = cell.comes_to_rest(controller)
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+        assert cell.result(cell.send(0.001)).result.outcome == Push.Result.OUTCOME_REACHED  # a client that lives may push
+        assert controller.position() == pytest.approx(rest + 0.001, abs=2e-5)
+        client.send_signal(signal.SIGCONT)
+        cell.states.clear()
+        ros.wait_for(lambda: len(cell.states) > 10, what="more states")
+        assert controller.position() == pytest.approx(rest + 0.001, abs=2e-5)
+    finally:
+        client.kill()
+        client.wait()
+
+
 def test_a_push_whose_client_sends_no_heartbeat_at_all_never_moves(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port", owner_timeout=0.3).ready()
     result = cell.result(cell.send(owner=False))
@@ -366,17 +388,26 @@ def test_anybody_may_stop_the_pusher_and_nothing_moves_until_a_person_says_so(ro
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
-def test_nothing_moves_without_enable_where_it_is_configured(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port", enable_timeout=0.5).ready()
+@pytest.mark.parametrize("drops", ["false", "silent"])
+def test_nothing_moves_without_enable_where_it_is_configured(ros, controller, tmp_path, drops):
+    cell = Cell(ros, tmp_path / "port", enable_timeout=0.5 if drops == "silent" else 60.0).ready()
     assert not cell.send(0.01).accepted
     out = cell._other.create_publisher(Bool, "enable", LATCHED)
     timer = cell._other.create_timer(0.05, lambda: out.publish(Bool(data=True)))
     ros.wait_for(lambda: cell.node._enabled > 0, what="enable")
     handle = cell.halfway(controller)
     timer.cancel()
+    if drops == "false":
+        out.publish(Bool(data=False))
     result = cell.result(handle)
     assert result.result.message == "the topic enable does not say true, or said so too long ago"
-    assert cell.comes_to_rest(controller) < 0.07
+    rest = cell.comes_to_rest(controller)
+    ros.wait_for(lambda: cell.faults[-1:] == ["disabled"], what="the fault")
+    timer.reset()
+    ros.wait_for(lambda: time.monotonic() - cell.node._enabled < 0.5, what="enable")
+    cell.states.clear()
+    ros.wait_for(lambda: len(cell.states) > 5, what="more states")
+    assert controller.position() == rest  # it enables, and asks for nothing
 
 
 def test_a_node_that_a_push_needs_must_live(ros, controller, tmp_path):
@@ -404,6 +435,39 @@ def test_a_force_beyond_the_limit_stops_until_a_person_says_so(ros, controller, 
     assert not cell.send(0.01).accepted
 
 
+@pytest.mark.parametrize(
+    ("force", "message"),
+    [(math.nan, "no force was measured for 0.5 s"), (math.inf, "the force was inf N, more than max_force 3 N")],
+)
+def test_a_force_that_is_no_number_stops_a_push(ros, controller, tmp_path, force, message):
+    cell = Cell(ros, tmp_path / "port", max_force=3.0).ready()
+    out = cell._other.create_publisher(WrenchStamped, "wrench", SENSOR_DATA)
+    msg = WrenchStamped()
+    cell._other.create_timer(0.05, lambda: out.publish(msg))
+    ros.wait_for(lambda: cell.node._forced > 0, what="a force")
+    handle = cell.halfway(controller)
+    msg.wrench.force.z = force
+    assert cell.result(handle).result.message == message
+    cell.comes_to_rest(controller)
+    ros.wait_for(lambda: cell.faults[-1:] == ["force"], what="the fault")
+
+
+def test_a_reset_that_is_asked_for_again_and_again_ends(ros, controller, tmp_path):
+    """Each is answered, and none begins it again."""
+    cell = Cell(ros, tmp_path / "port").ready()
+    controller.hit_limit()
+    cell.wait_for_mode(PusherState.MODE_ALARM)
+    ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
+    begun = []
+    recover = cell.node._recover
+    cell.node._recover = lambda: (begun.append(1), recover())
+    with controller._lock:  # it does not answer yet
+        for _ in range(4):
+            assert cell.reset().message == "unlocking"
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+    assert begun == [1]
+
+
 def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, capfd):
     """In turn: the pusher rested at 10 mm and still does; it is reported elsewhere; it moved when the old process died."""
     memory = PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port"))
@@ -425,6 +489,16 @@ def test_a_new_process_that_cannot_know_waits_for_a_person(ros, controller, tmp_
     assert cell.reset().success
     cell.wait_for_mode(PusherState.MODE_IDLE)
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+def test_a_new_process_that_cannot_know_does_not_home_by_itself(ros, tmp_path, capfd):
+    with SimulatedGrbl(time.monotonic, homing=True) as controller:
+        PositionMemory(str(tmp_path / "memory"), controller.port).keep(math.nan)
+        cell = Cell(ros, controller.port, home=True, memory=str(tmp_path / "memory"))
+        cell.refuses(controller, capfd, UNHOMED)
+        assert cell.reset().message == "homing"
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+        assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
 def test_a_manager_takes_it_through_its_states(ros, controller, tmp_path):
@@ -697,7 +771,7 @@ def test_a_port_that_sends_garbage_is_no_controller(ros, tmp_path, capfd):
     ros.wait_for(lambda: cell.node._told is not None, what="the complaint")
     assert "no GRBL controller answers at " in capfd.readouterr().err
     assert cell.states[-1].mode == PusherState.MODE_DISCONNECTED
-    assert set(os.read(master, 4096)) <= set(b"?!\x18")  # nothing that moves was sent
+    assert set(os.read(master, 4096)) <= set(b"?!\x85\x18")  # nothing that moves was sent
     ros.wait_for(lambda: any("no GRBL controller answers" in status.message for status in cell.health), what="the diagnostic")
     with SimulatedGrbl(time.monotonic) as controller:
         (tmp_path / "port").unlink()

@@ -57,7 +57,7 @@ class Peer:
             elif one == b"\n":
                 self.say(self.replies.get(self._line, "ok\r\n"))
                 self._line = b""
-            elif one not in (b"!", b"\x90"):
+            elif one not in (b"!", b"\x85", b"\x90"):
                 self._line += one
 
     def unplug(self) -> None:
@@ -167,7 +167,7 @@ def test_a_damaged_report_is_ignored(line):
 
 def test_connecting_asks_who_and_how(peer):
     pusher = connect(peer)
-    assert peer.heard == b"$I\n$$\n"
+    assert peer.heard == b"$I\n$$\n$$\n"
     assert pusher.mode is Mode.IDLE
     assert pusher.name == f"Grbl 1.1h.20190830 at {peer.port}"
     assert pusher.limits == Limits(float("inf"), pytest.approx(0.1), pytest.approx(0.5))
@@ -223,7 +223,7 @@ def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
     pusher = Grbl(peer.port, greeting_timeout=1.0)
     pusher.connect()
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"$I\n$$\n"
+    assert peer.heard == b"$I\n$$\n$$\n"
     assert pusher.mode is Mode.IDLE
     assert pusher.doubt is None
 
@@ -236,7 +236,7 @@ def test_a_controller_deaf_to_questions_is_held_and_reset_and_not_believed(peer)
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x18$I\n$$\n"
+    assert peer.heard == b"!\x85\x18$I\n$$\n$$\n"
     assert pusher.mode is Mode.ALARM
     assert pusher.doubt == "it answered only after a reset"
 
@@ -300,7 +300,7 @@ def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
     pusher.connect()
     peer.say(GREETING + "[MSG:'$H'|'$X' to unlock]\r\n")
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"$I\n$$\n"
+    assert peer.heard == b"$I\n$$\n$$\n"
     assert pusher.mode is Mode.ALARM
     pusher.recover()
     drive(pusher, lambda: b"$X" in peer.heard, peer)
@@ -312,7 +312,7 @@ def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
 def test_home_is_where_the_stroke_begins(peer):
     peer.replies[b"$H"] = ""
     pusher = connect(peer, home=True)
-    assert peer.heard == b"$I\n$$\n"  # a connection does not move
+    assert peer.heard == b"$I\n$$\n$$\n"  # a connection does not move
     peer.heard = b""
     pusher.recover()
     drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
@@ -353,7 +353,7 @@ def test_homing_is_stopped_by_a_reset(peer):
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
     pusher.stop()
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x18"
+    assert peer.heard == b"!\x85\x18"
     assert pusher.mode is Mode.ALARM
 
 
@@ -564,12 +564,12 @@ def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
     peer.status = "<Hold:1|MPos:0.600,0.000,0.000|FS:300,0>"
     seen = pusher._statuses
     drive(pusher, lambda: pusher._statuses >= seen + 4, peer)
-    assert peer.heard.replace(b"!", b"") == b""
+    assert peer.heard.replace(b"!\x85", b"") == b""
     peer.status = "<Hold:0|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
     peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard.lstrip(b"!") == b"\x18"
+    assert peer.heard.replace(b"!\x85", b"") == b"\x18"
     assert pusher.mode is Mode.IDLE
 
 
@@ -580,7 +580,7 @@ def test_a_refused_line_stops_and_is_named(peer):
     pusher.move_to(0.0015, 0.02)
     fail(pusher, CommandRefused, re.escape('"$J=G21G90X1.500F1200.000" refused: error:15 Travel exceeded'), peer)
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == JOG + b"!\x18"
+    assert peer.heard == JOG + b"!\x85\x18"
 
 
 def test_an_error_of_other_firmware_is_named_as_such():
@@ -598,7 +598,7 @@ def test_an_alarm_during_a_push_is_raised_and_stays(peer):
     peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
     fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == JOG + b"!\x18"
+    assert peer.heard == JOG + b"!\x85\x18"
     assert pusher.mode is Mode.ALARM
 
 
@@ -612,7 +612,7 @@ def test_recovery_waits_for_the_stop_that_an_alarm_has_caused(peer):
     drive(pusher, lambda: b"$X" in peer.heard, peer)
     peer.status = IDLE
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x18\x18$X\n"
+    assert peer.heard == b"!\x85\x18\x18$X\n"
 
 
 def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
@@ -622,7 +622,7 @@ def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
     peer.heard, peer.status = b"", ""
     peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
     fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
-    drive(pusher, lambda: peer.heard == b"!\x18", peer)
+    drive(pusher, lambda: peer.heard == b"!\x85\x18", peer)
     peer.status = "<Alarm|MPos:0.600,0.000,0.000|FS:0,0|Pn:X>"
     drive(pusher, lambda: not pusher.busy, peer)
     assert pusher.mode is Mode.ALARM
@@ -634,10 +634,10 @@ def test_a_reset_that_was_dropped_is_sent_again(peer):
     peer.heard, peer.status, peer.on_reset = b"", "", ""
     peer.say("ALARM:2\r\n")
     fail(pusher, Alarm, "ALARM:2 Soft limit", peer)
-    drive(pusher, lambda: peer.heard == b"!\x18", peer)
+    drive(pusher, lambda: peer.heard == b"!\x85\x18", peer)
     peer.status, peer.on_reset = "<Alarm|MPos:0.600,0.000,0.000|FS:0,0>", GREETING
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x18\x18"
+    assert peer.heard == b"!\x85\x18\x18"
     assert pusher.mode is Mode.ALARM
 
 
@@ -649,7 +649,7 @@ def test_a_stop_that_is_not_answered_leaves_the_port(peer, monkeypatch):
     pusher.stop()
     fail(pusher, NotConnected, "no answer to . within 2 s", peer)
     peer.serve()
-    assert peer.heard.startswith(b"!\x18")
+    assert peer.heard.startswith(b"!\x85\x18")
     assert pusher.mode is Mode.DISCONNECTED
 
 
@@ -687,7 +687,7 @@ def test_silence_in_mid_stroke_is_a_hold_and_the_end_of_the_connection_where_it_
     peer.heard, peer.status = b"", ""
     fail(pusher, Timeout, "said nothing for 0.2 s in mid-stroke", peer)
     peer.serve()
-    assert peer.heard == b"!"
+    assert peer.heard == b"!\x85"
     fail(pusher, NotConnected, "no answer to . within 2 s", peer, 20.0)
 
 
@@ -705,7 +705,7 @@ def test_a_process_that_stood_still_moves_nothing_any_more(peer):
     with pytest.raises(Timeout, match=r"this process stood still for 0\.3 s"):
         pusher.poll()
     peer.serve()
-    assert peer.heard.endswith(b"!")
+    assert peer.heard.endswith(b"!\x85")
 
 
 def test_garbage_without_end_is_survived(peer):
@@ -736,7 +736,7 @@ def test_reconnecting_neither_moves_nor_homes(peer):
     pusher.connect()
     peer.say(GREETING)
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"$I\n$$\n"
+    assert peer.heard == b"$I\n$$\n$$\n"
     assert pusher.mode is Mode.ALARM
     with pytest.raises(NotReady, match="the pusher's mode is alarm, expected idle"):
         pusher.move_to(0.01, 0.01)

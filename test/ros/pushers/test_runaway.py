@@ -4,6 +4,7 @@ import contextlib
 import math
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from pushfric_ros.pushers.pusher import Jumped, LeftTheWay, Mode, NotConnected, 
 from pushfric_ros.pushers.stroke import Plausibility, Stroke
 from pushfric_ros.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_ros.simulated.line_damage import random_damage
 
 SPEED, ACCELERATION = 0.02, 0.5
 FAR = 0.09
@@ -60,6 +62,25 @@ class Stage:
                 self.drive(pusher, lambda: not pusher.busy)
         return caught.value
 
+    def outlast(self, pusher: Grbl, seconds: float = 2.0) -> list:
+        """Poll until it is not busy, whatever it raises; where it is disconnected, connect again, for so long."""
+        reports = []
+        deadline = math.inf
+        while time.monotonic() < deadline:
+            try:
+                if pusher.mode is Mode.DISCONNECTED and not pusher.busy:
+                    deadline = min(deadline, time.monotonic() + seconds)
+                    pusher.connect()
+                report = pusher.poll()
+            except PusherError:
+                continue
+            if report is not None and report.mode is not Mode.DISCONNECTED:
+                reports.append(report)
+            if not pusher.busy and pusher.mode is not Mode.DISCONNECTED:
+                break
+            time.sleep(0.002)
+        return reports
+
     def rest(self) -> float:
         """Where the carriage comes to rest [m]."""
         deadline = time.monotonic() + 60
@@ -71,10 +92,18 @@ class Stage:
         return here
 
 
+class JogsOn(SimulatedGrbl):
+    """Like grblHAL: a feed hold ends no jog."""
+
+    def _hold(self) -> None:
+        if self._state != "Jog":
+            super()._hold()
+
+
 @pytest.fixture
-def stage() -> Iterator[Stage]:
+def stage(request) -> Iterator[Stage]:
     with (
-        SimulatedGrbl(time.monotonic, acceleration=ACCELERATION, restarts=False) as controller,
+        getattr(request, "param", SimulatedGrbl)(time.monotonic, acceleration=ACCELERATION, restarts=False) as controller,
         FaultyLine(controller.port) as line,
     ):
         yield Stage(controller, line)
@@ -141,6 +170,28 @@ def test_an_ok_that_was_lost_is_not_waited_for_for_ever(stage):
     assert stage.rest() - begin < 0.5 * SPEED + DEAD_MAN + LATE
 
 
+@pytest.mark.parametrize("stage", [SimulatedGrbl, JogsOn], indirect=True)
+@pytest.mark.parametrize("what", ["a stroke", "a damaged line", "what somebody else sent"])
+def test_any_jog_is_stopped_at_once(stage, what):
+    """One that goes on far beyond the queue, too."""
+    if what == "what somebody else sent":
+        stage.line.tell_controller(b"$J=X90 F1200\n")
+        wait_until(lambda: stage.controller.position() > 0.01)
+        begin = stage.controller.position()
+        stage.driver()
+    else:
+        pusher = under_way(stage, 0.03)
+        if what == "a damaged line":
+            stage.line.to_controller = once(b"X1", b"X9")
+            stage.fails(pusher, PusherError)
+            assert stage.rest() < 0.032 + DEAD_MAN + LATE
+            return
+        begin = stage.controller.position()
+        pusher.stop()
+        stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.rest() - begin <= DEAD_MAN + LATE
+
+
 @pytest.mark.parametrize("somebody", [b"G20\n", b"G91\n", b"G20 G91\n"])
 def test_no_modal_state_is_trusted(stage, somebody):
     pusher = stage.driver()
@@ -172,6 +223,16 @@ def test_a_pusher_that_is_faster_than_it_was_sent_is_held():
     stroke.check(0.001, 0.042)  # one report may be damaged
     with pytest.raises(TooFast, match=r"moves at 0.0420 m/s, was sent at 0.0200 m/s"):
         stroke.check(0.0015, 0.042)
+
+
+def test_feeds_that_are_damaged_on_their_way_end_in_a_hold(stage):
+    pusher = under_way(stage, 0.06)
+    stage.line.to_controller = lambda data: data.replace(b"F1200.000", b"F6000.000")
+    begin = stage.controller.position()
+    error = stage.fails(pusher, TooFast, "was sent at 0.0200 m/s")
+    assert pusher.doubt == str(error)
+    fastest = 0.1
+    assert stage.rest() - begin < DEAD_MAN + fastest * 0.1 + fastest**2 / (2 * ACCELERATION) + LATE
 
 
 def test_a_stroke_that_takes_too_long_is_ended():
@@ -330,7 +391,7 @@ def test_a_greeting_may_take_its_time(stage, delay):
     pusher = under_way(stage)
 
     def late(data: bytes) -> bytes:
-        stage.line.delay = delay if b"Grbl" in data else 0.0
+        stage.line.delay_to_host = delay if b"Grbl" in data else 0.0
         return data
 
     stage.line.to_host = late
@@ -342,7 +403,7 @@ def test_a_greeting_may_take_its_time(stage, delay):
     here = stage.controller.position()
     pusher.move_to(here + 0.002, SPEED)
     stage.drive(pusher, lambda: not pusher.busy)
-    assert stage.controller.position() == pytest.approx(here + 0.002, abs=1e-6)
+    assert stage.controller.position() == pytest.approx(here + 0.002, abs=1e-5)  # a step of the motor is 4e-6
 
 
 @pytest.mark.parametrize(
@@ -419,6 +480,85 @@ def test_a_position_that_jumps_for_good_is_no_position_any_more(stage):
     assert error.fault.name in ("POSITION", "WAY")
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_random_damage_of_the_line_leads_no_pusher_astray(stage, seed):
+    """A sample: `pushfric rehearse --damage` does it as often as it is told, on any controller."""
+    end, damage = 0.02, random_damage(seed)
+    pusher = under_way(stage, end, silence=0.5)
+    places = [stage.controller.position()]
+    stage.line.heard = lambda data: places.append(stage.controller.position())
+    damage.begin(stage.line)
+    reports = stage.outlast(pusher)
+    time.sleep(damage.delay)
+    stage.line.heal()
+    reports += stage.outlast(pusher, 60.0)
+    rest = stage.rest()
+    assert stage.rest() == rest
+    astray = 0.002 + DEAD_MAN + LATE if damage.to_controller else 1e-9
+    assert places[0] - astray <= min(places)
+    assert max(places) <= end + astray
+    plausible = 2.5e-3
+    assert all(min(places) - plausible <= report.position <= max(places) + plausible for report in reports)
+    if pusher.doubt is None and pusher.mode is not Mode.ALARM:
+        stage.drive(pusher, lambda: pusher._asked is None)
+        assert pusher._last.position == pytest.approx(rest, abs=1e-6)
+
+
+@pytest.mark.parametrize(("old", "new"), [(b"$13=0", b"$13=1"), (b"$13=0\r\n", b""), (b"$110=6", b"$110=9")])
+def test_a_setting_that_was_damaged_on_its_way_is_asked_for_again(stage, old, new):
+    """Such as the unit of all positions."""
+    stage.line.to_host = once(old, new)
+    pusher = stage.driver()
+    stage.line.to_host = bytes
+    assert pusher._settings[13] == "0"
+    assert pusher.limits.max_speed == pytest.approx(0.1)
+
+
+def test_settings_that_never_come_twice_alike_are_none(stage):
+    numbers = iter(range(10, 1000))
+    stage.line.to_host = lambda data: data.replace(b"$110=6", b"$110=%d" % next(numbers))
+    pusher = Grbl(stage.line.port)
+    pusher.connect()
+    with pytest.raises(NotConnected, match=r"its settings \(\$\$\) came 6 times, each time different"):
+        stage.drive(pusher, lambda: False)
+
+
+def test_a_position_that_was_damaged_while_connecting_is_not_believed(stage):
+    """Whichever of its reports it is."""
+    for damaged in range(8):
+        count = iter(range(1000))
+
+        def wrong(data: bytes, damaged: int = damaged, count: Iterator[int] = count) -> bytes:
+            return data.replace(b"MPos:0", b"MPos:7") if b"MPos" in data and next(count) == damaged else data
+
+        stage.line.to_host = wrong
+        pusher = stage.driver()
+        assert pusher._last.position == 0.0
+        pusher.close()
+
+
+def test_a_restart_in_the_middle_of_a_report_is_heard(stage):
+    pusher = under_way(stage)
+    stage.line.to_host = once(b"|FS:", b"Grbl 1.1h ['$' for help]\r\n")
+    stage.fails(pusher, NotConnected, "restarted")
+
+
+def test_an_echo_of_all_that_is_sent_disturbs_nothing(stage):
+    """Even in the middle of a report or an answer."""
+
+    def echoed(data: bytes) -> bytes:
+        stage.line.tell_host(data)
+        return data
+
+    stage.line.to_controller = echoed
+    stage.line.to_host = lambda data: data.replace(b"ok", b"o?k").replace(b"MPos:", b"MP?os:")
+    pusher = stage.driver()
+    pusher.move_to(0.01, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.controller.position() == pytest.approx(0.01, abs=1e-9)
+    assert pusher.dropped == 0
+
+
 def test_what_is_plausible():
     plausibility = Plausibility()
     assert plausibility.judge(0.01, 0.0, 0.01, SPEED, 0.1) == (True, None)
@@ -430,6 +570,31 @@ def test_what_is_plausible():
     assert plausibility.judge(0.0, 0.12, 0.13, SPEED, 0.1) == (False, None)
     assert plausibility.judge(0.0, 0.14, 0.15, SPEED, 0.1) == (True, 0.0150)  # there it is, and cannot have gone
     assert plausibility.dropped == 3
+
+
+def test_the_bytes_that_are_ever_sent(stage):
+    """No setting is changed, and nothing but a jog moves; see docs/hardware.md."""
+    sent = bytearray()
+
+    def listen(data: bytes) -> bytes:
+        sent.extend(data)
+        return data
+
+    stage.line.to_controller = listen
+    pusher = under_way(stage, 0.03)
+    pusher.stop()
+    stage.drive(pusher, lambda: not pusher.busy)
+    stage.controller.hit_limit()
+    stage.fails(pusher, PusherError, "ALARM:1")
+    pusher.recover()
+    stage.drive(pusher, lambda: not pusher.busy)
+    pusher.move_to(0.0, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    pusher.close()
+    lines = bytes(sent).translate(None, b"?!\x85\x18\x90").split(b"\n")
+    jogs = [line for line in lines if re.fullmatch(rb"\$J=G21G90X-?\d+\.\d{3}F1200\.000", line)]
+    assert len(jogs) > 5
+    assert set(lines) - set(jogs) == {b"$I", b"$$", b"$X", b""}
 
 
 def test_the_line_dtr_stays_as_it_is_when_the_host_dies(stage):

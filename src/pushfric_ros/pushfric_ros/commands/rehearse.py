@@ -12,6 +12,7 @@ from pushfric_ros.commands.console import console, warn
 from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.pushers.grbl_settings import GrblSettings
+from pushfric_ros.rehearsal.damage import damage as damaged
 from pushfric_ros.rehearsal.faults import FAULTS, Outcome, rehearse
 from pushfric_ros.rehearsal.kills import KINDS, kill
 from pushfric_ros.rehearsal.stage import Rehearsed, Stage
@@ -36,7 +37,10 @@ def rehearsal(
     kills: Annotated[
         int, typer.Option(help="Instead: kill -9 the host's processes this many times, at random moments.", min=0, max=100_000)
     ] = 0,
-    seed: Annotated[int, typer.Option(help="Seed of these moments.", min=0, max=2**31)] = 0,
+    damage: Annotated[
+        int, typer.Option(help="Instead: this many pushes on a line that is damaged at random.", min=0, max=100_000)
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of what is random.", min=0, max=2**31)] = 0,
     json: JsonOption = None,
 ) -> None:
     """The faults come in mid-push, one after the other; the command measures when and where the pusher stops.
@@ -54,6 +58,8 @@ def rehearsal(
         GrblSettings(port=port, baud=baud, axis=axis, silence=silence)
     except ValueError as error:
         raise InvalidInput(f"--{error}") from error
+    if kills and damage:
+        raise InvalidInput("--kills and --damage are two campaigns: give one of them")
     if stroke is None:
         if not sys.stdin.isatty():
             raise InvalidInput("--stroke is missing: how far the pusher may go forward from where it stands (mm)")
@@ -63,7 +69,8 @@ def rehearsal(
     outcomes: list[Outcome] = []
     with Stage(Rehearsed(port, baud, axis, 1e-3 * stroke, 1e-3 * speed, silence), warn) as stage:
         console.print(f"strokes of {1e3 * stage.reach:.1f} mm at {speed:g} mm/s; Ctrl-C stops the pusher", highlight=False)
-        for outcome in kill(stage, kills, seed) if kills else rehearse(stage, FAULTS):
+        campaign = kill(stage, kills, seed) if kills else damaged(stage, damage, seed) if damage else rehearse(stage, FAULTS)
+        for outcome in campaign:
             outcomes.append(outcome)
             console.print(line(outcome), highlight=False, markup=False)
         changed = stage.bring_back()

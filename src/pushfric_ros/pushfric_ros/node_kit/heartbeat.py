@@ -20,6 +20,7 @@ class Heartbeat:
     """Publishes a node's sign of life from its executor; with the goal that it owns, while it owns one."""
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self._msg = KeyValue(key=node.get_fully_qualified_name())
         self._out = node.create_publisher(KeyValue, TOPIC, RELIABLE)
         self._timer = node.create_timer(PERIOD, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -28,6 +29,11 @@ class Heartbeat:
         """Own a goal of `push` from now on, and say so at once: its id, 16 bytes; None to own no goal any longer."""
         self._msg.value = (goal or b"").hex()
         self._beat()
+
+    def end(self) -> None:
+        """Show no sign of life any more."""
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_publisher(self._out)
 
     def _beat(self) -> None:
         self._out.publish(self._msg)

@@ -87,10 +87,13 @@ class Person(contextlib.AbstractContextManager["Person"]):
             NoAnswer: nobody answers, or the answer is a refusal.
         """
         client = self._node.create_client(Trigger, service)
-        self._wait(client.service_is_ready, f"no service {self._node.resolve_service_name(service)}: does the cell run?")
-        answer = self._future(client.call_async(Trigger.Request()), f"{client.srv_name} does not answer")
+        try:
+            self._wait(client.service_is_ready, f"no service {self._node.resolve_service_name(service)}: does the cell run?")
+            answer = self._future(client.call_async(Trigger.Request()), f"{client.srv_name} does not answer")
+        finally:
+            self._node.destroy_client(client)
         if not answer.success:
-            raise NoAnswer(f"{client.srv_name}: {answer.message}")
+            raise NoAnswer(f"{self._node.resolve_service_name(service)}: {answer.message}")
         return str(answer.message)
 
     def state(self, new: bool = False) -> PusherState:
@@ -124,11 +127,11 @@ class Person(contextlib.AbstractContextManager["Person"]):
         Raises:
             NoAnswer: the actuator does not answer or refuses, or the pusher does not arrive.
         """
-        client = ActionClient(self._node, Push, "push")
+        client, heartbeat = ActionClient(self._node, Push, "push"), Heartbeat(self._node)
         try:
             self._wait(client.server_is_ready, "no action push: does the cell run?")
             owned = uuid.uuid4().bytes
-            Heartbeat(self._node).own(owned)
+            heartbeat.own(owned)
             goal = Push.Goal(push_id=PusherState.NO_PUSH, distance=distance, speed=speed)
             handle = self._future(client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned))), "no answer to the jog")
             if not handle.accepted:
@@ -136,6 +139,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
             seconds = abs(distance) / speed * 4 + PATIENCE
             result = self._future(handle.get_result_async(), "the jog does not end", seconds).result
         finally:
+            heartbeat.end()
             client.destroy()
         if result.outcome != Push.Result.OUTCOME_REACHED:
             raise NoAnswer(result.message)

@@ -352,7 +352,8 @@ class ActuatorNode(LifecycleNode):
         else:  # the controller may be silent for a while now
             self._located = self._located and self._pusher.mode is not Mode.ALARM and self._pusher.doubt is None
             self._push_id = PusherState.NO_PUSH
-            self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
+            # the stamp is that of the report: the pusher may have gone on since
+            self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode))
 
     def _lose(self) -> None:
         """The connection is lost; remember where the pusher rested."""
@@ -417,7 +418,8 @@ class ActuatorNode(LifecycleNode):
             response.success, response.message = True, "released"
             return response
         try:
-            self._recover()
+            if not self._recovering:  # whoever asks again does not begin it again
+                self._recover()
         except PusherError as error:
             response.message = str(error)
         else:

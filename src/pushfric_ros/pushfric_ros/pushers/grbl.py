@@ -74,6 +74,7 @@ RESET_AGAIN = 1.0
 RESET_PATIENCE = 6.0  # a greeting after a reset may take this long
 CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
+SETTINGS_ASKED = 6
 REPORTS_UNTIL_WCO = 31  # the offset comes with every 30th report at the latest
 IDLE_REPORTS = 10  # this many in a row away from the target mean that the motion ended early
 NOT_IDLE = 8  # error
@@ -83,6 +84,8 @@ UNKNOWN_SPEED = 1.0  # greatest speed of a controller that does not say [m/s]
 INCH = 25.4  # [mm]
 MM = 1e-3  # [m]
 MM_PER_MINUTE = MM / 60  # [m/s]
+ECHOED = b"".join(command.value for command in RealTime)
+"""What a terminal in between may echo, even in the middle of a line."""
 
 
 class Grbl:
@@ -318,12 +321,13 @@ class Grbl:
         *lines, self._buffer = self._buffer.split(b"\n")
         self._buffer = self._buffer[-LONGEST_LINE:]  # noise without an end of line
         for line in lines:
-            self._take(line.decode("ascii", errors="replace").strip())
+            self._take(line.translate(None, ECHOED).decode("ascii", errors="replace").strip())
 
     def _take(self, line: str) -> None:
         """Take one line; startup lines, echoes, feedback and noise are ignored."""
-        line = line.lstrip("?!~")  # a terminal in between may echo these
-        if (status := parse_status(line)) is not None:
+        if (greeting := GREETING.search(line)) is not None:  # a restart may cut off another line
+            self._take_greeting(greeting[1])
+        elif (status := parse_status(line)) is not None:
             self._take_status(status)
         elif line.startswith("<"):
             self._damaged += 1
@@ -334,17 +338,18 @@ class Grbl:
         elif (alarm := ALARM.fullmatch(line)) is not None:
             self._status = Status("Alarm")
             self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
-        elif (greeting := GREETING.search(line)) is not None:
-            self._greeted, self._version = True, self._version or f"Grbl {greeting[1]}"  # $I says more than the greeting
-            self._pending, self._answer = None, WIPED if self._pending is not None else self._answer
-            if self._owed:
-                self._owed -= 1
-            else:
-                self._trouble = NotConnected(f"the controller at {self._path} restarted")
         elif (build := BUILD.match(line)) is not None:
             self._version = f"Grbl {build[1]}"
-        elif (setting := SETTING.match(line)) is not None:
+        elif (setting := SETTING.match(line)) is not None and self._pending == "$$":
             self._settings[int(setting[1])] = setting[2]
+
+    def _take_greeting(self, version: str) -> None:
+        self._greeted, self._version = True, self._version or f"Grbl {version}"  # $I says more than the greeting
+        self._pending, self._answer = None, WIPED if self._pending is not None else self._answer
+        if self._owed:
+            self._owed -= 1
+        else:
+            self._trouble = NotConnected(f"the controller at {self._path} restarted")
 
     def _take_status(self, status: Status) -> None:
         """Take a status report; one that cannot be true changes nothing."""
@@ -382,7 +387,7 @@ class Grbl:
             self._believed += 1
 
     def _can_be_true(self, position: float, feed: float | None, asked: float, now: float) -> bool:
-        if self._homing or self._resetting:  # positions start again
+        if self._homing:  # positions start again
             self._plausibility.forget()
         greatest = self.limits.max_speed
         limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
@@ -477,13 +482,10 @@ class Grbl:
         yield from self._command("$I")
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
-        yield from self._command("$$")
+        yield from self._ask_for_settings()
         self._check_settings()
         self._plausibility.forget()  # now that the unit of reports is known
-        for _ in range(REPORTS_UNTIL_WCO):
-            status = yield from self._report()
-            if status.work_position is not None or self._offset is not None:
-                break
+        yield from self._find_place()
         self._connected = True
 
     def _hear(self) -> Script:
@@ -508,18 +510,43 @@ class Grbl:
                 raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
 
     def _come_to_rest(self) -> Generator[None, None, Status]:
-        """Hold a moving pusher and wait until it rests; with only_look, do neither."""
+        """Hold a moving pusher, at its first report, and wait until it rests; with only_look, do neither."""
+        status = self._status or (yield from self._report())
         while True:
-            status = yield from self._report()
             before = self._last
-            again = yield from self._report()
-            same = before is not None and self._last is not None and before.position == self._last.position
-            if again.state == status.state == "Alarm" or (same and not _moves(again)):
-                return again
+            if not _moves(status):
+                again = yield from self._report()
+                same = before is not None and self._last is not None and before.position == self._last.position
+                if again.state == status.state == "Alarm" or (same and not _moves(again)):
+                    return again
+                status = again
             self._doubt = "it moved when it was found"
             if self._only_look:
-                return again
+                return status
             self.send(RealTime.HOLD)
+            status = yield from self._report()
+
+    def _ask_for_settings(self) -> Script:
+        """They say what a report means, and have no checksum: they count once they have come twice alike."""
+        before: dict[int, str] | None = None
+        for _ in range(SETTINGS_ASKED):
+            self._settings = {}
+            yield from self._command("$$")
+            if self._settings == before:
+                return
+            before = self._settings
+        raise NotConnected(f"{self.name}: its settings ($$) came {SETTINGS_ASKED} times, each time different")
+
+    def _find_place(self) -> Script:
+        """At rest: a report of the same place twice in a row, as one may be damaged."""
+        before: float | None = None
+        for _ in range(REPORTS_UNTIL_WCO):
+            status = yield from self._report()
+            known = status.work_position is not None or self._offset is not None
+            here = self._last.position if known and self._last is not None and not _moves(status) else None
+            if here is not None and here == before:
+                return
+            before = here
 
     def _check_settings(self) -> None:
         """Raises NotConnected if a setting that matters has an impossible value."""
@@ -549,7 +576,7 @@ class Grbl:
         self._homing = True
         try:
             yield from self._command("$H", HOMING_TIMEOUT)
-            yield from self._report()
+            yield from self._find_place()
         finally:
             self._homing = False
         if self._last is not None:

@@ -71,10 +71,10 @@ STATE_MODES = {
 
 
 class RealTime(Enum):
-    """Single bytes that the controller obeys at once, outside the flow of lines."""
+    """Bytes that the controller obeys at once, outside the flow of lines."""
 
     ASK = b"?"
-    HOLD = b"!"
+    HOLD = b"!\x85"  # feed hold and jog cancel: the first stops any motion but a jog of grblHAL, the second any jog
     RESUME = b"~"
     RESET = b"\x18"
     FULL_FEED = b"\x90"  # feed override 100 %

@@ -1,5 +1,7 @@
 """The faults that are rehearsed: how each is caused, and what must follow."""
 
+import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -12,8 +14,10 @@ from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.pushers.check import Level
 from pushfric_ros.pushers.grbl_checks import check_controller
 from pushfric_ros.pushers.stroke import OFF_WAY
+from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
 from pushfric_ros.rehearsal.stage import REACTION, SAME, EndedEarly, Stage, words_of
 from pushfric_ros.simulated.faulty_line import Filter, nothing, once
+from pushfric_ros.simulated.line_damage import in_lines
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
 RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
@@ -80,7 +84,7 @@ def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
     return outcome
 
 
-def judged(stage: Stage, name: str, begin: float | None, first: int, within: float | None) -> Outcome:
+def judged(stage: Stage, name: str, begin: float | None, first: int, within: float | None, true: float = TRUE) -> Outcome:
     """Wait until the pusher rests, watch it for a while, and judge what it did.
 
     Args:
@@ -89,10 +93,13 @@ def judged(stage: Stage, name: str, begin: float | None, first: int, within: flo
         begin: when the fault was caused; None: the pusher had to go on to the end of its push.
         first: index of the first report of this push.
         within: see Fault.
+        true: a published position is true within this [m].
     """
     client = stage.client
     if begin is None and client is not None:  # on a busy machine a push may pause
         stage.wait(lambda: client.poll() is not None, "the end of the push")
+        if not (said := words_of(client)).startswith("reached"):
+            raise EndedEarly(f"the push was to go on, but it ended: {said}")
     at_rest = stage.rest()
     given = stage.given
     seconds = travelled = allowed = problem = None
@@ -113,20 +120,19 @@ def judged(stage: Stage, name: str, begin: float | None, first: int, within: flo
     furthest = max(one.along for one in stage.heard[first:])
     if furthest > given.stroke:
         problem = f"it went to {1e3 * furthest:.1f} mm, beyond the stroke"
-    until = time.monotonic() + WATCHED
-    stage.wait(lambda: time.monotonic() > until, "nothing")
+    stage.pause(WATCHED)
     if abs(stage.along() - at_rest.along) > SAME:
         problem = "it moved again"
-    return Outcome(name, seconds, travelled, allowed, problem or untrue(stage, stage.heard[first].when, at_rest.when))
+    return Outcome(name, seconds, travelled, allowed, problem or untrue(stage, stage.heard[first].when, at_rest.when, true))
 
 
-def untrue(stage: Stage, since: float, rested: float) -> str | None:
+def untrue(stage: Stage, since: float, rested: float, true: float) -> str | None:
     """The first published state that is untrue: the pusher was elsewhere at about that moment, or had already come to rest."""
     for when, state in stage.states:
         if when < since or state.mode == PusherState.MODE_DISCONNECTED:
             continue
         lately = [one.along for one in stage.between(when - LATELY, when + LATELY)]
-        if not min(lately) - TRUE <= state.position - stage.position <= max(lately) + TRUE:
+        if not min(lately) - true <= state.position - stage.position <= max(lately) + true:
             places = f"{1e3 * min(lately):.2f} to {1e3 * max(lately):.2f} mm"
             return f"{1e3 * (state.position - stage.position):.2f} mm was published, but the pusher was at {places}"
     if stage.states and stage.mode() == PusherState.MODE_RUNNING and stage.states[-1][0] > rested + WATCHED / 2:
@@ -151,6 +157,11 @@ def damaged(filtered: Filter) -> Callable[[Stage], float]:
         return time.monotonic()
 
     return bring_about
+
+
+def faster(data: bytes) -> bytes:
+    """A filter that changes the feed of each jog."""
+    return re.sub(rb"F(\d+)", lambda feed: b"F%d" % (5 * int(feed[1])), data)
 
 
 def report_damaged(stage: Stage) -> None:
@@ -191,6 +202,22 @@ def signalled(number: signal.Signals, client: bool) -> Callable[[Stage], float]:
     return bring_about
 
 
+def hung_experiment(stage: Stage) -> float:
+    """The experiment of a whole cell stands still in mid-push; its other nodes live on."""
+    cell_under_way(stage, 0.3)
+    pid = pid_of("experiment", stage)
+    begin = time.monotonic()
+    os.kill(pid, signal.SIGSTOP)
+    return begin
+
+
+def cell_ends(stage: Stage) -> str | None:
+    """The cell notices that a node stands still, ends it, and moves nothing."""
+    rest = stage.along()
+    cell_has_ended(stage)
+    return "it moved again when the experiment was ended" if abs(stage.along() - rest) > SAME else None
+
+
 def goes_on_and_moves_nothing(stage: Stage) -> str | None:
     """Let the stopped process go on; nothing may move."""
     rest = stage.along()
@@ -198,8 +225,7 @@ def goes_on_and_moves_nothing(stage: Stage) -> str | None:
         assert process is not None
         if process.poll() is None:
             process.send_signal(signal.SIGCONT)
-    until = time.monotonic() + 2 * WATCHED
-    stage.wait(lambda: time.monotonic() > until, "nothing")
+    stage.pause(2 * WATCHED)
     return "it moved again when the process went on" if abs(stage.along() - rest) > SAME else None
 
 
@@ -234,7 +260,7 @@ def cut(stage: Stage) -> float:
 
 def waits_for_a_person(stage: Stage) -> str | None:
     """Once the line works again, the actuator must know that the position is unknown, and wait for a person."""
-    stage.line.to_host = stage.line.to_controller = bytes
+    stage.line.heal()
     rest = stage.along()
     stage.states.clear()
     stage.wait(lambda: stage.mode() == PusherState.MODE_ALARM, "the actuator to say that the position is not known")
@@ -279,7 +305,7 @@ def late_greeting(stage: Stage) -> float:
     stage.under_way()
 
     def late(data: bytes) -> bytes:
-        stage.line.delay = LATE_GREETING if b"rbl" in data else 0.0
+        stage.line.delay_to_host = LATE_GREETING if b"rbl" in data else 0.0
         return data
 
     stage.line.to_host = late
@@ -302,8 +328,7 @@ def is_released(stage: Stage) -> str | None:
     def over() -> bool:
         return stage.mode() == PusherState.MODE_HOLD
 
-    until = time.monotonic() + LATE_GREETING
-    stage.wait(lambda: time.monotonic() > until, "nothing")
+    stage.pause(LATE_GREETING)
     stage.states.clear()
     stage.wait(lambda: stage.mode() is not None, "a state")
     if not over():
@@ -325,20 +350,6 @@ def hostile_settings(stage: Stage) -> None:
     stage.start_actuator()
     stage.make_ready()
     stage.under_way()
-
-
-def in_lines(key: bytes, value: bytes) -> Filter:
-    """A filter that gives a setting another value, however the bytes are split into pieces."""
-    left = [b""]
-
-    def filtered(data: bytes) -> bytes:
-        *lines, left[0] = (left[0] + data).split(b"\n")
-        if not left[0].startswith(b"$"):  # all else passes at once
-            lines, left[0] = [*lines, left[0]], b""
-            return b"\n".join(key + value + b"\r" if line.startswith(key) else line for line in lines)
-        return b"".join((key + value + b"\r" if line.startswith(key) else line) + b"\n" for line in lines)
-
-    return filtered
 
 
 def looked_at(stage: Stage) -> None:
@@ -364,12 +375,14 @@ def looked_at(stage: Stage) -> None:
 FAULTS = (
     Fault("a byte of a command is lost", damaged(once(b".", b"")), None),
     Fault("a digit is added to a command", damaged(once(b"X", b"X9")), None),
+    Fault("every feed is changed to five times what was commanded", damaged(faster), None),
     Fault("inches, increments and 200 % feed by somebody else", modes_changed),
     Fault("kill -9 of the actuator", signalled(signal.SIGKILL, client=False)),
     Fault("SIGSTOP of the actuator", signalled(signal.SIGSTOP, client=False), check=goes_on_and_moves_nothing),
     Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),
     Fault("kill -9 of the push's client", signalled(signal.SIGKILL, client=True), OWNER),
     Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
+    Fault("SIGSTOP of a cell's experiment", hung_experiment, OWNER, cell_ends),
     Fault("the controller falls mute", mute),
     Fault("the cable is cut", cut, check=waits_for_a_person),
     Fault("a new actuator finds the controller moving", found_moving, check=waits_for_a_person),

@@ -39,6 +39,7 @@ LISTENING = 0.02  # the stage asks for a report if none was heard for this long 
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
 PATIENCE = 60.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
+RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
 
 
 class NotRehearsed(PushfricError):
@@ -207,21 +208,26 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
                 raise NotRehearsed(f"waited {seconds:g} s in vain for {what}")
             self.spin()
 
+    def pause(self, seconds: float) -> None:
+        """Watch what happens. Raises NotRehearsed where the pusher leaves its stroke."""
+        until = time.monotonic() + seconds
+        self.wait(lambda: time.monotonic() > until, "the end of a pause", seconds + PATIENCE)
+
     def along(self) -> float:
         """Where the pusher is, as last heard, from where the rehearsal began [m]."""
         return self.heard[-1].along
 
     def at(self, when: float) -> float:
         """Where the pusher was at a time [m], interpolated between two reports."""
-        before = next(one for one in reversed(self.heard) if one.when <= when)
-        after = next((one for one in self.heard if one.when > when), before)
+        k = bisect.bisect_right(self.heard, when, key=_when)
+        before, after = self.heard[max(0, k - 1)], self.heard[min(k, len(self.heard) - 1)]
         share = (when - before.when) / (after.when - before.when) if after is not before else 0.0
         return before.along + share * (after.along - before.along)
 
     def between(self, begin: float, end: float) -> list[Heard]:
         """The reports within a time, and the last one before it."""
-        times = [one.when for one in self.heard]
-        return self.heard[max(0, bisect.bisect_right(times, begin) - 1) : bisect.bisect_right(times, end)]
+        first, last = (bisect.bisect_right(self.heard, when, key=_when) for when in (begin, end))
+        return self.heard[max(0, first - 1) : last]
 
     def rest(self) -> Heard:
         """Wait until the pusher rests; return the first report from there."""
@@ -295,10 +301,10 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             NotRehearsed: the actuator does not become ready.
             EndedEarly: the pusher could not be brought back.
         """
-        self.line.to_controller = self.line.to_host = bytes
-        self.line.delay = 0.0
+        self.line.heal()
         if self.client is not None:
             end(self.client)
+            self.client = None
         if self.actuator is not None:
             self.actuator.send_signal(signal.SIGCONT)
         if self.actuator is None or self.actuator.poll() is not None:
@@ -313,18 +319,21 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.make_ready()
 
     def make_ready(self) -> None:
-        """Do what a person does about an actuator that waits for one.
+        """Do what a person does about an actuator that waits for one: reset it, see what follows, and reset it again.
 
         Raises:
             NotRehearsed: the actuator does not become ready.
         """
+        again = 0.0
 
         def idle() -> bool:
+            nonlocal again
             if self.mode() == PusherState.MODE_IDLE:
                 return True
-            if self.states and self.mode() in (PusherState.MODE_ALARM, PusherState.MODE_HOLD):
+            if self.mode() in (PusherState.MODE_ALARM, PusherState.MODE_HOLD) and time.monotonic() > again:
                 with contextlib.suppress(NoAnswer):
                     self.person.call("actuator/reset")
+                again = time.monotonic() + RESET_AGAIN
                 self.states.clear()
             return False
 
@@ -387,8 +396,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     def _come_to_rest(self) -> None:
         """Stop the pusher whatever it does: a new connection holds the motion and discards what is queued."""
-        self.line.to_controller = self.line.to_host = bytes
-        self.line.delay = 0.0
+        self.line.heal()
         try:
             with self.driver():
                 pass
@@ -398,8 +406,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     def bring_back(self) -> list[str]:
         """Leave everything as it was; return what could not be restored."""
         self._end_processes()
-        self.line.to_controller = self.line.to_host = bytes
-        self.line.delay = 0.0
+        self.line.heal()
         with self.driver() as pusher:
             pusher.recover()
             drive(pusher)
@@ -410,6 +417,10 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         now = self.known()
         changed = [line for line, answer in self.before.items() if comparable(answer) != comparable(now[line])]
         return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > SAME)
+
+
+def _when(one: Heard) -> float:
+    return one.when
 
 
 RESTORED = {"G20", "G21", "G90", "G91", "G17", "G18", "G19", "G93", "G94", *(f"G{n}" for n in range(54, 60))}

@@ -19,8 +19,9 @@ TICK = 0.002  # [s]
 class FaultyLine:
     """Passes bytes on as they come, except for the faults that are set. Use as a context manager.
 
-    `to_controller` and `to_host` are functions that are given the bytes that came and return the bytes to pass on. `delay` [s]
-    holds back what the controller says. `heard` is given every piece of that before any fault, so it hears the truth.
+    `to_controller` and `to_host` are functions that are given the bytes that came and return the bytes to pass on.
+    `delay_to_controller` and `delay_to_host` [s] hold these back. `heard` is given every piece that the controller says before
+    any fault, so it hears the truth.
     """
 
     def __init__(self, port: str, baud: int = 115200) -> None:
@@ -35,11 +36,10 @@ class FaultyLine:
         self.port = os.ttyname(slave)
         self._slave = slave  # kept open: no end of file when the host leaves
         os.set_blocking(self._master, False)
-        self.to_controller: Filter = bytes
-        self.to_host: Filter = bytes
-        self.delay = 0.0
+        self.heal()
         self.heard: Callable[[bytes], None] = lambda data: None
-        self._late: deque[tuple[float, bytes]] = deque()
+        self._for_controller: deque[tuple[float, bytes]] = deque()  # when each piece is due
+        self._for_host: deque[tuple[float, bytes]] = deque()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="line")
         self._lock = threading.Lock()
@@ -55,24 +55,36 @@ class FaultyLine:
         os.close(self._slave)
         os.close(self._master)
 
+    def heal(self) -> None:
+        """From now on, pass on all that comes, at once; what was held back still comes when it is due."""
+        self.to_controller: Filter = bytes
+        self.to_host: Filter = bytes
+        self.delay_to_controller = self.delay_to_host = 0.0
+
     def tell_controller(self, data: bytes) -> None:
         """Write to the controller as another program on the line would."""
         with self._lock:
             self._serial.write(data)
 
+    def tell_host(self, data: bytes) -> None:
+        """As the controller would, after what it has said."""
+        self._for_host.append((time.monotonic() + self.delay_to_host, data))
+
     def _serve(self) -> None:
         while not self._closing.is_set():
             ready, _, _ = select.select([self._master, self._serial.fd], [], [], TICK)
-            if self._master in ready and (data := self.to_controller(os.read(self._master, 4096))):
-                self.tell_controller(data)
+            if self._master in ready:
+                passed = self.to_controller(os.read(self._master, 4096))
+                self._for_controller.append((time.monotonic() + self.delay_to_controller, passed))
             if self._serial.fd in ready:
                 said = self._serial.read(4096)
                 self.heard(said)
-                passed = self.to_host(said)
-                self._late.append((time.monotonic() + self.delay, passed))
-            while self._late and self._late[0][0] <= time.monotonic():
+                self.tell_host(self.to_host(said))
+            while self._for_controller and self._for_controller[0][0] <= time.monotonic():
+                self.tell_controller(self._for_controller.popleft()[1])
+            while self._for_host and self._for_host[0][0] <= time.monotonic():
                 with contextlib.suppress(BlockingIOError):  # nobody reads, and a line does not wait
-                    os.write(self._master, self._late.popleft()[1])
+                    os.write(self._master, self._for_host.popleft()[1])
 
 
 def once(old: bytes, new: bytes) -> Filter:

@@ -1,0 +1,75 @@
+"""A whole cell on the stage: its own command line, experiment, tracker and estimator, with a rendered camera."""
+
+import json
+import pathlib
+import subprocess
+import sys
+import time
+
+from pushfric_core.settings import plain
+from pushfric_ros.rehearsal.stage import EndedEarly, NotRehearsed, Stage, words_of
+from pushfric_ros.vision.camera import Camera, save_camera
+
+LONGEST = 0.05
+"""Largest length of a push in the rendered camera's view [m]."""
+
+
+def cell_under_way(stage: Stage, share: float) -> "subprocess.Popen[str]":
+    """`run --simulated-camera`, when its first push has come so far. Raises EndedEarly."""
+    stage.end_actuator()
+    distance = min(stage.reach, LONGEST)
+    cell, bag = _written(stage, distance), stage.folder / f"bag_{time.monotonic_ns()}"
+    arguments = ["run", str(cell), "--simulated-camera", "--headless", "--bag", str(bag)]
+    stage.client = run = stage.process([sys.executable, "-m", "pushfric_ros", *arguments])
+    try:
+        stage.wait(lambda: stage.along() > share * distance or run.poll() is not None, "the push of a cell")
+    except NotRehearsed as error:
+        if stage.broken_out is not None:
+            raise
+        raise EndedEarly(str(error)) from error
+    if run.poll() is not None:
+        raise EndedEarly(f"the cell ended before the fault: {words_of(run)}")
+    return run
+
+
+def cell_has_ended(stage: Stage) -> None:
+    """Wait until none of its processes is left."""
+    stage.wait(lambda: not _nodes(stage.namespace), "the end of the cell's processes")
+
+
+def pid_of(node: str, stage: Stage) -> int:
+    """Of the process of a node of the cell."""
+    return next(pid for pid, command in _nodes(stage.namespace).items() if f"{node}_node" in command)
+
+
+def _written(stage: Stage, distance: float) -> pathlib.Path:
+    """Write a cell's file in which the place where the rehearsal began is the origin of the table."""
+    pusher, driver = stage.config()
+    camera, cell = stage.folder / "camera.yaml", stage.folder / "cell.yaml"
+    save_camera(Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625), camera)
+    content = {
+        "namespace": stage.namespace,
+        "object": "rubber_rect4",
+        "camera": {"source": "topic", "calibration": str(camera)},
+        "pusher": {**_given(plain(pusher)), "line_origin": [0.0, -stage.position], **_given(plain(driver))},
+        "plan": {"distance": distance, "speed": stage.given.speed},
+    }
+    cell.write_text(json.dumps(content))  # JSON is YAML
+    return cell
+
+
+def _given(values: dict[str, object]) -> dict[str, object]:
+    return {name: value for name, value in values.items() if name not in ("requires", "autostart", "real_time_factor")}
+
+
+def _nodes(namespace: str) -> dict[int, str]:
+    """The processes of a cell's nodes: their command lines, by process id."""
+    found = {}
+    for folder in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            command = (folder / "cmdline").read_bytes().decode(errors="replace")
+        except OSError:
+            continue  # it has just ended
+        if f"__ns:={namespace}" in command:
+            found[int(folder.name)] = command
+    return found
