@@ -1,6 +1,8 @@
 """The GRBL driver against a scripted controller, byte by byte, and against the simulated firmware; also that firmware."""
 
+import itertools
 import os
+import random
 import re
 import select
 import time
@@ -960,3 +962,20 @@ def test_a_power_failure_in_mid_push_is_noticed(simulated):
     simulated.say(b"\xfe\xff~~garbage\r\n")
     simulated.reset()
     fail(pusher, NotConnected, "restarted")
+
+
+@pytest.mark.parametrize("seed", [1, 17, 27])
+def test_the_simulated_carriage_keeps_its_speed_while_time_goes_on_between_any_two_steps(seed):
+    """As on a busy machine: each look at the clock is later than the last, and a block may end between two."""
+    randomly = random.Random(seed)
+    times = itertools.accumulate(randomly.expovariate(1 / 0.002) for _ in itertools.count())
+    controller = SimulatedGrbl(lambda: next(times))
+    target, speeds = 0.0, []
+    while target < 60.0:
+        if target - 1e3 * controller.position() < 8.0:
+            target += 1.5
+            controller._receive(b"$J=G21G90X%.3fF1200.000\n" % target)
+            controller._execute_lines()
+        speeds.append(controller._now()[1])
+    assert max(speeds) == pytest.approx(20.0, rel=1e-6)
+    assert min(speeds) >= 0.0

@@ -340,20 +340,20 @@ class SimulatedGrbl:
         self._advance()
         return self._motion.at(self._clock()) if self._motion else (self._carriage, 0.0)
 
-    def _advance(self) -> None:
-        """Carry out everything that was due up to the present time."""
+    def _advance(self) -> float:
+        """Carry out everything that was due up to the present time; return that time [s]."""
         now = self._clock()
         while self._motion is not None:
             end = min(now, self._motion.end)
             carriage = self._motion.at(end)[0]
             if not -PULL_OFF <= carriage <= self._travel + PULL_OFF and self._state != "Home":
                 self.hit_limit()
-                return
+                break
             if self._motion.end > now:
                 while self._ends and self._ends[0] <= now:
                     self._ends.popleft()
                     self._plan.popleft()
-                return
+                break
             self._carriage, self._motion = carriage, None
             self._ends.clear()
             if self._state == "Home":
@@ -367,13 +367,17 @@ class SimulatedGrbl:
                 self._carriage = self._plan[-1].target if self._plan else carriage
                 self._plan.clear()
                 self._state = "Idle"
+        return now
 
-    def _set_out(self) -> None:
-        """Plan the way through all blocks, from the carriage's present position and speed."""
+    def _set_out(self, now: float) -> None:
+        """Plan the way through all blocks, from the carriage's present position and speed.
+
+        Args:
+            now: the time up to which all is carried out: a block that ended meanwhile would lie behind the carriage [s].
+        """
         if not self._plan:
             self._state = "Idle"
             return
-        now = self._clock()
         position, speed = self._motion.at(now) if self._motion else (self._carriage, 0.0)
         lines = [(block.target, self._speed_of(block)) for block in self._plan]
         self._motion, ends = blended(now, position, speed, lines, self._acceleration)
@@ -388,7 +392,7 @@ class SimulatedGrbl:
         self._percent[what] = min(max(before + percent, LEAST_FEED), MOST_FEED) if added else percent
         self._until_overrides = 0
         if self._state == "Run":
-            self._set_out()
+            self._set_out(self._advance())
 
     def _halt(self) -> None:
         self._carriage = self._motion.at(self._clock())[0] if self._motion else self._carriage
@@ -412,7 +416,7 @@ class SimulatedGrbl:
     def _resume(self) -> None:
         if self._state == "Hold" and self._motion is None:
             self._state = "Run"
-            self._set_out()
+            self._set_out(self._clock())
 
     def _cancel_jog(self) -> None:
         if self._state == "Jog" and not self._canceling:
@@ -632,7 +636,7 @@ class SimulatedGrbl:
         """Queue the carriage's part of a move; no motor turns for the other axes."""
         if "X" not in values:
             return 0
-        self._advance()
+        now = self._advance()
         before = self._plan[-1].target if self._plan else self._carriage
         wanted = values["X"] * units + (-self._offset if absolute else before)
         steps = float(self._settings[100])
@@ -649,7 +653,7 @@ class SimulatedGrbl:
         self._plan.append(Block(target, speed, jog, feed is None))
         if self._state in ("Idle", "Run", "Jog"):
             self._state = "Jog" if jog else "Run"
-            self._set_out()
+            self._set_out(now)
         return 0
 
     @property
