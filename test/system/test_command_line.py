@@ -128,6 +128,7 @@ def call(monkeypatch, capsys):
         (["push"], "No such command 'push'; see pushfric --help"),
         (["demo", "--seed", "x"], "Invalid value for '--seed'"),
         (["estimate"], "Missing argument"),
+        ([], "Missing command"),
     ],
 )
 def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call, arguments, error):

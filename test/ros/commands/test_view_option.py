@@ -4,7 +4,7 @@ import pytest
 import typer.main
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands import replay, run
+from pushfric_ros.commands import cli, replay, run
 from pushfric_ros.commands.options import AUTO_VIEW, view_at
 from pushfric_ros.files.node_settings import ViewConfig
 
@@ -26,6 +26,11 @@ CELL = ViewConfig(host="10.0.0.5", port=9000, token="a-secret-word")
 )
 def test_an_address_stands_for_settings(address, settings, expected):
     assert view_at(address, settings) == expected
+
+
+def test_a_command_without_any_argument_is_read():
+    with cli.load("demo").make_context("demo", []) as context:
+        assert context.params["view"] == ""
 
 
 def test_an_address_that_others_reach_gets_a_token():

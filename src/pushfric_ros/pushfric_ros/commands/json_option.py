@@ -16,7 +16,7 @@ SUFFIX = ".json"
 
 def spelled_out(arguments: Sequence[str]) -> list[str]:
     """Arguments in which every `--json` has a value: what follows, if that is the name of a JSON file, else STDOUT."""
-    pairs = zip(arguments, [*arguments[1:], ""], strict=True)
+    pairs = zip(arguments, [*arguments, ""][1:], strict=True)
     return [f"--json={STDOUT}" if one == "--json" and not after.endswith(SUFFIX) else one for one, after in pairs]
 
 

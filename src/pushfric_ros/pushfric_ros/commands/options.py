@@ -47,7 +47,7 @@ class WithView(typer.core.TyperCommand):
 
 
 def _with_lone_view(args: list[str]) -> Iterator[tuple[str, bool]]:
-    for arg, following in zip(args, [*args[1:], ""], strict=True):
+    for arg, following in zip(args, [*args, ""][1:], strict=True):
         yield arg, arg == "--view" and ADDRESS.fullmatch(following) is None
 
 
