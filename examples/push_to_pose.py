@@ -200,13 +200,16 @@ def draw(courses: dict[str, list[Course]], path: str) -> None:
 
     figure = Figure(figsize=(6, 3.5), layout="tight")
     axes = figure.subplots()
+    looks = {"learned": ("#0072b2", "-"), "uniform": ("#009e73", "--"), "wrong": ("#cc79a7", ":")}  # Okabe and Ito's colours
     for name, tries in courses.items():
+        color, line = looks[name]
         errors = 1e3 * np.array([each.errors for each in tries])
-        (line,) = axes.semilogy(np.median(errors, axis=0), label=f"{name}: {np.median(errors[:, -1]):.1f} mm")
+        axes.semilogy(np.median(errors, axis=0), line, color=color, label=f"{name}: {np.median(errors[:, -1]):.2f} mm")
         low, high = np.percentile(errors, (25, 75), axis=0)
-        axes.fill_between(np.arange(errors.shape[1]), low, high, color=line.get_color(), alpha=0.2)
+        axes.fill_between(np.arange(errors.shape[1]), low, high, color=color, alpha=0.2, lw=0)
     axes.set(xlabel="strokes", ylabel="distance from the goal pose [mm]")
-    axes.legend(title=f"final median of {len(tries)} tries")
+    axes.set_xticks(range(errors.shape[1]))
+    axes.legend(title=f"median of {len(tries)} tries, in the end", fontsize=9)
     axes.grid(alpha=0.3)
     figure.savefig(path, dpi=110)
 

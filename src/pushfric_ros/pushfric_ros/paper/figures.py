@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from pushfric_core.planar import Array, Pose, transform
 from pushfric_core.table_1 import ORIENTATIONS, TABLE_1
 from pushfric_ros.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS
-from pushfric_ros.report.figures import ESTIMATE, GREY, INK, TRUTH
+from pushfric_ros.report.figures import ESTIMATE, GREY, INK, OTHER, REACHED, TRUTH
 
-PAPER, GREEN = "#e69f00", "#009e73"  # also of Okabe and Ito
+PAPER = "#e69f00"  # the paper's numbers; also of Okabe and Ito
 
 CENTIMETRE = 100.0
 
@@ -124,8 +124,8 @@ def _trajectories(rows: list[list[float]]) -> Figure:
         for age, row in enumerate(course):
             pose = Pose(*row[8:11])
             strength = 0.25 + 0.75 * (age + 1) / len(course)
-            _outline(axes, transform(pose, vertices) * CENTIMETRE, color=ESTIMATE, alpha=strength)
-            axes.plot(*(transform(pose, np.array(row[:2])) * CENTIMETRE), "o", color=TRUTH, ms=4, alpha=strength)
+            _outline(axes, transform(pose, vertices) * CENTIMETRE, color=GREY, alpha=strength)
+            axes.plot(*(transform(pose, np.array(row[:2])) * CENTIMETRE), "o", color=INK, ms=4, alpha=strength)
         axes.axvline(0, color=GREY, lw=0.8, ls=":", zorder=0)
         axes.set(title=f"Pushed {title}", xlabel="x [cm]", aspect="equal")
     panels[0].set_ylabel("y [cm]")
@@ -133,11 +133,12 @@ def _trajectories(rows: list[list[float]]) -> Figure:
 
 
 def _dots(axes: Any, points: Array, w: Array, **style: Any) -> None:
-    """w as dots of proportional area, with an x where it is zero."""
+    """w as dots of proportional area, hollow where it is negative, with an x where it is zero."""
     zero = np.abs(w) < 1e-6
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
-    colors = np.where(w[~zero] > 0, ESTIMATE, TRUTH)
-    axes.scatter(*points[~zero].T, **({"s": DOT * np.abs(w[~zero]), "c": colors, "alpha": 0.85, "lw": 0} | style))
+    inside = np.where(w[~zero] > 0, ESTIMATE, "none")
+    style = {"s": DOT * np.abs(w[~zero]), "alpha": 0.85, "lw": 1.2} | style
+    axes.scatter(*points[~zero].T, facecolors=inside, edgecolors=ESTIMATE, **style)
     axes.set(aspect="equal", xlabel="x [cm]")
 
 
@@ -204,12 +205,14 @@ def _histograms(bounds: Mapping[str, list[float]], shown: Mapping[str, str], num
 def _orientations(name: str, numbers: Experiments) -> Figure:
     figure = _new(9.0, 3.1)
     titles = {"supports": "(a) Hypothesised supports only", "supports_and_center": "(b) With the centre of friction"}
+    looks = ((TRUTH, "-", "o"), (OTHER, "--", "s"), (OTHER, ":", "^"), (OTHER, "-.", "v"))
     for axes, (case, title) in zip(figure.subplots(1, 2, sharey=True), titles.items(), strict=True):
-        for turn, color in zip(ORIENTATIONS[name], (ESTIMATE, TRUTH, PAPER, GREEN), strict=False):
+        for turn, (color, line, marker) in zip(ORIENTATIONS[name], looks, strict=False):
             leaves = [numbers[case][f"half_width_{half_width}_mm"][f"error_{turn}"] for half_width in HALF_WIDTHS]
             low, high = zip(*(leaf["quartiles"] for leaf in leaves), strict=True)
             label = f"turned by {turn}°" if turn else "true orientation"
-            axes.plot(HALF_WIDTHS, [leaf["median"] for leaf in leaves], "o-", ms=4, color=color, label=label)
+            medians = [leaf["median"] for leaf in leaves]
+            axes.plot(HALF_WIDTHS, medians, ls=line, marker=marker, ms=4, color=color, label=label)
             axes.fill_between(HALF_WIDTHS, low, high, color=color, alpha=0.15, lw=0)
         axes.set(title=title, xlabel="half-width of the contact interval [mm]", xticks=HALF_WIDTHS, ylim=(0, None))
     figure.axes[0].set_ylabel("fit error [cm]")
@@ -220,13 +223,15 @@ def _orientations(name: str, numbers: Experiments) -> Figure:
 def _subsets(numbers: Experiments) -> Figure:
     figure = _new(9.0, 3.0)
     errors, found = figure.subplots(1, 2)
-    for axis, color in (("x", ESTIMATE), ("y", TRUTH)):
+    for axis, line, marker in (("x", "-", "o"), ("y", "--", "s")):
         leaves = [numbers[f"points_{size}"][f"percent_{axis}"] for size in SUBSETS]
         low, high = zip(*(leaf["quartiles"] for leaf in leaves), strict=True)
-        errors.plot(SUBSETS, [leaf["median"] for leaf in leaves], "o-", ms=4, color=color, label=axis)
-        errors.fill_between(SUBSETS, low, high, color=color, alpha=0.15, lw=0)
+        medians = [leaf["median"] for leaf in leaves]
+        errors.plot(SUBSETS, medians, ls=line, marker=marker, ms=4, color=ESTIMATE, label=axis)
+        errors.fill_between(SUBSETS, low, high, color=ESTIMATE, alpha=0.15, lw=0)
         known = {size: leaf["reference"] for size, leaf in zip(SUBSETS, leaves, strict=True) if "reference" in leaf}
-        errors.plot(list(known), list(known.values()), "D", mfc="none", color=color, ms=5, label=f"{axis}, reference")
+        style = {"ls": "", "marker": marker, "mfc": "none", "ms": 7}
+        errors.plot(list(known), list(known.values()), color=OTHER, label=f"{axis}, reference", **style)
     errors.set(title="Mean error of $p_{CF}$, 10 samplings", xlabel="data points", ylabel="% of the side", ylim=(0, None))
     errors.legend(fontsize=8)
     share = [100 * numbers[f"points_{size}"]["share_with_correct_supports"]["median"] for size in SUBSETS]
@@ -241,10 +246,12 @@ def _rods(rods: Experiments) -> Figure:
     for axes, (name, title) in zip(figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True):
         section = np.array(rods[name]["section"])
         reachable = np.array(rods[name]["reachable"])
-        _outline(axes, section, color=GREY, lw=1.2)
-        axes.plot(*reachable.T, color=ESTIMATE, lw=3, solid_capstyle="butt")
+        _outline(axes, section, color=GREY, lw=1.2, label="limit surface")
+        axes.plot(*reachable.T, color=REACHED, lw=3, solid_capstyle="butt", label="what pushes without friction reach")
         axes.set(title=title, xlabel="$f_y$ [support friction]", aspect="equal")
     figure.axes[0].set_ylabel("$m$ [support friction by half length]")
+    handles = dict(zip(*reversed(figure.axes[0].get_legend_handles_labels()), strict=True))
+    figure.legend(handles.values(), handles, loc="outside lower center", ncols=2)
     return figure
 
 
@@ -268,7 +275,7 @@ def _least_squares(weights: Mapping[str, list[float]]) -> Figure:
         axes.set_xlabel(f"x [cm]        weights from {low} to {high}")
     for axes in figure.axes[::2]:
         axes.set_ylabel("y [cm]")
-    _explain(figure, **{"$w_j < 0$": Line2D([], [], color=TRUTH, marker="o", ls="", ms=9, mew=0)})
+    _explain(figure, **{"$w_j < 0$": Line2D([], [], color=ESTIMATE, marker="o", mfc="none", ls="", ms=9)})
     return figure
 
 

@@ -23,8 +23,9 @@ from pushfric_ros.messages.conversions import BIN_WIDTH, BINS, histogram
 
 MILLIMETRE = 1e3
 INK, GREY = "#222222", "#8c8c8c"
-ESTIMATE, TRUTH, SLIPPING = "#0072b2", "#d55e00", "#cc79a7"
-"""One meaning for each colour; those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers tell apart."""
+ESTIMATE, TRUTH, SLIPPING, OTHER, REACHED = "#0072b2", "#d55e00", "#cc79a7", "#009e73", "#56b4e9"
+"""One meaning for each colour. OTHER is what the estimate or the exact is compared with, REACHED what pushes reach.
+They are those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers tell apart."""
 
 STYLE = {
     "font.size": 9,
@@ -102,9 +103,11 @@ def limit_surface_figure(
             section = surface.cross_section(force, moment).points @ (force, moment) * scale
             space.plot(*_closed(section).T, color=GREY, lw=0.6)
         for wrenches in reached:
-            space.plot(*wrenches.T, color=ESTIMATE, lw=2, marker="o" if len(wrenches) == 1 else None, ms=3)
+            (line,) = space.plot(*wrenches.T, color=REACHED, lw=3, marker="o" if len(wrenches) == 1 else None, ms=3)
+        line.set_label("what pushes reach")
         space.set_box_aspect(None, zoom=1.1)
-        space.set(title="Limit surface, what pushes reach in blue", xlabel="$f_x$", ylabel="$f_y$", zlabel="$m$ [mm]")
+        space.set(title="Limit surface, units as on the right", xlabel="$f_x$", ylabel="$f_y$", zlabel="$m$")
+        space.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1))
         section = figure.add_subplot(1, 2, 2)
         force = Wrench(0.0, 1.0, 0.0)
         section.plot(*_closed(surface.cross_section(force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
@@ -113,8 +116,8 @@ def limit_surface_figure(
             form = ellipsoid.form[1:, 1:]
             # the inverse of a square root of the form takes the circle to the ellipse
             ellipse = np.column_stack((np.cos(angles), np.sin(angles))) @ np.linalg.inv(np.linalg.cholesky(form))
-            section.plot(*(ellipse * scale[1:]).T, ls=style, color=TRUTH, lw=1.2, label=f"ellipsoid, {name}")
-        section.set(title="Section $f_x = 0$", xlabel="$f_y$", ylabel="$m$ [mm]")
+            section.plot(*(ellipse * scale[1:]).T, ls=style, color=OTHER, lw=1.4, label=f"ellipsoid, {name}")
+        section.set(title="Section $f_x = 0$", xlabel="$f_y$ [support friction]", ylabel="$m$ [support friction $\\times$ mm]")
         section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
         _save(figure, path)
 
@@ -219,7 +222,7 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
         axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=ESTIMATE, ms=3.5, alpha=0.6)
         title = "Object and contact of each data point"
     axes.set(title=title, xlabel="mm", ylabel="mm")
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", "datalim")
 
 
 def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, truth: TableObject | None) -> None:
@@ -249,9 +252,15 @@ def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, trut
     if truth is not None:
         axes.plot(*(truth.support.center_of_friction * MILLIMETRE), "o", mfc="none", color=TRUTH, ms=7, label="true $p_{CF}$")
     axes.set(title="Support friction distribution", xlabel="x [mm]", ylabel="y [mm]")
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", "datalim")  # the layout makes room for the legend below axes that fill their place, not for others
     axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=5, fontsize=8, columnspacing=1, handletextpad=0.2, markerscale=0.5
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.14),
+        ncols=5,
+        fontsize=8,
+        columnspacing=1,
+        handletextpad=0.2,
+        markerscale=0.5,
     )
 
 
@@ -260,9 +269,11 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
     bounds, slips = estimate.contact_friction, np.asarray(slipping)
     end = (BINS - 1) * BIN_WIDTH
     left = np.arange(BINS) * BIN_WIDTH
-    axes.bar(left, histogram(bounds), BIN_WIDTH, align="edge", color=ESTIMATE, alpha=0.8)
+    axes.bar(left, histogram(bounds), BIN_WIDTH, align="edge", color=ESTIMATE, alpha=0.8, edgecolor="white", lw=0.5)
     if slips.any():
-        axes.bar(left, histogram(bounds[slips]), BIN_WIDTH, align="edge", color=SLIPPING, label="slipping")
+        axes.bar(
+            left, histogram(bounds[slips]), BIN_WIDTH, align="edge", color=SLIPPING, edgecolor="white", lw=0.5, label="slipping"
+        )
     marks = [
         ("90 %", estimate.mu_c_p90, {"color": INK, "ls": "--", "lw": 1}),
         ("100 %", estimate.mu_c_max, {"color": INK, "lw": 1}),
