@@ -42,6 +42,7 @@ def setup(app):
 """
 
 PARTS = {
+    "Tutorial": ("tutorial",),
     "How to": ("hardware", "pushes", "planning", "limit_surface", "view", "many", "safety", "security"),
     "Reference": ("commands", "files", "cell", "estimator", "graph", "interfaces", "python", "conventions", "reliability"),
     "Explanation": ("estimation", "derivation", "paper", "architecture"),

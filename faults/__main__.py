@@ -26,7 +26,10 @@ all was as asked.
 
 """
 
+app = typer.Typer(add_completion=False)
 
+
+@app.command()
 def main(
     quick: Annotated[bool, typer.Option("--quick", help="Only a few cases, in about a minute; writes nothing.")] = False,
     only: Annotated[str, typer.Option(help="Only faults whose name contains this; writes nothing.")] = "",
@@ -47,4 +50,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    app(prog_name="pushfric faults")

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
 from pushfric_core.table_1 import TABLE_1
@@ -75,6 +76,16 @@ def test_the_demo_reports_every_push_and_draws_its_figure(demo):
     assert sum(line.startswith("push") for line in run.stderr.splitlines()) == 14
     assert (bag / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert run.stdout == ""
+
+
+def test_the_demo_ends_as_the_documents_show(demo):
+    bag, _, run = demo
+    said = run.stderr.replace(str(bag), "runs/first")
+    (readme,) = [block.text for block in blocks("README.md") if block.text.startswith("rubber_rect4: ")]
+    assert has_the_form(said, readme), said
+    table, start, summary = shown("docs/tutorial.md", "./pushfric demo --bag runs/first --view").partition("rubber_rect4: ")
+    assert "\npush  data points" in table  # on a terminal; without one, there is a line for each push
+    assert has_the_form(said, start + summary), said
 
 
 def test_the_bag_is_read_by_an_independent_reader(demo):

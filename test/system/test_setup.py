@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 import pytest
+from documents import has_the_form, shown
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = """
@@ -54,7 +55,9 @@ def set_up(workspace: pathlib.Path, *overlays: pathlib.Path) -> str:
 
 
 def test_each_environment_has_a_build_of_its_own(workspace, tmp_path):
-    set_up(workspace)
+    said = re.sub(r"(?m)^pushfric: +\d+ s  .*\n", "", set_up(workspace))  # without how far a step is
+    _, build, steps = shown("docs/tutorial.md", "./pushfric setup").partition("pushfric: building")
+    assert has_the_form(said, build + steps), said
     first = (workspace / "install").resolve()
     assert (first / "local_setup.bash").is_file()
     said = set_up(workspace, tmp_path / "theirs")

@@ -1,12 +1,21 @@
 """`./pushfric run CELL --simulated` and `--simulated-camera`: the user's own files, simulated parts, the whole graph."""
 
 import json
+import os
+import pty
+import re
+import shlex
+import shutil
 import subprocess
 import sys
 import time
 
 import pytest
+import yaml
+from documents import ROOT, blocks, has_the_form, sessions
+from typer.testing import CliRunner
 
+from pushfric_ros.commands.cli import app
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
@@ -42,20 +51,58 @@ def run(cell, *options) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-m", "pushfric_ros", *arguments], capture_output=True, text=True, timeout=300)
 
 
-def estimate(cell) -> dict:
-    arguments = ["estimate", str(cell.parent / "bag"), "--json"]
+def on_a_terminal(*arguments) -> str:
+    """What the command line shows on a terminal, when it has ended well."""
+    master, terminal = pty.openpty()
+    command = [sys.executable, "-m", "pushfric_ros", *arguments]
+    shown = b""
+    with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal) as process:
+        os.close(terminal)
+        try:
+            while piece := os.read(master, 65536):
+                shown += piece
+        except OSError:  # the last process with this terminal has ended
+            pass
+        os.close(master)
+    drawn_again = shown.decode().replace("\x1b[2K", "\n")
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "", drawn_again)
+    assert process.returncode == 0, text
+    return text
+
+
+def estimate(bag) -> dict:
+    arguments = ["estimate", str(bag), "--json"]
     result = subprocess.run([sys.executable, "-m", "pushfric_ros", *arguments], capture_output=True, text=True, timeout=120)
     assert result.returncode == 0, result.stderr
     return json.loads(result.stdout)
 
 
-def test_a_cell_without_any_hardware(cell):
-    ended = run(cell, "--simulated")
-    assert ended.returncode == 0, ended.stderr
-    last = estimate(cell)
-    assert last["object"] == "box"
-    assert last["pushes"] == 2
-    assert last["center_of_friction"] == pytest.approx([0.0, 0.0], abs=0.02)
+TUTORIAL = "docs/tutorial.md"
+
+
+def test_the_object_of_the_tutorial(tmp_path, monkeypatch):
+    """Its files, its commands in its order, and what they are said to print; nothing of a real cell is there."""
+    folder = tmp_path / "my_cell"
+    shutil.copytree(ROOT / "docs/example_cell", folder)
+    for block in blocks(TUTORIAL):
+        if block.file:
+            (tmp_path / block.file).write_text(block.text)
+    file = yaml.safe_load((folder / "cell.yaml").read_text())
+    file["plan"] |= {"lost_result": 60.0}
+    (folder / "cell.yaml").write_text(yaml.safe_dump(file))
+    commands = [one for block in blocks(TUTORIAL) if block.language == "console" for one in sessions(block)]
+    first = next(index for index, (command, _) in enumerate(commands) if command.startswith("./pushfric run "))
+    monkeypatch.chdir(tmp_path)
+    for index, (command, expected) in enumerate(commands[first:]):
+        arguments = shlex.split(command)[1:]
+        said = CliRunner().invoke(app, arguments, catch_exceptions=False).output if index else on_a_terminal(*arguments)
+        # whether mu_c comes from slip depends on the noise of the data points that slip
+        said, expected = (re.sub(r"^mu_c .*\n", "", text, flags=re.MULTILINE) for text in (said, expected))
+        assert has_the_form(said, expected), f"{command} prints\n{said}"
+    assert (tmp_path / "my_box.png").stat().st_size > 10_000
+    last = estimate(tmp_path / "runs/my_box")
+    assert last["pushes"] == 6
+    assert last["center_of_friction"] == pytest.approx([0.01, -0.01], abs=0.002)
 
 
 def test_the_rendered_camera_follows_a_real_tip(cell):
@@ -64,7 +111,7 @@ def test_the_rendered_camera_follows_a_real_tip(cell):
         ended = run(cell, "--simulated-camera")
         assert ended.returncode == 0, ended.stderr
         assert controller.position() == pytest.approx(0.0, abs=1e-9)
-    last = estimate(cell)
+    last = estimate(cell.parent / "bag")
     assert last["pushes"] == 2
     assert last["center_of_friction"] == pytest.approx([0.0, 0.0], abs=0.02)
 

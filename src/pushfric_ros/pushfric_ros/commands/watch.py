@@ -186,7 +186,7 @@ class Monitor:
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)
-        for name in ("push", "data points", "p_CF x [mm]", "p_CF y [mm]", "mu_c 90 %", "mu_c 100 %", "fit error [mm]"):
+        for name in ("push", "data points", "p_CF x [mm]", "p_CF y [mm]", "mu_c 90 %", "mu_c 100 %", "fit [mm]"):
             table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
             table.add_row(str(push), *_cells(msg))
