@@ -32,7 +32,7 @@ NAME = "zhou2015"
 TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"
 
 CORNERS = [(0.0, 0.0), (0.15, 0.0), (0.0, 0.15)]
-"""Legs of the triangle [m]; the origin is the right angle."""
+"""Corners of the triangle [m]; the right angle is at the origin."""
 
 GRID = SupportFile(grid=(10, 10), inset=0.0075)
 """Hypothesised support: the middles of 15 mm cells, of which 55 lie on the triangle."""
