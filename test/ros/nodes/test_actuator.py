@@ -453,7 +453,7 @@ def test_a_force_that_is_no_number_stops_a_push(ros, controller, tmp_path, force
 
 
 def test_a_reset_that_is_asked_for_again_and_again_ends(ros, controller, tmp_path):
-    """Each is answered, and none begins it again."""
+    """Each call is answered, and none begins the recovery again."""
     cell = Cell(ros, tmp_path / "port").ready()
     controller.hit_limit()
     cell.wait_for_mode(PusherState.MODE_ALARM)

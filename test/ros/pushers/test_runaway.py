@@ -63,7 +63,7 @@ class Stage:
         return caught.value
 
     def outlast(self, pusher: Grbl, seconds: float = 2.0) -> list:
-        """Poll until it is not busy, whatever it raises; where it is disconnected, connect again, for so long."""
+        """Poll until the driver is not busy, whatever it raises; if it is disconnected, connect again, for this long [s]."""
         reports = []
         deadline = math.inf
         while time.monotonic() < deadline:
@@ -93,7 +93,7 @@ class Stage:
 
 
 class JogsOn(SimulatedGrbl):
-    """Like grblHAL: a feed hold ends no jog."""
+    """On grblHAL, for example, a feed hold does not end a jog."""
 
     def _hold(self) -> None:
         if self._state != "Jog":
@@ -173,7 +173,7 @@ def test_an_ok_that_was_lost_is_not_waited_for_for_ever(stage):
 @pytest.mark.parametrize("stage", [SimulatedGrbl, JogsOn], indirect=True)
 @pytest.mark.parametrize("what", ["a stroke", "a damaged line", "what somebody else sent"])
 def test_any_jog_is_stopped_at_once(stage, what):
-    """One that goes on far beyond the queue, too."""
+    """This holds for a jog that goes on far beyond the queue, too."""
     if what == "what somebody else sent":
         stage.line.tell_controller(b"$J=X90 F1200\n")
         wait_until(lambda: stage.controller.position() > 0.01)
@@ -506,7 +506,7 @@ def test_random_damage_of_the_line_leads_no_pusher_astray(stage, seed):
 
 @pytest.mark.parametrize(("old", "new"), [(b"$13=0", b"$13=1"), (b"$13=0\r\n", b""), (b"$110=6", b"$110=9")])
 def test_a_setting_that_was_damaged_on_its_way_is_asked_for_again(stage, old, new):
-    """Such as the unit of all positions."""
+    """One setting, for example, is the unit of all positions."""
     stage.line.to_host = once(old, new)
     pusher = stage.driver()
     stage.line.to_host = bytes
@@ -524,7 +524,7 @@ def test_settings_that_never_come_twice_alike_are_none(stage):
 
 
 def test_a_position_that_was_damaged_while_connecting_is_not_believed(stage):
-    """Whichever of its reports it is."""
+    """This holds for each of the reports."""
     for damaged in range(8):
         count = iter(range(1000))
 
@@ -544,7 +544,7 @@ def test_a_restart_in_the_middle_of_a_report_is_heard(stage):
 
 
 def test_an_echo_of_all_that_is_sent_disturbs_nothing(stage):
-    """Even in the middle of a report or an answer."""
+    """The echo may come in the middle of a report or an answer."""
 
     def echoed(data: bytes) -> bytes:
         stage.line.tell_host(data)

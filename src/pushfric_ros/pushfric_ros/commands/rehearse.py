@@ -38,9 +38,9 @@ def rehearsal(
         int, typer.Option(help="Instead: kill -9 the host's processes this many times, at random moments.", min=0, max=100_000)
     ] = 0,
     damage: Annotated[
-        int, typer.Option(help="Instead: this many pushes on a line that is damaged at random.", min=0, max=100_000)
+        int, typer.Option(help="Instead: make this many pushes on a line that is damaged at random.", min=0, max=100_000)
     ] = 0,
-    seed: Annotated[int, typer.Option(help="Seed of what is random.", min=0, max=2**31)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of --kills and --damage.", min=0, max=2**31)] = 0,
     json: JsonOption = None,
 ) -> None:
     """The faults come in mid-push, one after the other; the command measures when and where the pusher stops.

@@ -527,7 +527,7 @@ class Grbl:
             status = yield from self._report()
 
     def _ask_for_settings(self) -> Script:
-        """They say what a report means, and have no checksum: they count once they have come twice alike."""
+        """Ask for the settings until two answers agree: they say what a report means, and have no checksum."""
         before: dict[int, str] | None = None
         for _ in range(SETTINGS_ASKED):
             self._settings = {}
@@ -538,7 +538,7 @@ class Grbl:
         raise NotConnected(f"{self.name}: its settings ($$) came {SETTINGS_ASKED} times, each time different")
 
     def _find_place(self) -> Script:
-        """At rest: a report of the same place twice in a row, as one may be damaged."""
+        """Wait until two reports in a row give the same place, at rest, because one may be damaged."""
         before: float | None = None
         for _ in range(REPORTS_UNTIL_WCO):
             status = yield from self._report()

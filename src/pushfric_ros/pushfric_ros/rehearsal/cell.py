@@ -15,7 +15,11 @@ LONGEST = 0.05
 
 
 def cell_under_way(stage: Stage, share: float) -> "subprocess.Popen[str]":
-    """`run --simulated-camera`, when its first push has come so far. Raises EndedEarly."""
+    """Start `run --simulated-camera`, and wait until its first push has covered this share.
+
+    Raises:
+        EndedEarly: the cell ended before.
+    """
     stage.end_actuator()
     distance = min(stage.reach, LONGEST)
     cell, bag = _written(stage, distance), stage.folder / f"bag_{time.monotonic_ns()}"
@@ -33,12 +37,12 @@ def cell_under_way(stage: Stage, share: float) -> "subprocess.Popen[str]":
 
 
 def cell_has_ended(stage: Stage) -> None:
-    """Wait until none of its processes is left."""
+    """Wait until no process of the cell is left."""
     stage.wait(lambda: not _nodes(stage.namespace), "the end of the cell's processes")
 
 
 def pid_of(node: str, stage: Stage) -> int:
-    """Of the process of a node of the cell."""
+    """The process id of a node of the cell."""
     return next(pid for pid, command in _nodes(stage.namespace).items() if f"{node}_node" in command)
 
 

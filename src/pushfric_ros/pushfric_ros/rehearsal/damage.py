@@ -1,4 +1,4 @@
-"""Random damage of the line, in mid-push, while a push is stopped, and while an actuator connects."""
+"""Random damage to the line: in mid-push, while a push is stopped, and while an actuator connects."""
 
 import random
 import time
@@ -14,13 +14,16 @@ from pushfric_ros.simulated.line_damage import Damage, random_damage
 EARLIEST, LATEST = 0.05, 0.8  # of a push
 MOMENTS = ("in mid-push", "while it is stopped", "while an actuator connects")
 CONNECTING = 5.0
-"""An actuator tries to connect through a damaged line for so long [s]."""
+"""An actuator tries to connect through a damaged line for this long [s]."""
 PLAUSIBLE = 2.5e-3
-"""A wrong digit that is worth less cannot be told from a motion at 2 cm/s [m]."""
+"""A wrong digit that changes the position by less than this looks like a motion at 2 cm/s [m]."""
 
 
 def damage(stage: Stage, times: int, seed: int) -> Iterator[Outcome]:
-    """A push each, with damage that begins at a random moment and lasts until all has ended; then the line is whole again."""
+    """Make pushes, each with damage that begins at a random moment and lasts until everything has ended.
+
+    Afterwards, the line works again.
+    """
     randomly = random.Random(seed)
     for k in range(times):
         moment, share = MOMENTS[k % len(MOMENTS)], randomly.uniform(EARLIEST, LATEST)
@@ -66,7 +69,7 @@ def _of_a_connection(stage: Stage, what: str, damage: Damage) -> Outcome:
 
 
 def _healed(stage: Stage) -> str | None:
-    """With the line whole again: nothing moves unasked, and where a position is published as known, it is true."""
+    """Once the line works again: nothing may move unasked, and a position that is published as known must be true."""
     rest = stage.along()
     stage.pause(WATCHED)
     stage.states.clear()

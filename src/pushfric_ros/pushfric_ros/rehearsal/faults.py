@@ -203,7 +203,7 @@ def signalled(number: signal.Signals, client: bool) -> Callable[[Stage], float]:
 
 
 def hung_experiment(stage: Stage) -> float:
-    """The experiment of a whole cell stands still in mid-push; its other nodes live on."""
+    """Stop the experiment of a whole cell in mid-push; the cell's other nodes live on."""
     cell_under_way(stage, 0.3)
     pid = pid_of("experiment", stage)
     begin = time.monotonic()
@@ -212,7 +212,7 @@ def hung_experiment(stage: Stage) -> float:
 
 
 def cell_ends(stage: Stage) -> str | None:
-    """The cell notices that a node stands still, ends it, and moves nothing."""
+    """The cell must notice that a node is stopped, end it, and move nothing."""
     rest = stage.along()
     cell_has_ended(stage)
     return "it moved again when the experiment was ended" if abs(stage.along() - rest) > SAME else None

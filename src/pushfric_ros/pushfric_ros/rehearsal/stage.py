@@ -209,7 +209,11 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.spin()
 
     def pause(self, seconds: float) -> None:
-        """Watch what happens. Raises NotRehearsed where the pusher leaves its stroke."""
+        """Check where the pusher is.
+
+        Raises:
+            NotRehearsed: the pusher has left its stroke.
+        """
         until = time.monotonic() + seconds
         self.wait(lambda: time.monotonic() > until, "the end of a pause", seconds + PATIENCE)
 

@@ -56,7 +56,7 @@ class FaultyLine:
         os.close(self._master)
 
     def heal(self) -> None:
-        """From now on, pass on all that comes, at once; what was held back still comes when it is due."""
+        """From now on, pass on everything at once; bytes that were held back still arrive when they are due."""
         self.to_controller: Filter = bytes
         self.to_host: Filter = bytes
         self.delay_to_controller = self.delay_to_host = 0.0
@@ -67,7 +67,7 @@ class FaultyLine:
             self._serial.write(data)
 
     def tell_host(self, data: bytes) -> None:
-        """As the controller would, after what it has said."""
+        """Write to the host as the controller would, after what it has already said."""
         self._for_host.append((time.monotonic() + self.delay_to_host, data))
 
     def _serve(self) -> None:

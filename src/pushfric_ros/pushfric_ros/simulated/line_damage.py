@@ -8,11 +8,11 @@ from typing import NamedTuple
 from pushfric_ros.simulated.faulty_line import FaultyLine, Filter
 
 SHARES = (0.003, 0.03, 0.2)
-"""Of the bytes that are damaged."""
+"""Shares of the bytes or pieces that are damaged."""
 OFTEN = (1, 5, math.inf)
-"""Damaged at most: bytes or pieces."""
+"""Largest numbers of damaged bytes or pieces."""
 SHORTEST, LONGEST = 0.01, 3.0
-"""Delays [s]."""
+"""Range of the delays [s]."""
 SETTINGS = (13, 20, 22, 27, 100, 110, 120, 130)
 ABSURD = (b"0", b"-1", b"1e999", b"nan", b"inf", b"", b"abc", b"9" * 4300, b"0.000001", b"25.4")
 SAID = (
@@ -33,26 +33,26 @@ SAID = (
     b"\x00\xff\x80",
     b"\r\n",
 )
-"""What no controller said."""
+"""Lines that the controller did not send."""
 
 
 class Damage(NamedTuple):
-    """What is done to a line."""
+    """One kind of damage to a line."""
 
     name: str
     begin: Callable[[FaultyLine], None]
-    delay: float = 0.0  # what is held back comes so late [s]
+    delay: float = 0.0  # how late bytes that are held back arrive [s]
     to_controller: bool = False  # whether bytes on the way to the controller are damaged
 
 
 def random_damage(seed: int) -> Damage:
-    """Damage of one kind, at bytes that only the seed and the traffic decide."""
+    """Damage of a random kind; only the seed and the traffic decide which bytes it hits."""
     randomly = random.Random(seed)
     return randomly.choice(KINDS)(randomly)
 
 
 def _of_bytes(what: str, change: Callable[[random.Random, int], bytes]) -> Callable[[random.Random], Damage]:
-    """A kind of damage that is done to single bytes."""
+    """A kind of damage to single bytes."""
 
     def kind(randomly: random.Random) -> Damage:
         share, most = randomly.choice(SHARES), randomly.choice(OFTEN)
@@ -73,7 +73,7 @@ def _of_bytes(what: str, change: Callable[[random.Random, int], bytes]) -> Calla
 
 
 def _of_pieces(what: str, change: Callable[[random.Random, bytes], bytes]) -> Callable[[random.Random], Damage]:
-    """A kind of damage that is done to whatever comes at once: about one line or report."""
+    """A kind of damage to all bytes that come at once: about one line or report."""
 
     def kind(randomly: random.Random) -> Damage:
         share, most = randomly.choice(SHARES), randomly.choice(OFTEN)
@@ -161,7 +161,7 @@ def _absurd(randomly: random.Random) -> Damage:
 
 
 def in_lines(key: bytes, value: bytes) -> Filter:
-    """A filter that gives a setting another value, wherever the pieces end that come."""
+    """A filter that gives a setting another value, however the bytes are split into pieces."""
     left = b""
 
     def filtered(data: bytes) -> bytes:
