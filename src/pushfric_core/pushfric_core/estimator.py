@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,11 +169,6 @@ class Estimator:
         self._free = free_radii(self.support_points, self.config)
         self._constraints = self.config.constraints
         self._columns = len(self.support_points) + self.config.with_scale
-        self._program = self._empty_program()
-        self._observations: dict[int, Observation] = {}  # by the number of its rows in the program
-        self._pushes: Counter[int] = Counter()
-        self._contacts = _Contacts(len(self.support_points))
-        self._next = 0
         self._center_given = center_of_friction is not None
         self._size = float(np.ptp(self.support_points, axis=0).max())
         exact = (self.config.loss, self.config.solver) == (Loss.L1, Solver.SIMPLEX)
@@ -181,12 +176,8 @@ class Estimator:
         config = self.config
         self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
         self._tilts = DIRECTIONS @ (self.support_points - self.support_points.mean(axis=0)).T
-        self._screening = Screening(self.support_points) if self.config.screening and not self._center_given else None
-        self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
-        self._held: dict[int, list[Observation]] = {}  # their data points
         self._kept: set[int] = set()  # pushes that stay in, whatever shows
-        self._screened = 0  # data points that there were at the last screening
-        self._forget()
+        self._begin()
         if center_of_friction is not None:
             center = np.array(center_of_friction, dtype=float)
             if center.shape != (2,) or not np.isfinite(center).all():
@@ -194,15 +185,28 @@ class Estimator:
             self._program.add(stack([center_of_friction_rows(center, self.support_points)], self._columns))
             self._next = 1
 
+    def _begin(self) -> None:
+        """Without any data point."""
+        self._program = self._empty_program()
+        self._observations: dict[int, Observation] = {}  # by the number of its rows in the program
+        self._pushes: Counter[int] = Counter()
+        self._contacts = _Contacts(len(self.support_points))
+        self._next = 0
+        self._seen: list[Observation] = []  # all data points, also those of rejected pushes, in order of arrival
+        self._screening = Screening(self.support_points) if self.config.screening and not self._center_given else None
+        self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
+        self._screened = 0  # data points that there were at the last screening
+        self._forget()
+
     @property
     def observations(self) -> tuple[Observation, ...]:
-        """The data points in the program, in order of arrival."""
+        """The data points in the program; in order of arrival, except that those of a push that came back are the last."""
         return tuple(self._observations.values())
 
     @property
     def newest(self) -> Observation | None:
-        """The newest data point in the program; None without any."""
-        return next(reversed(self._observations.values()), None)
+        """The newest data point, even if its push is rejected; None without any."""
+        return self._seen[-1] if self._seen else None
 
     @property
     def rejected(self) -> tuple[Rejected, ...]:
@@ -219,6 +223,7 @@ class Estimator:
             UninformativePush: the data point rotates exactly about a support point; the estimator stays as it was.
         """
         self._append(observation)
+        self._seen.append(observation)
         return self.estimate()
 
     def take(self, observation: Observation) -> Estimate:
@@ -233,32 +238,37 @@ class Estimator:
             return self.add(observation)
         self.check(observation)
         self._screening.add(observation)
-        if observation.push_id in self._rejected:
-            self._held[observation.push_id].append(observation)
-        else:
+        self._seen.append(observation)
+        if observation.push_id not in self._rejected:
             self._append(observation)
-        count = len(self._observations)
+        count = len(self._seen)
         if count - self._screened > count // SELDOM:
             self._screened = count
             self._reject(self._screening)
         return self.estimate()
 
     def keep(self, push_id: int) -> Estimate:
-        """Keep a push in, or take it back, whatever shows that it is bad."""
+        """Keep a push in, or take it back, whatever shows that it is bad. This estimates again, from the first data point on."""
         self._kept.add(push_id)
-        if self._screening is not None:
-            self._reject(self._screening)
+        if self._screening is None:
+            return self.estimate()
+        return self._take_again(self._seen)
+
+    def _take_again(self, observations: Iterable[Observation]) -> Estimate:
+        """From these alone, as if there had never been others: what is unlike the others depends on all before it."""
+        self._begin()
+        for observation in observations:
+            self.take(observation)
         return self.estimate()
 
     def _reject(self, screening: Screening) -> None:
         """Leave the bad pushes out, and take those back that are so no longer."""
-        bad = {push_id: what for push_id, what in screening.rejected().items() if push_id not in self._kept}
-        for push_id in bad.keys() - self._rejected.keys():
-            self._held[push_id] = [one for one in self._observations.values() if one.push_id == push_id]
-            if self._held[push_id]:
-                self._take_out(push_id)
-        for push_id in self._rejected.keys() - bad.keys():
-            for observation in self._held.pop(push_id):
+        bad = {push_id: what for push_id, what in screening.look().items() if push_id not in self._kept}
+        for push_id in sorted(bad.keys() - self._rejected.keys()):
+            self._take_out(push_id)
+        back = self._rejected.keys() - bad.keys()
+        for observation in self._seen:
+            if observation.push_id in back:
                 self._append(observation)
         self._rejected = bad
 
@@ -281,20 +291,21 @@ class Estimator:
         support_forces(self.support_points, observation.twist, self._free)
 
     def exclude(self, push_id: int) -> Estimate:
-        """Take all data points of a push out, and estimate again, starting from the last optimum (section 5.1.3).
+        """Take all data points of a push out, and estimate again (section 5.1.3).
+
+        This starts from the last optimum; with the setting `screening`, from the first data point.
 
         Raises:
             ValueError: there is no data point of that push.
         """
-        if push_id not in self._pushes and push_id not in self._held:
-            known = sorted({*self._pushes, *self._held})
+        others = [observation for observation in self._seen if observation.push_id != push_id]
+        if len(others) == len(self._seen):
+            known = sorted({observation.push_id for observation in self._seen})
             raise ValueError(f"push_id must be one of {', '.join(map(str, known)) or 'none'}, got {push_id}")
-        if push_id in self._pushes:
-            self._take_out(push_id)
-        self._held.pop(push_id, None)
-        self._rejected.pop(push_id, None)
         if self._screening is not None:
-            self._screening.remove(push_id)
+            return self._take_again(others)
+        self._take_out(push_id)
+        self._seen = others
         return self.estimate()
 
     def _take_out(self, push_id: int) -> None:
@@ -339,7 +350,7 @@ class Estimator:
             self._input.add(observation)
         self._unchecked.clear()
         verdict = self._input.verdict(estimate)
-        change = None if self._screening is None else self._screening.change()
+        change = None if self._screening is None else self._screening.change
         return replace(verdict, rejected=self.rejected, change=change)
 
     def _forget(self) -> None:

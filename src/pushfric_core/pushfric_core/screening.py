@@ -117,7 +117,6 @@ class Screening:
         self._next = 0
         self._bad: set[int] = set()  # pushes that are not in the program
         self._change: Change | None = None
-        self._compared = 0  # data points in the program when pushes were last compared for a change
 
     def add(self, observation: Observation) -> None:
         """Take a data point.
@@ -142,16 +141,13 @@ class Screening:
         if observation.push_id not in self._bad:
             self._put(observation.push_id, moments, weight)
 
-    def remove(self, push_id: int) -> None:
-        """Forget a push."""
-        self._take_out(push_id)
-        self._bad.discard(push_id)
-        self._table.remove(push_id)
-        self._last = None
-        self._change = None
+    @property
+    def change(self) -> Change | None:
+        """The change of the object; None as long as it seems to be the same."""
+        return self._change
 
-    def rejected(self) -> dict[int, str]:
-        """The bad pushes, and which of REASONS shows it."""
+    def look(self) -> dict[int, str]:
+        """Compare the pushes: the bad ones, and which of REASONS shows it. Also looks for a change of the object."""
         pushes, place = self._places()
         if len(pushes) < FEWEST_PUSHES:
             return {}
@@ -162,15 +158,10 @@ class Screening:
             for row in self._table.rows[self._table.pushes == push_id]:
                 self._put(push_id, row[4:], float(row[3]))
         self._bad = set(found)
-        return found | self._contradicting(pushes, place)
-
-    def change(self) -> Change | None:
-        """The change of the object; None as long as it seems to be the same."""
-        count = sum(map(len, self._groups.values()))
-        if self._change is None and count != self._compared:
-            self._compared = count
-            self._change = self._changed()
-        return self._change
+        found |= self._contradicting(pushes, place)
+        if self._change is None:
+            self._change = self._changed(pushes, place)
+        return found
 
     def _badly_measured(self, pushes: Indices, place: Indices) -> dict[int, str]:
         """The pushes whose motion was measured wrongly."""
@@ -224,9 +215,8 @@ class Screening:
         scale = max(optimum.objective / _freedom(count, optimum.w), LEAST_ERROR * self._radius)
         return np.asarray(np.bincount(place, weights=errors) / np.bincount(place) / scale)
 
-    def _changed(self) -> Change | None:
+    def _changed(self, pushes: Indices, place: Indices) -> Change | None:
         """Whether a shift of p_CF before some of the last pushes explains them much better than none."""
-        pushes, place = self._places()
         inside = np.array([push_id not in self._bad for push_id in pushes.tolist()], dtype=bool)
         k = int(inside.sum())
         if k < BEFORE + AGREEING:
@@ -317,12 +307,6 @@ class _Table:
             self._pushes = np.concatenate((self._pushes, np.empty_like(self._pushes)))
         self._room[self._count], self._pushes[self._count] = row, push_id
         self._count += 1
-
-    def remove(self, push_id: int) -> None:
-        kept = self.pushes != push_id
-        rows, pushes = self.rows[kept], self.pushes[kept]
-        self._count = len(rows)
-        self._room[: self._count], self._pushes[: self._count] = rows, pushes
 
 
 def _median(values: Array) -> float:
