@@ -41,6 +41,10 @@ FEW = 4
 LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
 """What is usual counts as this share of the tip's speed at least: an error of a finite step, not of the camera."""
 
+STARTING = 0.07
+"""Share of the tip's speed that the first data point of a push may lack: the poses that are smoothed for it may begin before
+the contact does, by the tolerance of the contact."""
+
 CONTRADICTS = 8.0
 """A push whose moment is wrong by this many times the scale of the errors contradicts the others."""
 
@@ -53,8 +57,9 @@ OPEN = 0.55
 USUAL = 0.03
 """Share of the support's size by which moments are usually wrong: beyond it, what is open lowers the weight of a data point."""
 
-LEAST_ERROR = 1e-3
-"""Least scale of the errors, as a share of the support's size: noiseless data contradict nothing by rounding."""
+LEAST_ERROR = 6e-3
+"""Least scale of the errors, as a share of the support's size: finite steps, and supports between the support points, make
+errors that are of this size without any noise, and larger in single pushes."""
 
 UNCHANGED = 9.0
 """A change is believed beyond this log-likelihood ratio. For independent errors, it comes about by chance with exp(-9); but
@@ -125,7 +130,10 @@ class Screening:
             UninformativePush: it rotates exactly about a support point.
         """
         motion = self._motion(observation)
+        mismatch = tip_at(observation)[1]
         jump = poses = math.nan
+        if self._last is None or self._last[0].push_id != observation.push_id:
+            mismatch = math.copysign(max(abs(mismatch) - STARTING, 0.0), mismatch)
         if self._last is not None and self._last[0].push_id == observation.push_id:
             before, moved = self._last
             jump = float(np.linalg.norm(motion - moved))
@@ -137,7 +145,7 @@ class Screening:
         # a force anywhere in a disc: half the radius is its standard deviation along any direction
         doubt = float((np.hypot(arms[:, 0], arms[:, 1]) * forces.free) @ self._program.solve().w) / 2
         weight = 1 / math.hypot(1.0, doubt / (USUAL * self._radius))
-        self._table.append(np.concatenate(((tip_at(observation)[1], jump, poses, weight), moments)), observation.push_id)
+        self._table.append(np.concatenate(((mismatch, jump, poses, weight), moments)), observation.push_id)
         if observation.push_id not in self._bad:
             self._put(observation.push_id, moments, weight)
 
@@ -232,10 +240,13 @@ class Screening:
             if k - last < BEFORE:
                 break
             after = rank >= k - last
-            rest, moved = (_least(errors[part], slopes[part], weights[part]) for part in (~after, after))
-            scale = max((rest[0] + moved[0]) / _freedom(len(errors) - 4, optimum.w), LEAST_ERROR * self._radius)
-            ratio = (optimum.objective - rest[0] - moved[0]) / scale
-            dx, dy = (moved[1] - rest[1]).tolist()
+            before_it, after_it = (_shift_that_fits(errors[part], slopes[part], weights[part]) for part in (~after, after))
+            left = weights * np.abs(errors + np.einsum("ij,ij->i", slopes, np.where(after[:, None], after_it, before_it)))
+            scale = max(float(left.sum()) / _freedom(len(errors) - 4, optimum.w), LEAST_ERROR * self._radius)
+            gains = np.bincount(rank, weights=weights * np.abs(errors) - left, minlength=k) / scale
+            # a single bad push is not a change
+            ratio = float(gains.sum() - gains[k - last :].max())
+            dx, dy = (after_it - before_it).tolist()
             found.append((ratio, Change(int(pushes[inside][k - last]), (dx, dy))))
         if max(ratio for ratio, _ in found[AGREEING - 1 :]) <= UNCHANGED:
             return None
@@ -323,12 +334,12 @@ def _freedom(count: int, w: Array) -> int:
     return max(count - int(np.count_nonzero(w > 1e-9)) + 1, 1)
 
 
-def _least(errors: Array, slopes: Array, weights: Array) -> tuple[float, Array]:
-    """The least sum of weights * |errors + slopes d|, and its d (2,): least squares, reweighted."""
+def _shift_that_fits(errors: Array, slopes: Array, weights: Array) -> Array:
+    """The d (2,) of the least sum of weights * |errors + slopes d|: least squares, reweighted."""
     d: Array = np.zeros(2)
     smallest = 0.1 * float(np.abs(errors).mean()) + TINY
     for _ in range(STEPS):
         share = weights / np.maximum(np.abs(errors + slopes @ d), smallest)
         weighted = slopes * share[:, None]
         d = np.asarray(-np.linalg.lstsq(weighted.T @ slopes, weighted.T @ errors, rcond=None)[0])
-    return float(weights @ np.abs(errors + slopes @ d)), d
+    return d
