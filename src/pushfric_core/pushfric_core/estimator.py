@@ -154,6 +154,7 @@ class Estimator:
         support_points: (n, 2) hypothesised supports in the object frame [m].
         config: the constraints; EstimatorConfig() by default.
         center_of_friction: p_CF (2,) [m] if it is known or hypothesised; it becomes a hard constraint (eq. 13).
+        free: how near the centre of rotation supports may push any way; by default as the config says.
     Raises:
         ValueError: support_points is not (n, 2) with n >= 1, center_of_friction not (2,), or a value is not finite.
     """
@@ -163,10 +164,11 @@ class Estimator:
         support_points: npt.ArrayLike,
         config: EstimatorConfig | None = None,
         center_of_friction: npt.ArrayLike | None = None,
+        free: FreeRadii | None = None,
     ) -> None:
         self.support_points = check_points(support_points)
         self.config = config or EstimatorConfig()
-        self._free = free_radii(self.support_points, self.config)
+        self._free = free or free_radii(self.support_points, self.config)
         self._constraints = self.config.constraints
         self._columns = len(self.support_points) + self.config.with_scale
         self._center_given = center_of_friction is not None
@@ -248,7 +250,7 @@ class Estimator:
         return self.estimate()
 
     def keep(self, push_id: int) -> Estimate:
-        """Keep a push in, or take it back, whatever shows that it is bad. This estimates again, from the first data point on."""
+        """Keep a push in, or take it back, whatever shows that it is bad. All data points are taken again."""
         self._kept.add(push_id)
         if self._screening is None:
             return self.estimate()
@@ -293,7 +295,7 @@ class Estimator:
     def exclude(self, push_id: int) -> Estimate:
         """Take all data points of a push out, and estimate again (section 5.1.3).
 
-        This starts from the last optimum; with the setting `screening`, from the first data point.
+        This starts from the last optimum; with the setting `screening`, all data points are taken again.
 
         Raises:
             ValueError: there is no data point of that push.

@@ -125,6 +125,9 @@ class LevelSets(Program, Protocol):
     def row_groups(self) -> npt.NDArray[np.int64]:
         """The group of each present row."""
 
+    def certificate(self) -> "Solution":
+        """The last optimum with its multipliers, judged from scratch."""
+
 
 @comparable
 class Solution(NamedTuple):

@@ -45,6 +45,10 @@ def estimate(
         typer.Option(help="Write the estimate to this file (.yaml), as a model for predict and stable.", show_default=False),
     ] = None,
     partial: PartialFlag = False,
+    refine: Annotated[
+        float | None,
+        typer.Option(help="Supports may be anywhere on the object, on a grid of this spacing [m].", show_default=False),
+    ] = None,
     samples: Annotated[bool, typer.Option("--samples", help="Add weighted samples of w and mu_c to the JSON.")] = False,
     out: Annotated[
         pathlib.Path | None,
@@ -61,7 +65,7 @@ def estimate(
 
     With --out, an input that cannot be read does not stop the others. If you interrupt the command, call it again: it goes on.
     """
-    choices = Choices(object_name, grid, support_points, settings, partial)
+    choices = Choices(object_name, grid, support_points, settings, partial, refine)
     if out is not None:
         if figure is not None or save is not None or samples:
             raise InvalidInput("--figure, --save and --samples are for one input; --out writes models and a report")

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.region import RegionConfig
 from pushfric_core.settings import merged, read, setting
+from pushfric_core.support import FreeRadii
 from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros.files.file_errors import shortened
 
@@ -54,13 +55,14 @@ class EstimatorSettings:
         """Whether a term needs measured forces."""
         return self.estimator.needs_force
 
-    def new_estimator(self, support_points: npt.ArrayLike) -> Estimator:
+    def new_estimator(self, support_points: npt.ArrayLike, free: FreeRadii | None = None) -> Estimator:
         """An estimator without data points.
 
         Args:
             support_points: (n, 2) hypothesised supports in the object frame [m].
+            free: see `Estimator`.
         """
-        estimator = Estimator(support_points, self.estimator)
+        estimator = Estimator(support_points, self.estimator, free=free)
         for push_id in self.kept:
             estimator.keep(push_id)
         return estimator

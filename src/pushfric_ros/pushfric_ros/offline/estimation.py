@@ -5,8 +5,11 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
-from pushfric_core.estimator import Estimator
+from pushfric_core.estimator import Estimator, free_radii
+from pushfric_core.planar import Array
+from pushfric_core.refinement import Refined, candidate_grid, refine
 from pushfric_core.verdict import Verdict
 from pushfric_ros.bags import data_points
 from pushfric_ros.bags.data_points import Warn
@@ -28,6 +31,7 @@ class Choices:
     support_points: pathlib.Path | None = None
     settings: ChosenSettings = field(default_factory=ChosenSettings)
     partial: bool = False  # accept a bag from which messages are missing
+    refine: float | None = None  # supports may be this far from one another, anywhere on the object [m]; None: as hypothesised
 
 
 class Estimation(NamedTuple):
@@ -39,6 +43,7 @@ class Estimation(NamedTuple):
     estimator: Estimator
     course: tuple[Estimate, ...]  # the last estimate, or the estimates after each data point
     verdict: Verdict
+    refined: Refined | None = None  # of all places on the object, if supports may be anywhere
 
     @property
     def result(self) -> Estimate:
@@ -48,7 +53,16 @@ class Estimation(NamedTuple):
     def figures(self) -> dict[str, Any]:
         """All numbers, as the command line's JSON names them."""
         slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
-        return report(estimate_to_msg(self.result, self.model.name, slipping, self.verdict))
+        figures = report(estimate_to_msg(self.result, self.model.name, slipping, self.verdict))
+        if self.refined is not None:
+            solution = self.refined.solution
+            figures["refined"] = {
+                "candidates": self.refined.candidates,
+                "objective": solution.objective,
+                "lower_bound": solution.lower_bound,
+                "status": solution.status.value,
+            }
+        return figures
 
     def to_model(self) -> ModelFile:
         """The model to keep."""
@@ -70,8 +84,30 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     settings = choices.settings.of(source)
     model, _ = object_of(source, choices.object_name)
     model = with_support(model, choices.grid, choices.support_points)
+    candidates = None if choices.refine is None else _candidates(model, choices.refine)
     data = data_points.observations(source, model, settings, warn, choices.partial)
     estimator = settings.new_estimator(model.support_points)
-    course = deque(data_points.taken(estimator.take, data, warn), maxlen=None if whole_course else 1)
+    kept = None if whole_course else 1
+    course = deque(data_points.taken(estimator.take, data, warn), maxlen=kept)
     result = data_points.last(course)
-    return Estimation(source, model, settings, estimator, tuple(course), estimator.verdict(result))
+    refined = None
+    if candidates is not None:
+        refined = _refined(estimator, candidates)
+        estimator = settings.new_estimator(refined.points, free_radii(estimator.support_points, settings.estimator))
+        course = deque(data_points.taken(estimator.take, data, warn), maxlen=kept)
+        result = data_points.last(course)
+    return Estimation(source, model, settings, estimator, tuple(course), estimator.verdict(result), refined)
+
+
+def _candidates(model: ObjectModel, spacing: float) -> Array:
+    try:
+        return candidate_grid(model.outline, spacing)
+    except ValueError as error:
+        raise InvalidInput(f"--refine: {error}") from error
+
+
+def _refined(estimator: Estimator, candidates: Array) -> Refined:
+    try:
+        return refine(estimator.observations, estimator.support_points, candidates, estimator.config)
+    except (ValueError, PushfricError) as error:
+        raise InvalidInput(f"--refine: {error}") from error
