@@ -112,10 +112,7 @@ def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_
 
 
 def test_the_stamp_is_that_of_the_newest_data_point_seen():
-    data = [
-        replace(one, stamp=number)
-        for number, one in enumerate(pushes_of(BEFORE, 12, np.random.default_rng(2)))
-    ]
+    data = [replace(one, stamp=number) for number, one in enumerate(pushes_of(BEFORE, 12, np.random.default_rng(2)))]
     data = [replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())) if one.push_id == 11 else one for one in data]
     estimator = Estimator(square().grid(4, 4, 0.01), SCREENING)
     for observation in data:

@@ -28,6 +28,7 @@ KEYS = {
     "center_of_friction",
     "center_of_friction_covariance",
     "middle",
+    "w_intervals",
     "verdict",
     "rejected",
     "confidence",

@@ -32,6 +32,7 @@ from pushfric_core.spread import (
     FEWEST_PUSHES,
     REFRESHED,
     SELDOM,
+    TURNS,
     Effects,
     Spread,
     Variety,
@@ -39,7 +40,7 @@ from pushfric_core.spread import (
     rise,
     spread,
 )
-from pushfric_core.support import FreeRadii, center_of_friction, check_points, support_forces
+from pushfric_core.support import FreeRadii, check_points, support_forces
 from pushfric_core.verdict import InputCheck, Verdict
 
 TERMS: dict[str, Callable[["EstimatorConfig"], Constraint]] = {
@@ -361,6 +362,8 @@ class Estimator:
         self._unchecked: list[Observation] = []  # data points that the input check has not seen yet: only a verdict needs it
         self._effects: Effects | None = None
         self._extremes: Array | None = None
+        self._reach = np.full((len(self.support_points), 2), np.nan)  # least and largest w_j in the set
+        self._turn = 0  # the first of the w_j whose reach is found next
         self._measured = 0  # data points that the extremes rest on
 
     def _look_at(self, observation: Observation) -> None:
@@ -374,6 +377,7 @@ class Estimator:
         delta = rise(solution.objective, count, solution.w)
         if self._extremes is None or count - self._measured > count // SELDOM:
             self._extremes = self._program.extremes(self._tilts, delta)
+            self._reach_of_some(solution.w, delta)
             self._measured = count
         if self._extremes is None:
             return None
@@ -383,8 +387,19 @@ class Estimator:
             rows, groups = self._program.rows(), self._program.row_groups()
             self._effects = effects(rows, groups, group_pushes, self._extremes, solution.scale, delta)
         freedom = max(1, min(count - int(np.count_nonzero(solution.w > 1e-9)) + 1, pushes - 1))
-        center = center_of_friction(self.support_points, solution.w)
-        return spread(self.support_points, center, self._extremes, self._effects, freedom)
+        return spread(self.support_points, solution.w, self._extremes, self._reach, self._effects, freedom)
+
+    def _reach_of_some(self, w: Array, delta: float) -> None:
+        """The least and largest w_j of the set for the next few j, so that the cost of a data point stays small."""
+        assert isinstance(self._program, LevelSets)
+        n = len(w)
+        some = (self._turn + np.arange(-(-n // TURNS))) % n
+        upward, bearing = np.eye(n)[some], some[w[some] > 0]  # the least of the others is their 0
+        found = self._program.extremes(np.concatenate((upward, -np.eye(n)[bearing])), delta)
+        if found is not None:
+            self._reach[some, 0], self._reach[some, 1] = 0.0, found[np.arange(len(some)), some]
+            self._reach[bearing, 0] = found[np.arange(len(some), len(found)), bearing]
+        self._turn = int(some[-1] + 1) % n
 
     def _empty_program(self) -> Program:
         config = self.config

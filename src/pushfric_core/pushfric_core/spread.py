@@ -22,6 +22,7 @@ from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array, Indices
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import finite
+from pushfric_core.support import center_of_friction
 
 SHARE = 0.9
 """The truth lies within the ellipse this often."""
@@ -43,6 +44,9 @@ LEAST_EFFECT = 0.15
 
 COMMON = 1e-3
 """Standard deviation of what all pushes have in common, as a share of the support's size: outline, camera, support points."""
+
+TURNS = 8
+"""The extents of all w_j are found within this many measurements of the set, some in each."""
 
 FEWEST_PUSHES = 4
 """For fewer pushes there is no spread."""
@@ -72,11 +76,13 @@ class Spread:
         middle: (n,) the mean of the extreme w: the middle of the set.
         samples: (8, n) equally probable w; their p_CF scatter by about the covariance: the extreme w, drawn towards the middle.
         covariance: (2, 2) of p_CF about the truth [m^2]; the ellipse x' C^-1 x <= 4.605 contains the truth in 90 % of cases.
+        intervals: (n, 2) low and high: each w_j lies between them in 90 % of cases; 0 and 1 where that is not measured yet.
     """
 
     middle: Array
     samples: Array
     covariance: Array
+    intervals: Array
 
     @property
     def radius(self) -> float:
@@ -130,18 +136,20 @@ def effects(rows: ConstraintRows, groups: Indices, pushes: Indices, extremes: Ar
     return Effects(np.sum(scores**2, axis=1) * design / (2 * delta) ** 2, count)
 
 
-def spread(points: Array, center: Array, extremes: Array, effect: Effects, freedom: int) -> Spread:
+def spread(points: Array, w: Array, extremes: Array, reach: Array, effect: Effects, freedom: int) -> Spread:
     """The spread from the extreme w of the set.
 
     Args:
         points: (n, 2) support points [m].
-        center: p_CF (2,) of the estimate [m], about which the ellipse lies.
+        w: (n,) of the estimate, about whose p_CF the ellipse lies.
         extremes: (8, n) w of the set, farthest along DIRECTIONS.
+        reach: (n, 2) the least and the largest w_j of the set, or of an earlier, wider one; NaN where they are not known yet.
         effect: see `effects`.
         freedom: degrees of freedom that b, or the scatter between the pushes, rests on.
     """
-    reach = np.einsum("ij,ij->i", extremes @ points, DIRECTIONS)
-    half = (reach[:4] + reach[4:]) / 2
+    center = center_of_friction(points, w)
+    farthest = np.einsum("ij,ij->i", extremes @ points, DIRECTIONS)
+    half = (farthest[:4] + farthest[4:]) / 2
     # the quantile of F(2, freedom) over that of the normal distribution: a spread from few data is itself uncertain
     few = freedom / 2 * ((1 - SHARE) ** (-2 / freedom) - 1) / -math.log(1 - SHARE)
     variances = half**2 * effect.factors * few * CALIBRATION**2
@@ -153,9 +161,11 @@ def spread(points: Array, center: Array, extremes: Array, effect: Effects, freed
     scatter = float(np.mean(np.sum((extremes @ points - middle @ points) ** 2, axis=1)))
     drawn = min(1.0, math.sqrt(np.trace(covariance) / scatter)) if scatter > 0 else 1.0
     samples = middle + drawn * (extremes - middle)
-    for array in (middle, samples, covariance):
+    wider = w[:, None] + CALIBRATION * np.column_stack((np.minimum(reach[:, 0] - w, 0.0), np.maximum(reach[:, 1] - w, 0.0)))
+    intervals = np.where(np.isnan(reach), (0.0, 1.0), np.clip(wider, 0.0, 1.0))
+    for array in (middle, samples, covariance, intervals):
         array.setflags(write=False)
-    return Spread(middle, samples, covariance)
+    return Spread(middle, samples, covariance, intervals)
 
 
 def _ellipse(variances: Array) -> Array:

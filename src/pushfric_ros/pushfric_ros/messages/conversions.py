@@ -251,7 +251,9 @@ def estimate_to_msg(
     if estimate.confidence is not None:
         msg.confidence = [estimate.confidence]
     if estimate.spread is not None:
-        msg.spread = [Spread(covariance=estimate.spread.covariance.ravel(), middle=estimate.spread.middle)]
+        spread = estimate.spread
+        low, high = spread.intervals.T
+        msg.spread = [Spread(covariance=spread.covariance.ravel(), middle=spread.middle, low=low, high=high)]
     if (mu_c := estimate.mu_c) is not None:
         value = math.nan if mu_c.value is None else mu_c.value
         msg.mu_c = [FrictionCoefficient(value=value, low=mu_c.low, high=mu_c.high, kind=mu_c.kind.value)]

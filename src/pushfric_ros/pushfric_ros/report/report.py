@@ -47,6 +47,7 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
         figures["confidence"] = msg.confidence[0]
     for spread in msg.spread:
         figures["center_of_friction_covariance"] = spread.covariance.reshape(2, 2).tolist()
+        figures["w_intervals"] = np.column_stack((spread.low, spread.high)).tolist()
         center = (spread.middle @ np.asarray(figures["support_points"])).tolist()
         figures["middle"] = {"w": list(spread.middle), "center_of_friction": center}
     for mu_c in msg.mu_c:
