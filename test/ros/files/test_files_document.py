@@ -65,7 +65,9 @@ def data(tmp_path_factory):
 
 
 def test_the_keys_of_an_estimate_are_documented(data):
-    figures = printed("estimate", data, "--object", NAME, "--terms", "moment,force", "--slipping-push", 1, "--samples")
+    figures = printed(
+        "estimate", data, "--object", NAME, "--terms", "moment,force", "--slipping-push", 1, "--samples", "--refine", 0.01
+    )
     # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}
     assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay` and `demo`"))
