@@ -198,7 +198,7 @@ class Estimator:
         self._seen: list[Observation] = []  # all data points, also those of rejected pushes, in order of arrival
         self._screening = Screening(self.support_points) if self.config.screening and not self._center_given else None
         self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
-        self._screened = 0  # data points that there were at the last screening
+        self._screened = 0  # number of data points at the last screening
         self._forget()
 
     @property
@@ -251,14 +251,15 @@ class Estimator:
         return self.estimate()
 
     def keep(self, push_id: int) -> Estimate:
-        """Keep a push in, or take it back, whatever shows that it is bad. All data points are taken again."""
+        """Keep a push in, or take it back, even if something shows that it is bad. All data points are taken again."""
         self._kept.add(push_id)
         if self._screening is None:
             return self.estimate()
         return self._take_again(self._seen)
 
     def _take_again(self, observations: Iterable[Observation]) -> Estimate:
-        """From these alone, as if there had never been others: what is unlike the others depends on all before it."""
+        """Start over with these data points, as if there had never been others: which push is unlike the others depends on all
+        pushes before it."""
         self._begin()
         for observation in observations:
             self.take(observation)
@@ -390,11 +391,11 @@ class Estimator:
         return spread(self.support_points, solution.w, self._extremes, self._reach, self._effects, freedom)
 
     def _reach_of_some(self, w: Array, delta: float) -> None:
-        """The least and largest w_j of the set for the next few j, so that the cost of a data point stays small."""
+        """Find the least and largest w_j of the set for the next few j only, so that the cost of a data point stays small."""
         assert isinstance(self._program, LevelSets)
         n = len(w)
         some = (self._turn + np.arange(-(-n // TURNS))) % n
-        upward, bearing = np.eye(n)[some], some[w[some] > 0]  # the least of the others is their 0
+        upward, bearing = np.eye(n)[some], some[w[some] > 0]  # the least of all others is the 0 that they have
         found = self._program.extremes(np.concatenate((upward, -np.eye(n)[bearing])), delta)
         if found is not None:
             self._reach[some, 0], self._reach[some, 1] = 0.0, found[np.arange(len(some)), some]

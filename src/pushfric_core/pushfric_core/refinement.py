@@ -1,9 +1,9 @@
-"""Where the supports are: the program for w over a fine grid of candidates, of which only those that matter become columns.
+"""Where the supports are: the program for w over a fine grid of candidates, of which only the useful ones become columns.
 
-Any multipliers y of the rows, each within its costs, bound the fit error of all w over the candidates from below by the least
-(A' y)_j (see `solvers.program`). At the optimum over a few points, none of these has a smaller (A' y)_j than F. A candidate
-that has one would lower F, so it joins the points (Gilmore and Gomory, "A linear programming approach to the cutting-stock
-problem", 1961). When no such candidate is left, the optimum over the few points is proven to be that over all candidates.
+Any multipliers y of the rows, each within its costs, give a lower bound on the fit error of all w over the candidates: the
+least (A' y)_j (see `solvers.program`). At the optimum over a few points, each of them has (A' y)_j >= F. A candidate with a
+smaller (A' y)_j would lower F, so it joins the points (Gilmore and Gomory, "A linear programming approach to the cutting-stock
+problem", 1961). Once no such candidate is left, the optimum over the few points is proven to be that over all candidates.
 """
 
 import math
@@ -24,13 +24,13 @@ from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Solver, Stat
 from pushfric_core.support import check_points, support_forces
 
 TOGETHER = 8
-"""Candidates that join in one round, at most: each where no other one nearby would lower F more."""
+"""Largest number of candidates that join in one round; near each of them, no other candidate would lower F more."""
 
 NEARBY = 0.05
-"""Candidates within this share of the extent of all are nearby."""
+"""Candidates are near each other within this share of the extent of all candidates."""
 
 ROUNDS = 500
-"""Cap on the rounds; some ten are usual."""
+"""Cap on the rounds; about ten are usual."""
 
 
 @comparable
@@ -40,7 +40,7 @@ class Refined(NamedTuple):
     Attributes:
         points: (k, 2) the hypothesised points, and the candidates that joined them [m].
         solution: over `points`; its lower bound and status hold for all candidates.
-        candidates: how many there were.
+        candidates: number of candidates.
     """
 
     points: Array
@@ -69,7 +69,7 @@ def refine(
         observations: the data points.
         support_points: (n, 2) hypothesised supports in the object frame [m], from which the search starts. They also say how
             near the centre of rotation supports are free, as in `Estimator`.
-        candidates: (m, 2) where supports may be besides [m].
+        candidates: (m, 2) where else supports may be [m].
         config: the constraints, with the loss l1 and the solver simplex.
     Raises:
         ValueError: another loss or solver, or points that are not (n, 2) and finite.
@@ -113,7 +113,7 @@ def refine(
 
 
 def _best(points: Array, prices: Array, objective: float, nearby: float) -> npt.NDArray[np.int64]:
-    """The candidates that lower F most, none near another."""
+    """The indices of the candidates that lower F most, no two of them near each other."""
     best: list[int] = []
     for index in np.argsort(prices)[: 64 * TOGETHER].tolist():
         if not prices[index] < objective or len(best) == TOGETHER:

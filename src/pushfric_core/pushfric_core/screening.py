@@ -42,8 +42,8 @@ LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
 """What is usual counts as this share of the tip's speed at least: an error of a finite step, not of the camera."""
 
 STARTING = 0.07
-"""Share of the tip's speed that the first data point of a push may lack: the poses that are smoothed for it may begin before
-the contact does, by the tolerance of the contact."""
+"""Share of the tip's speed that may be missing in the first data point of a push: the poses that are smoothed for it may begin
+before the contact does, by the tolerance of the contact."""
 
 CONTRADICTS = 8.0
 """A push whose moment is wrong by this many times the scale of the errors contradicts the others."""
@@ -58,8 +58,8 @@ USUAL = 0.03
 """Share of the support's size by which moments are usually wrong: beyond it, what is open lowers the weight of a data point."""
 
 LEAST_ERROR = 6e-3
-"""Least scale of the errors, as a share of the support's size: finite steps, and supports between the support points, make
-errors that are of this size without any noise, and larger in single pushes."""
+"""Least scale of the errors, as a share of the support's size. Finite steps, and supports between the support points, cause
+errors of this size even without noise, and larger ones in single pushes."""
 
 UNCHANGED = 9.0
 """A change is believed beyond this log-likelihood ratio. For independent errors, it comes about by chance with exp(-9); but

@@ -46,7 +46,7 @@ COMMON = 1e-3
 """Standard deviation of what all pushes have in common, as a share of the support's size: outline, camera, support points."""
 
 TURNS = 8
-"""The extents of all w_j are found within this many measurements of the set, some in each."""
+"""The extents of all w_j are found over this many measurements of the set, a few in each."""
 
 FEWEST_PUSHES = 4
 """For fewer pushes there is no spread."""

@@ -47,7 +47,7 @@ def estimate(
     partial: PartialFlag = False,
     refine: Annotated[
         float | None,
-        typer.Option(help="Supports may be anywhere on the object, on a grid of this spacing [m].", show_default=False),
+        typer.Option(help="Let supports be anywhere on the object, on a grid with this spacing [m].", show_default=False),
     ] = None,
     samples: Annotated[bool, typer.Option("--samples", help="Add weighted samples of w and mu_c to the JSON.")] = False,
     out: Annotated[
