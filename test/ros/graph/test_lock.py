@@ -1,8 +1,8 @@
-"""One run at a time for each cell, whatever lies where the lock file goes."""
+"""One run at a time for each cell, whoever starts it, from whatever environment, until its last process has ended."""
 
 import os
-import pathlib
-import tempfile
+import subprocess
+import sys
 
 import pytest
 
@@ -11,26 +11,26 @@ from pushfric_ros.graph.lock import lock
 
 NAME = "/locked"
 
-
-@pytest.fixture(params=["XDG_RUNTIME_DIR", "temporary folder"])
-def above(request, tmp_path, monkeypatch) -> pathlib.Path:
-    """The folder that holds the folder of lock files."""
-    if request.param == "XDG_RUNTIME_DIR":
-        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    else:
-        monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
-        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    return tmp_path
-
-
-def lock_file(above: pathlib.Path) -> pathlib.Path:
-    """The path of the lock file: the only file, in a folder whose name varies."""
-    with lock(NAME):
-        (path,) = above.rglob("*.lock")
-    return path
+CLAIM = """
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.graph.lock import lock
+try:
+    with lock("/locked"):
+        print("claimed")
+except InvalidInput as error:
+    print(error)
+"""
 
 
-def test_a_cell_is_claimed_once_and_freed_again(above):
+def claim_elsewhere(**environment: str) -> str:
+    """What another process says that claims the name."""
+    elsewhere = subprocess.run(
+        [sys.executable, "-c", CLAIM], env=os.environ | environment, capture_output=True, text=True, check=True, timeout=120
+    )
+    return elsewhere.stdout
+
+
+def test_a_cell_is_claimed_once_and_freed_again():
     with lock(NAME):
         with pytest.raises(InvalidInput, match=f"a cell named {NAME} is already running on ROS domain"), lock(NAME):
             pass
@@ -38,42 +38,36 @@ def test_a_cell_is_claimed_once_and_freed_again(above):
             pass
     with lock(NAME):
         pass
-    assert list(above.iterdir()) == []
 
 
-def test_a_symbolic_link_in_place_of_the_lock_file_is_not_followed(above):
-    path = lock_file(above)
-    precious = above / "precious"
-    precious.write_text("kept")
-    path.parent.mkdir(mode=0o700)
-    path.symlink_to(precious)
-    with pytest.raises(InvalidInput, match="the lock file cannot be created"), lock(NAME):
+def test_another_environment_does_not_get_past_the_claim(tmp_path):
+    """Sessions differ in their folders: those that a lock file lay in were not the same for all."""
+    folders = dict.fromkeys(("TMPDIR", "XDG_RUNTIME_DIR", "HOME"), str(tmp_path))
+    with lock(NAME):
+        assert "is already running" in claim_elsewhere(**folders)
+        another = str(int(os.environ["ROS_DOMAIN_ID"]) % 100 + 1)
+        assert claim_elsewhere(ROS_DOMAIN_ID=another) == "claimed\n"
+    assert claim_elsewhere(**folders) == "claimed\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_domain_is_domain_0(monkeypatch):
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    with lock(NAME):
+        assert "is already running on ROS domain 0" in claim_elsewhere(ROS_DOMAIN_ID="")
+
+
+def test_a_long_name_is_claimed_like_any_other():
+    long = "/" + "a" * 200
+    with lock(long), lock(long + "a"), pytest.raises(InvalidInput, match="is already running"), lock(long):
         pass
-    assert precious.read_text() == "kept"
-    assert path.is_symlink()
 
 
-def test_a_folder_that_others_can_write_is_refused(above):
-    folder = lock_file(above).parent
-    folder.mkdir()
-    os.chmod(folder, 0o777)
-    with pytest.raises(InvalidInput, match="expected a folder that only you can write"), lock(NAME):
-        pass
-
-
-def test_a_symbolic_link_in_place_of_the_folder_is_refused(above):
-    folder = lock_file(above).parent
-    (above / "elsewhere").mkdir()
-    folder.symlink_to(above / "elsewhere")
-    with pytest.raises(InvalidInput, match="cannot hold lock files"), lock(NAME):
-        pass
-    assert list((above / "elsewhere").iterdir()) == []
-
-
-def test_a_lock_file_that_a_killed_run_left_is_taken_over(above):
-    path = lock_file(above)
-    path.parent.mkdir(mode=0o700)
-    path.touch()
+def test_the_claim_lasts_until_whoever_it_was_handed_to_has_ended():
+    """A run whose command line was killed still has nodes for a moment, and these would disturb the next run."""
+    with lock(NAME) as claim:
+        node = subprocess.Popen(["/bin/cat"], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, pass_fds=[claim])
+    assert "its nodes have not ended yet" in claim_elsewhere()
+    node.communicate()
     with lock(NAME):
         pass
-    assert list(above.iterdir()) == []

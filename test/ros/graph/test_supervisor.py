@@ -1,5 +1,7 @@
 """The supervisor with small programs instead of nodes."""
 
+import os
+import pathlib
 import signal
 import sys
 import tempfile
@@ -137,6 +139,17 @@ def test_two_runs_of_one_name_are_refused():
         pass
 
 
+@pytest.mark.usefixtures("run")
+def test_the_nodes_hold_the_name_of_their_cell_too():
+    with Supervisor([node("other", WAITS)], NAME, print) as nodes:
+        (pid,) = nodes.processes.values()
+        sockets = {
+            entry.split()[6] for entry in pathlib.Path("/proc/net/unix").read_text().splitlines() if "@pushfric-" in entry
+        }
+        held = {os.readlink(file) for file in pathlib.Path(f"/proc/{pid}/fd").iterdir()}
+    assert {f"socket:[{number}]" for number in sockets} & held
+
+
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
     """The folder of temporary files, empty at first."""
@@ -154,7 +167,7 @@ def test_a_signal_interrupts_nothing_but_poll(temporary, caught):
     before = handlers()
     with Supervisor([node("other", WAITS)], NAME, print) as nodes:
         signal.raise_signal(caught)
-        assert len(list(temporary.iterdir())) == 2  # the parameters of the nodes, and the lock
+        assert len(list(temporary.iterdir())) == 1  # the parameters of the nodes
         with pytest.raises(KeyboardInterrupt):
             nodes.poll()
     assert handlers() == before

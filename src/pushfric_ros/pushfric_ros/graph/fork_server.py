@@ -133,12 +133,13 @@ class ForkServer:
             how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
             raise ServerGone(f"the process that starts the nodes {how}")
 
-    def start(self, arguments: Sequence[str], environment: Mapping[str, str]) -> NodeProcess:
+    def start(self, arguments: Sequence[str], environment: Mapping[str, str], held: int | None = None) -> NodeProcess:
         """Start a process that runs a Python script.
 
         Args:
             arguments: the interpreter, the script and its arguments, as they would start the process without a server.
             environment: variables of the process in addition to those of the server.
+            held: a file descriptor that the process holds, too, until it ends.
         Raises:
             ServerGone: the server has ended.
         """
@@ -147,7 +148,7 @@ class ForkServer:
         read, write = os.pipe()
         request = json.dumps({"arguments": list(arguments), "environment": dict(environment)})
         with contextlib.suppress(ConnectionError):  # the server has gone; `listen` notices that, too
-            socket.send_fds(self._socket, [request.encode()], [write])
+            socket.send_fds(self._socket, [request.encode()], [write, *([] if held is None else [held])])
         os.close(write)
         while self._started is None and not self.gone:
             self.listen(1.0)
@@ -235,7 +236,7 @@ def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:
     """Fork a process for each request, and report its end. Only the new process returns from here.
 
     Returns:
-        What the process is to run, and the file descriptor of its output.
+        What the process is to run, and the file descriptor of its output; what it is to hold just stays open.
     """
     read, write = os.pipe()
     os.set_blocking(write, False)
@@ -248,25 +249,29 @@ def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:
         while True:
             for key, _ in selector.select():
                 if key.fileobj is commands:
-                    request, output = _receive(commands)
+                    request, files = _receive(commands)
                     if (pid := os.fork()) == 0:
                         os.close(read)
                         os.close(write)
-                        return request, output
+                        return request, files[0]
                     os.setpgid(pid, pid)
-                    os.close(output)
+                    for file in files:
+                        os.close(file)
                     _report(commands, started=pid)
                 else:
                     os.read(read, LONGEST)
                     _reap(commands)
 
 
-def _receive(commands: socket.socket) -> tuple[dict[str, Any], int]:
-    """What a process is to run, and the file descriptor of its output; ends the server if the command line has gone."""
+def _receive(commands: socket.socket) -> tuple[dict[str, Any], list[int]]:
+    """What a process is to run, the file descriptor of its output, and that of what it holds, if there is one.
+
+    Ends the server if the command line has gone.
+    """
     with contextlib.suppress(ConnectionError):
-        request, (*files,), *_ = socket.recv_fds(commands, LONGEST, 1)
+        request, (*files,), *_ = socket.recv_fds(commands, LONGEST, 2)
         if request:
-            return json.loads(request), files[0]
+            return json.loads(request), files
     os._exit(0)
 
 

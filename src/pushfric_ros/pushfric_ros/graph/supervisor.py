@@ -69,7 +69,7 @@ class Supervisor:
             # set a flag for `poll`, because an exception could strike anywhere, even in a fork
             for caught in (signal.SIGINT, signal.SIGTERM):
                 leaving.callback(signal.signal, caught, signal.signal(caught, self._on_signal))
-            leaving.enter_context(lock(self._namespace))
+            self._claim = leaving.enter_context(lock(self._namespace))
             self._folder = leaving.enter_context(scratch_folder())
             self._server = leaving.enter_context(contextlib.closing(fork_server.prepared()))
             leaving.callback(self._end_all)
@@ -160,7 +160,7 @@ class Supervisor:
         self._interrupted = True
 
     def _start(self, spec: NodeSpec) -> None:
-        process = self._server.start(command(spec, self._namespace, self._folder), spec.environment)
+        process = self._server.start(command(spec, self._namespace, self._folder), spec.environment, self._claim)
         self._processes[spec.name] = process
         listener = threading.Thread(target=self._listen, args=(spec.name, process), daemon=True)
         listener.start()

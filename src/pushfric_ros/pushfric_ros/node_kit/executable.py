@@ -23,6 +23,9 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):  # `run_node` replaces these handlers
         signal.signal(number, lambda *_: os._exit(0))
     if parent := os.environ.get(PARENT):
+        if not parent.isdecimal():
+            print(f"error: {PARENT} must be the id of a process, got {parent[:40]!r}", file=sys.stderr)
+            sys.exit(2)
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if os.getppid() != int(parent):  # the parent has ended already
             sys.exit()

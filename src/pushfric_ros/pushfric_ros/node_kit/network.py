@@ -29,6 +29,9 @@ RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 """Environment variables of ROS 2 by which users say whom their nodes may reach; they override a cell's file."""
 
+LAST_DOMAIN = 232
+"""The largest ROS_DOMAIN_ID whose ports there are (RTPS 2.5, 9.6.2.3)."""
+
 FILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name the file of profiles, before and since Fast DDS 3, which warns about the older one."""
 
@@ -45,6 +48,18 @@ SHARED_MEMORY = pathlib.Path("/dev/shm")
 
 FREE = 48 * 2**20
 """Least free shared memory [bytes]; if Fast DDS cannot make a segment, it falls back to the network."""
+
+
+def domain() -> int:
+    """The ROS domain that the environment names.
+
+    Raises:
+        InvalidInput: it is none.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) <= LAST_DOMAIN):
+        raise InvalidInput(f"ROS_DOMAIN_ID must be a number from 0 to {LAST_DOMAIN}, got {text[:40]!r}")
+    return int(text)
 
 
 def stay_apart() -> None:
@@ -68,8 +83,10 @@ def configured(images: bool = False) -> Iterator[None]:
     Args:
         images: the process publishes images.
     Raises:
-        InvalidInput: SROS 2 is switched on, but the node made within the context has no keys, or the middleware no security.
+        InvalidInput: ROS_DOMAIN_ID is not a domain; or SROS 2 is switched on, but the node made within the context has no keys,
+            or the middleware no security.
     """
+    domain()
     wanted = _settings(images)
     before = {name: os.environ.get(name) for name in wanted}
     _set(wanted)
