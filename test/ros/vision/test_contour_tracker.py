@@ -272,6 +272,43 @@ def test_an_object_of_another_size_or_height_is_refused_with_both_sizes_and_the_
             assert float(said[7]) == pytest.approx(1e3 * fits, abs=1.5)
 
 
+def test_a_triangle_of_another_size_is_refused_at_every_angle(rng):
+    """Two of its sides fit anywhere; only the third one tells its size."""
+    for scale in (0.95, 1.05):
+        simulation = SimulatedCamera(looking_down(), SHAPES["triangle"] * scale, HEIGHT, rng)
+        for theta in np.arange(-3.1, 3.1, 0.2):
+            truth = MIDDLE._replace(theta=theta)
+            with pytest.raises(NotSeen, match=rf"outline does not fit.*{abs(scale - 1) * 100:.0f}\.\d % too"):
+                tracker("triangle").track(simulation.render(truth), truth)
+
+
+def test_a_bar_whose_end_is_missing_is_refused(rng):
+    """Three sides fit; the fourth one would tell how long it is."""
+    shorter = SHAPES["rectangle"] * (0.96, 1.0) - (0.04 * HALF_LENGTH, 0.0)
+    simulation, seen = SimulatedCamera(looking_down(), shorter, HEIGHT, rng), tracker("rectangle")
+    for theta in np.arange(-3.1, 3.1, 0.4):
+        truth = MIDDLE._replace(theta=theta)
+        with pytest.raises(NotSeen, match="outline does not fit"):
+            seen.track(simulation.render(truth), truth)
+
+
+@pytest.mark.parametrize("shape", ["rectangle", "triangle", "L"])
+@pytest.mark.parametrize(("scale", "higher"), [(1.0, 0.0), (1.004, 0.0), (0.996, 0.0), (1.0, 0.0024)])
+def test_a_size_or_height_that_is_a_little_wrong_is_said_with_numbers(rng, shape, scale, higher):
+    camera = looking_down()
+    simulation = SimulatedCamera(camera, SHAPES[shape] * scale, HEIGHT + higher, rng)
+    looks = scale * camera.metres_per_pixel(HEIGHT) / camera.metres_per_pixel(HEIGHT + higher)
+    for theta in (0.0, 0.4, 2.0):
+        truth = MIDDLE._replace(theta=theta)
+        sighting = tracker(shape).track(simulation.render(truth), truth)
+        assert sighting.size == pytest.approx(looks, abs=0.0005)
+        assert bool(sighting.doubt) == (abs(looks - 1) > 0.002)
+        if sighting.doubt:
+            assert re.search(
+                rf": {abs(looks - 1) * 100:.1f} % too (large|small); check its size in the object's file", sighting.doubt
+            )
+
+
 def test_specks_and_strips_at_the_border_are_ignored(rng):
     frame = simulated("rectangle", rng).render(MIDDLE)
     cv2.circle(frame, (500, 60), 8, 220, -1)

@@ -94,7 +94,7 @@ class ContourTracker:
         blob, contrast = self._blob(image)
         # usually the object is close to where it is expected
         if expected is not None and (fit := self._edge_fit.refined(image, expected, contrast)) is not None:
-            return fit._replace(orientations=self._symmetry)
+            return fit._replace(orientations=self._symmetry, doubt=self._doubt(fit))
         heading = 0.0 if expected is None else expected.theta
         starts = self._coarse_poses(blob, heading)
         fits = [fit for start in starts if (fit := self._edge_fit.refined(image, start, contrast)) is not None]
@@ -103,7 +103,14 @@ class ContourTracker:
         best = min(fit.residual_px for fit in fits)
         equal = [fit for fit in fits if fit.residual_px <= 1.5 * best]
         nearest = min(equal, key=lambda fit: abs(wrap(fit.pose.theta - heading)))
-        return nearest._replace(orientations=len(equal) * self._symmetry)
+        return nearest._replace(orientations=len(equal) * self._symmetry, doubt=self._doubt(nearest))
+
+    def _doubt(self, fit: Sighting) -> str:
+        """In words, by how much an object looks too large or too small that nevertheless fits; empty if it does not."""
+        if fit.size is None or abs(fit.size - 1) < EXACT:
+            return ""
+        expected = _sides(self._outline.vertices)
+        return self._wrong_size(fit.size, expected * fit.size, expected)
 
     def _blob(self, image: Image) -> tuple[Array, float]:
         """Outline (m, 2) [m] of the one bright blob of the object's size, and the contrast of the frame [grey levels]."""
@@ -160,18 +167,23 @@ class ContourTracker:
         alike = max(ALIKE, self._pixel * self._shrinking / expected.min())
         same_shape = abs(_slenderness(rim) / _slenderness(self._outline.vertices) - 1) < alike
         seen = expected * larger if same_shape else _sides(rim)
-        sizes = f"it looks {_millimetres(seen)} mm, the outline is {_millimetres(expected)} mm"
+        sizes = _sizes(seen, expected)
         if not same_shape or abs(larger - 1) > MISTAKEN:
             return f"{sizes}; is it this object, alone, and without a shadow or reflection at its edge?"
         if abs(larger - 1) < EXACT:
             return f"{sizes}; is it this object, of this shape, the right side up, and sharp?"
+        return self._wrong_size(larger, seen, expected)
+
+    def _wrong_size(self, larger: float, seen: Array, expected: Array) -> str:
+        """Why an object may look larger than its outline by a factor, with sides (2,) instead of those expected [m]."""
         # the apparent size is inversely proportional to the distance from the camera
         ground = self._camera.metres_per_pixel(0.0)
         height = RISE * (ground - self._pixel / larger) / (ground - self._camera.metres_per_pixel(RISE))
         cause = "its size in the object's file"
         if height > -0.001:
             cause += f", or its height: it would fit {height * 1e3:.1f} mm over the table, not {self._height * 1e3:.1f} mm"
-        return f"{sizes}: {abs(larger - 1) * 100:.1f} % too {'large' if larger > 1 else 'small'}; check {cause}"
+        by = f"{abs(larger - 1) * 100:.1f} % too {'large' if larger > 1 else 'small'}"
+        return f"{_sizes(seen, expected)}: {by}; check {cause}"
 
     def _bright_area(self, image: Image, blob: Array) -> float:
         """The area [m^2] of a blob (m, 2) [m], from its grey levels: exact to a fraction of a pixel, whatever the blur."""
@@ -234,6 +246,10 @@ def _slenderness(polygon: Array) -> float:
     moments = cv2.moments((polygon / scale).astype(np.float32))
     least, greatest = np.linalg.eigvalsh([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]])
     return float(math.sqrt(greatest / least))
+
+
+def _sizes(seen: Array, expected: Array) -> str:
+    return f"it looks {_millimetres(seen)} mm, the outline is {_millimetres(expected)} mm"
 
 
 def _millimetres(sides: Array) -> str:

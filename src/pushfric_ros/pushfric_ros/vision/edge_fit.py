@@ -18,6 +18,8 @@ SATURATED = 200.0
 """A dark side brighter than this is overexposed [grey levels]."""
 MIN_VISIBLE = 0.7
 """At least this fraction of the edges must be found."""
+MIN_PROOF = 0.2
+"""However the object is stretched or sheared, at least this share of what would show it must be found."""
 MAX_RESIDUAL_PX = 0.7
 """Edges that fit worse than this (rms) do not belong to the object."""
 
@@ -65,6 +67,9 @@ class EdgeFit:
         # How far each point moves along its normal per unit of a body motion (x, y, theta) [px].
         self._motion = np.column_stack((normals, cross(points, normals))) / self._pixel
         self._min_information = _MIN_INFORMATION * float(np.linalg.det(self._motion.T @ self._motion))
+        self._stretches = _whitened(np.column_stack((normals, *(normals.T[:, None] * points.T).reshape(4, -1))))
+        sized = np.column_stack((self._motion, np.sum(normals * points, axis=1) / self._pixel))
+        self._sizing = np.linalg.pinv(sized)[3]  # distances of all points [px] -> by how much the object is larger
 
     def refined(self, image: Image, pose: Pose, contrast: float) -> Sighting | None:
         """A pose in the table frame, refined by least squares; None if the edges do not fit.
@@ -83,7 +88,8 @@ class EdgeFit:
             farthest = self._slack * _PER_PIXEL
             offset = np.clip(np.rint(rough.moved * _PER_PIXEL), -farthest, farthest).astype(int)
             edges = _edges(profiles[self._rows + offset, self._columns], self._near)
-            fit = self._solved(edges._replace(distances=edges.distances + offset / _PER_PIXEL), contrast)
+            edges = edges._replace(distances=edges.distances + offset / _PER_PIXEL)
+            fit = self._solved(edges, contrast)
             if fit is None:
                 return None
             x, y = transform(pose, fit.step[:2])
@@ -93,15 +99,27 @@ class EdgeFit:
         else:
             return None
         # finally, every edge close to its place counts as visible, and in the residual
-        near = fit.residuals[fit.residuals < _NEAR_PX]
+        found = fit.residuals < _NEAR_PX
+        near = fit.residuals[found]
         visible = len(near) / len(self._motion)
         rms = math.sqrt(near @ near / max(len(near), 1))
-        if visible < MIN_VISIBLE or rms > MAX_RESIDUAL_PX:
+        if visible < MIN_VISIBLE or rms > MAX_RESIDUAL_PX or not self._prove(found):
             return None
         turn = np.eye(3)
         turn[:2, :2] = rotation(pose.theta)
         covariance = turn @ fit.spread @ turn.T * max(rms, _RESAMPLING_PX) ** 2
-        return Sighting(pose, rms, visible, 1, covariance)
+        size = 1 + float(self._sizing @ edges.distances) if found.all() else None
+        return Sighting(pose, rms, visible, 1, covariance, size)
+
+    def _prove(self, found: npt.NDArray[np.bool_]) -> bool:
+        """Whether the edges found are those of this object, and not of one that is longer, wider, smaller or askew as well.
+
+        A triangle of another size, for example, fits at two of its sides, however it is turned.
+        """
+        if found.all():
+            return True
+        seen = self._stretches[found]
+        return bool(np.linalg.eigvalsh(seen.T @ seen)[0] >= MIN_PROOF)
 
     def _profiles(self, image: Image, pose: Pose) -> npt.NDArray[np.float32]:
         """Grey levels (m, n) across each of n edges at `pose`, from its bright side to its dark one."""
@@ -125,15 +143,21 @@ class EdgeFit:
             typical = np.partition(residuals, len(residuals) // 2)[len(residuals) // 2]
             trusted = used & (residuals <= max(_OUTLIER_PX, _OUTLIER_MEDIANS * typical))
             if (trusted == used).all():
-                return _Solution(step, moved, residuals[seen], spread)
+                return _Solution(step, moved, np.where(seen, residuals, np.inf), spread)
             used = trusted
 
 
 class _Solution(NamedTuple):
     step: Array  # (3,) body motion [m, m, rad]
     moved: Array  # (n,) by how much it moves the points along their normals [px]
-    residuals: Array  # (k,) of the edges that have contrast [px]
+    residuals: Array  # (n,) of the edges [px], infinite without contrast
     spread: Array  # (3, 3) covariance of the step per variance of a distance [1/px^2]
+
+
+def _whitened(columns: Array) -> Array:
+    """The same space of columns (n, k), spanned by orthonormal ones (n, r), without directions that hardly move anything."""
+    basis, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    return np.asarray(basis[:, sizes > 1e-3 * sizes[0]])
 
 
 def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Array, Array]:
