@@ -9,9 +9,13 @@ import csv
 import functools
 import gzip
 import io
+import os
 import pathlib
+import pty
+import select
 import tempfile
 import time
+import tty
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -32,9 +36,11 @@ from pushfric_ros.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_ros.files.bounded_yaml import load_yaml
 from pushfric_ros.files.cell_file import load_cell
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.model_file import load_model, make_model, save_model
 from pushfric_ros.files.object_file import load_object, read_points
 from pushfric_ros.files.observation_file import OPTIONAL, REQUIRED, read_observations
 from pushfric_ros.files.plan_file import load_plan
+from pushfric_ros.files.pushes_file import read_edge_pushes
 from pushfric_ros.messages.conversions import (
     force_sample_from_msg,
     observation_from_msg,
@@ -43,7 +49,10 @@ from pushfric_ros.messages.conversions import (
     pusher_sample_from_msg,
 )
 from pushfric_ros.messages.types import definition
+from pushfric_ros.pushers.grbl import Grbl
 from pushfric_ros.pushers.grbl_protocol import parse_status
+from pushfric_ros.pushers.position_memory import PositionMemory
+from pushfric_ros.pushers.pusher import PusherError
 from pushfric_ros.vision.camera import load_camera, picture_from
 from pushfric_ros.vision.fiducial_tracker import load_fiducials
 
@@ -76,6 +85,9 @@ TOKENS = [
 
 SLOW = 5.0
 """An input that takes more CPU time is a failure in its own right [s]."""
+
+LONGEST_CONVERSATION = 20_000
+"""Bytes that are given to the driver."""
 
 LONGEST_REFUSAL = 1100
 """Largest number of characters of an error."""
@@ -205,7 +217,70 @@ def targets() -> dict[str, Target]:
             lambda data, _: parse_status(data.decode("ascii", "replace")),
             [b"<Idle|MPos:1.000,2.000,0.000|FS:0,0|WCO:0.000,0.000,0.000|Pn:XYZ>", b"<Run|WPos:-1.0|Bf:15,128>"], ()
         ),
+        "serial line": Target(_converse, [CONVERSATION], (PusherError,)),
+        "position memory": Target(_recall, [b'{"position": 0.0123}', b'{"position": null}'], ()),
+        "pushes": Target(_of_file("pushes.csv", lambda path: read_edge_pushes(path, outline)), [PUSHES], (InvalidInput,)),
+        "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
     }  # fmt: skip
+
+
+CONVERSATION = (
+    b"Grbl 1.1h ['$' for help]\r\n<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"
+    b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n$20=0\r\n$22=0\r\n$100=250.000\r\n"
+    b"$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\nok\r\n<Idle|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>\r\n"
+    b"<Jog|MPos:1.000,0.000,0.000|FS:600,0>\r\n<Hold:0|MPos:1.100,0.000,0.000|FS:0,0>\r\nALARM:1\r\nerror:9\r\n"
+)
+"""What a controller says, from its greeting to an alarm."""
+
+PUSHES = b"contact_x,contact_y,normal_x,normal_y,half_width,cor_x,cor_y,turn\n0.0,-0.032,0,-1,0.01,0.1,0.0,1\n"
+
+
+def _converse(data: bytes, _: pathlib.Path) -> None:
+    """Whatever a controller says, the driver only looks."""
+    ours, theirs = pty.openpty()
+    try:
+        tty.setraw(theirs)
+        driver = Grbl(os.ttyname(theirs), only_look=True)
+        driver.connect()
+        try:
+            for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):
+                os.write(ours, data[begin : begin + 40])
+                driver.poll(begin)
+                driver.ask(begin)
+                while select.select([ours], [], [], 0)[0]:  # what the driver asks
+                    os.read(ours, 4096)
+        finally:
+            driver.close()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def _recall(data: bytes, folder: pathlib.Path) -> None:
+    memory = PositionMemory(str(folder), "port")
+    memory.keep(0.5)
+    (folder / "port.json").write_bytes(data)
+    position = PositionMemory(str(folder), "port").recall()
+    if position is None or np.isinf(position):
+        raise Failure(f"a position of {position} from {data[:40]!r}")
+
+
+def _model() -> bytes:
+    data = _observations()
+    estimator, known = Estimator(load_object("rubber_rect4").support_points), load_object("rubber_rect4")
+    for observation in data:
+        estimate = estimator.add(observation)
+    model = make_model(known, estimate, estimator.observations, "a test", EstimatorSettings())
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "model.yaml"
+        save_model(model, path)
+        return path.read_bytes()
+
+
+def _use_model(path: pathlib.Path) -> None:
+    model, _ = load_model(path)
+    model.friction()
+    model.observations()
 
 
 MARKERS = b"family: apriltag_36h11\nmarkers:\n  - {id: 5, size: 0.04, center: [0, 0], angle_deg: 0}\n"

@@ -2,15 +2,17 @@
 
 import os
 import pathlib
+import platform
 import signal
 import sys
+import time
 from typing import Annotated
 
 import typer
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python faults`, from any folder
 
-from faults.campaign import campaign, table
+from faults.campaign import Outcome, campaign, table
 from faults.cases import CASES
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[1] / "docs/reliability.md"
@@ -41,12 +43,29 @@ def main(
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     cases = [case for case in CASES if only in case.fault and (case.quick or not quick)]
-    outcomes = campaign(cases, times, lambda line: print(line, file=sys.stderr, flush=True))
+    loads: list[float] = []
+
+    def keep(outcomes: list[list[Outcome]]) -> None:
+        loads.append(os.getloadavg()[0])
+        if not (quick or only):
+            DOCUMENT.write_text(f"{HEAD}{table(outcomes)}\n\n{circumstances(outcomes, loads)}\n")
+
+    outcomes = campaign(cases, times, lambda line: print(line, file=sys.stderr, flush=True), keep)
     if quick or only:
         print(table(outcomes))
-    else:
-        DOCUMENT.write_text(HEAD + table(outcomes) + "\n")
     sys.exit(int(any(outcome.problems for tried in outcomes for outcome in tried)))
+
+
+def circumstances(outcomes: list[list[Outcome]], loads: list[float]) -> str:
+    """How a table came about: when, how busy the machine was, and what was left out."""
+    tried = [tries[0].case.fault for tries in outcomes]
+    load = f"{min(loads):.0f} to {max(loads):.0f}" if loads else "unknown"
+    times = len(outcomes[0])
+    how_often = "once" if times == 1 else f"{times} times"
+    machine = f"{os.cpu_count()} processors, Python {platform.python_version()}, load average {load}"
+    said = f"Each fault was tried {how_often}, on {time.strftime('%Y-%m-%d')}: {machine}."
+    left_out = [case.fault for case in CASES if case.fault not in tried]
+    return f"{said} Not tried: {'; '.join(left_out)}." if left_out else f"{said} No fault was left out."
 
 
 if __name__ == "__main__":

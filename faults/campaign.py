@@ -102,12 +102,15 @@ def _shortened(line: str) -> str:
     return line if len(line) <= 200 else line[:197] + "..."
 
 
-def campaign(cases: Sequence[Case], times: int, say: Callable[[str], None]) -> list[list[Outcome]]:
-    """The outcomes of each case, as often as it is tried."""
-    outcomes = []
+def campaign(
+    cases: Sequence[Case], times: int, say: Callable[[str], None], keep: Callable[[list[list[Outcome]]], None]
+) -> list[list[Outcome]]:
+    """The outcomes of each case, as often as it is tried; `keep` is called with what there is after each case."""
+    outcomes: list[list[Outcome]] = []
     for number, case in enumerate(cases, 1):
         tried = [attempt(case) for _ in range(times)]
         outcomes.append(tried)
+        keep(outcomes)
         problems = [problem for outcome in tried for problem in outcome.problems]
         say(f"{number}/{len(cases)} {case.fault}: {tried[-1].seen}; {'; '.join(problems) or 'as asked'}")
     return outcomes

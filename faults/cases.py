@@ -14,8 +14,16 @@ from functools import partial
 
 from faults.camera import FAULTS
 from faults.cell_run import CellRun
+from pushfric_ros.bags.bag import Bag
+from pushfric_ros.bags.recovery import recover
 
 NODES = ("tracker", "estimator", "recorder", "actuator", "experiment", "simulated_cell")
+
+SECTOR = 4096
+"""What a disk loses at once [bytes]."""
+
+LEAST_SAVED = 0.97
+"""Share of the messages that `bag recover` saves, on average."""
 
 MOMENTS = 20
 """Number of moments at which Ctrl-C is tried."""
@@ -84,6 +92,29 @@ def _second_cell(run: CellRun) -> None:
     second = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert second.returncode == 2, second
     assert "is already running" in second.stderr, second
+
+
+def _every_sector(run: CellRun) -> None:
+    """Of the bag that it leaves, zero one sector after the other: each loss must be noticed, and nearly all be saved."""
+    run.wait_for_end()
+    (file,) = run.bag.glob("*.mcap")
+    content, whole, saved = file.read_bytes(), Bag(run.bag).summary.message_count, []
+    for begin in range(0, len(content), SECTOR):
+        size = len(content[begin : begin + SECTOR])
+        file.write_bytes(content[:begin] + bytes(size) + content[begin + size :])
+        bag = Bag(run.bag)
+        assert bag.damage is not None, f"the loss of the sector at byte {begin} is not noticed"
+        read = sum(1 for _ in bag.messages())
+        missing = sum(bag.damage.missing.values())
+        assert read + missing == whole, f"of {whole} messages, {read} are read and {missing} missing"
+        recover(run.bag, run.folder / f"saved {begin}")
+        left = Bag(run.folder / f"saved {begin}")
+        assert left.damage is None, f"what was saved without the sector at byte {begin} is damaged"
+        saved.append(left.summary.message_count / whole)
+    file.write_bytes(content)
+    share = sum(saved) / len(saved)
+    assert share >= LEAST_SAVED, f"{100 * share:.1f} % of the messages were saved"
+    run.note(f"{len(saved)} sectors, {100 * share:.1f} % of the messages saved on average, {100 * min(saved):.1f} % at worst")
 
 
 def _interrupt(after: float, run: CellRun) -> None:
@@ -197,6 +228,13 @@ FILE_CASES = [
         (1, 2),
         "was removed or moved while it was recorded",
         lambda run: shutil.rmtree(run.bag),
+    ),
+    Case(
+        "every sector of the bag lost, one after the other",
+        "each loss is noticed and counted; 97 % of the messages are saved on average",
+        (0,),
+        "sectors",
+        _every_sector,
     ),
     Case("a second recorder into the same folder", "it is refused; the run goes on", (0,), "", _second_recorder),
     Case("a second cell of the same name", "it is refused; the run goes on", (0,), "", _second_cell),

@@ -77,6 +77,10 @@ class CellRun:
         with contextlib.suppress(ValueError):  # a fault may be that nobody reads any more
             self._lines.extend(iter(self.process.stdout.readline, ""))
 
+    def note(self, line: str) -> None:
+        """Add what a strike found to what the run has printed."""
+        self._lines.append(f"\n{line}\n")
+
     @property
     def output(self) -> str:
         """What the run has printed."""

@@ -5,7 +5,7 @@ import os
 import pathlib
 from collections.abc import Collection, Iterator, Sequence
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO
 
 import yaml
 from mcap.writer import CompressionType, Writer
@@ -121,7 +121,7 @@ class BagWriter:
             raise InvalidInput(f"{self._file.name}: was removed or moved while it was recorded; the recording ends here")
 
     def close(self) -> None:
-        """Finish the MCAP file and write metadata.yaml; idempotent."""
+        """Finish the MCAP file and write metadata.yaml, both to the disk; idempotent."""
         if self._file.closed:
             return
         information = self._information()
@@ -130,9 +130,11 @@ class BagWriter:
             self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
             self._writer.finish()
             self._check_place()
-            self._file.close()
+            _close_on_disk(self._file)
             text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-            (self.folder / METADATA).write_text(text, encoding="utf-8")
+            with open(self.folder / METADATA, "wb") as metadata:
+                metadata.write(text.encode())
+                _close_on_disk(metadata)
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -209,3 +211,9 @@ class BagWriter:
             "custom_data": None,
             "ros_distro": os.environ.get("ROS_DISTRO", ""),
         }
+
+
+def _close_on_disk(file: BinaryIO) -> None:
+    file.flush()
+    os.fsync(file.fileno())
+    file.close()

@@ -8,6 +8,9 @@ import urllib.parse
 
 from pushfric_core.settings import AUTO
 
+LONGEST = 200
+"""Characters of the file that are read; it holds one number."""
+
 
 class PositionMemory:
     """Where a pusher rested, or that its position is unknown because it was moving or had lost it."""
@@ -28,13 +31,18 @@ class PositionMemory:
 
     def recall(self) -> float | None:
         """Where it rested [m]; NaN if that is not known; None if nothing was ever kept."""
-        if self._file is None or not self._file.exists():
+        if self._file is None:
             return None
         try:
-            position = json.loads(self._file.read_text())["position"]
+            with open(self._file, encoding="utf-8") as file:
+                position = json.loads(file.read(LONGEST))["position"]
             self._kept = math.nan if position is None else float(position)
-        except (OSError, ValueError, KeyError, TypeError):
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, OverflowError):
             self._kept = math.nan  # a damaged file says nothing
+        if not math.isfinite(self._kept):
+            self._kept = math.nan
         return self._kept
 
     def keep(self, position: float) -> None:
