@@ -15,7 +15,7 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, footprint, fuzz, pipeline, prediction, real_pushes, recording, soak, tracker, updates
+from bench import display, footprint, fuzz, growth, pipeline, prediction, real_pushes, recording, soak, tracker, updates
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
 from pushfric_core.errors import InvalidInput, PushfricError
@@ -72,6 +72,12 @@ def bench(
             "--footprint", help="Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
         ),
     ] = False,
+    growing: Annotated[
+        bool,
+        typer.Option(
+            "--growth", help="Measure only what a data point costs the estimator when there are up to a million: 20 minutes."
+        ),
+    ] = False,
     fuzzing: Annotated[
         float | None,
         typer.Option(
@@ -105,6 +111,8 @@ def bench(
         return int(fuzz.campaign(60 * fuzzing, print, seed) > 0)
     if soaking is not None:
         return _soak(soaking)
+    if growing:
+        return _measure_growth(json)
     points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
     if unknown := set(supports) - set(GRIDS):
@@ -179,6 +187,16 @@ def _soak(minutes: float) -> int:
         figures = soak.measure(minutes, lambda what: bar.update(task, description=what))
     Console().print(display.soak_table(figures))
     return int(not all(one.flat for one in figures["growth"]))
+
+
+def _measure_growth(json: str | None) -> int:
+    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
+        task = bar.add_task("1 data point", total=len(growth.MARKS))
+        rows = growth.measure(lambda what: bar.update(task, description=what, advance=1))
+    Console(stderr=json == STDOUT).print(display.growth_table(rows))
+    if json is not None:
+        write_json(jsons.dumps({"growth": rows}, indent=1), json)
+    return 0
 
 
 def _measure_footprint(json: str | None) -> int:

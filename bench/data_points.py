@@ -43,13 +43,13 @@ def data_points(n: int, seed: int) -> Iterator[ConstraintRows]:
         seed: of the pushes and their noise.
     """
     points, constraints = support_points(n), (Moment(), NormalForce())
-    for observation in _observations(np.random.default_rng(seed)):
+    for observation in observations(np.random.default_rng(seed)):
         forces = support_forces(points, observation.twist)
         yield stack([constraint.rows(observation, forces) for constraint in constraints], n)
 
 
-def _observations(rng: np.random.Generator) -> Iterator[Observation]:
-    """Motions and contacts in balance, to which the noise of the poses is added.
+def observations(rng: np.random.Generator) -> Iterator[Observation]:
+    """Data points without end: motions and contacts in balance, to which the noise of the poses is added.
 
     The motion is drawn at random. The contact follows from it: it is where the line of the pushing force enters the outline.
     """

@@ -58,6 +58,16 @@ def memory_table(rows: Sequence[Figures]) -> Table:
     return table
 
 
+def growth_table(rows: Sequence[Figures]) -> Table:
+    """What a data point costs when there are many already."""
+    columns = {"median_ms": "median", "mean_ms": "mean", "p99_ms": "99 %", "longest_ms": "longest", "at_rest_ms": "at rest"}
+    title = "One data point of many: CPU time in ms, memory in bytes"
+    table = Table("M", *columns.values(), "bytes", title=title)
+    for row in rows:
+        table.add_row(str(row["M"]), *(f"{row[name]:.2f}" for name in columns), f"{row['bytes']:.0f}")
+    return table
+
+
 def tracker_table(figures: Figures) -> Table:
     table = Table("contour tracker, 640 x 480", "frames/s", "time over bare OpenCV's", title="One frame")
     for name in ("tracked", "found", "bare"):

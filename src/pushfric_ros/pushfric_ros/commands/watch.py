@@ -60,7 +60,7 @@ def watch(
 
     def watched(supervisor: Supervisor) -> tuple[Ended, "Monitor"]:
         def all_replayed() -> bool:
-            return replayed is not None and monitor.estimate is not None and monitor.estimate.data_points >= len(replayed)
+            return replayed is not None and monitor.complete >= len(replayed)
 
         # made here, where the supervisor holds signals back, so that no signal interrupts its start or its end
         with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
@@ -154,9 +154,16 @@ class Monitor:
             self._visit.spin_once(0.05)
         return now
 
+    @property
+    def complete(self) -> int:
+        """Number of data points that all of the estimate rests on; -1 while a part of it rests on fewer, or there is none."""
+        if self.estimate is None or sum(self.estimate.contact_friction.histogram) != self.estimate.data_points:
+            return -1
+        return self.estimate.data_points
+
     def settled(self) -> bool:
         """Whether the estimator has processed everything that was seen until the plan was finished."""
-        if self._finished is None or self._catches_up():
+        if self._finished is None or self._catches_up() or (self.estimate is not None and self.complete < 0):
             return False
         return self._visit.node.newest in (0, None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp))
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -216,8 +217,43 @@ def histogram(lower_bounds: npt.ArrayLike) -> np.ndarray:
     return np.bincount(bins.astype(int), minlength=BINS)
 
 
+class FrictionParts(NamedTuple):
+    """The parts of a message about mu_c, which take every data point into account."""
+
+    data_points: int
+    bounds: ContactFriction
+    coefficient: list[FrictionCoefficient]
+
+
+def friction_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[bool] = ()) -> FrictionParts:
+    """What an estimate says of mu_c; O(M) for M data points. Arguments as of `estimate_to_msg`."""
+    bounds = ContactFriction(
+        object=object_name,
+        p90=estimate.mu_c_p90,
+        max=estimate.mu_c_max,
+        bin_width=BIN_WIDTH,
+        histogram=histogram(estimate.contact_friction).tolist(),
+    )
+    if any(slipping):
+        slid = estimate.contact_friction[np.asarray(slipping)]
+        bounds.slipping = [slid.min(), slid.max()]
+    if estimate.tip is not None:
+        slips = estimate.tip.slips
+        bounds.slips = [slips.count(state) for state in Slip]
+        bounds.slip = [SLIP_TO_MSG[slips[-1]]] if slips else []
+    coefficient = []
+    if (mu_c := estimate.mu_c) is not None:
+        value = math.nan if mu_c.value is None else mu_c.value
+        coefficient = [FrictionCoefficient(value=value, low=mu_c.low, high=mu_c.high, kind=mu_c.kind.value)]
+    return FrictionParts(estimate.data_points, bounds, coefficient)
+
+
 def estimate_to_msg(
-    estimate: Estimate, object_name: str, slipping: Sequence[bool] = (), verdict: Verdict | None = None
+    estimate: Estimate,
+    object_name: str,
+    slipping: Sequence[bool] = (),
+    verdict: Verdict | None = None,
+    friction: FrictionParts | None = None,
 ) -> FrictionEstimate:
     """An estimate as a message.
 
@@ -226,7 +262,9 @@ def estimate_to_msg(
         object_name: name of the object.
         slipping: for each data point, whether its contact is known to have slipped; empty: for none.
         verdict: on its input; None: not judged.
+        friction: what is said of mu_c; None: what this estimate says.
     """
+    friction = friction or friction_to_msg(estimate, object_name, slipping)
     msg = FrictionEstimate(object=object_name)
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
     msg.status = STATUS_TO_MSG[estimate.status]
@@ -236,17 +274,9 @@ def estimate_to_msg(
     if estimate.total_friction is not None:
         msg.support_friction.total_friction = [estimate.total_friction]
     msg.center_of_friction = _point(estimate.center_of_friction)
-    msg.contact_friction = ContactFriction(
-        header=msg.header,
-        object=object_name,
-        p90=estimate.mu_c_p90,
-        max=estimate.mu_c_max,
-        bin_width=BIN_WIDTH,
-        histogram=histogram(estimate.contact_friction).tolist(),
-    )
-    if any(slipping):
-        bounds = estimate.contact_friction[np.asarray(slipping)]
-        msg.contact_friction.slipping = [bounds.min(), bounds.max()]
+    msg.contact_friction, msg.mu_c = friction.bounds, friction.coefficient
+    if friction.data_points == estimate.data_points:
+        friction.bounds.header = msg.header  # one for all parts, so that whoever publishes them puts its prefix there once
     msg.objective, msg.lower_bound, msg.gap = estimate.solution.objective, estimate.solution.lower_bound, estimate.solution.gap
     if estimate.confidence is not None:
         msg.confidence = [estimate.confidence]
@@ -254,18 +284,11 @@ def estimate_to_msg(
         spread = estimate.spread
         low, high = spread.intervals.T
         msg.spread = [Spread(covariance=spread.covariance.ravel(), middle=spread.middle, low=low, high=high)]
-    if (mu_c := estimate.mu_c) is not None:
-        value = math.nan if mu_c.value is None else mu_c.value
-        msg.mu_c = [FrictionCoefficient(value=value, low=mu_c.low, high=mu_c.high, kind=mu_c.kind.value)]
     if verdict is not None:
         msg.reasons = list(verdict.reasons)
         msg.rejected = [RejectedPush(push_id=one.push_id, reason=one.reason) for one in verdict.rejected]
         if verdict.change is not None:
             msg.change = [ObjectChange(since_push=verdict.change.since, shift=_vector(verdict.change.shift))]
-    if estimate.tip is not None:
-        slips = estimate.tip.slips
-        msg.contact_friction.slips = [slips.count(state) for state in Slip]
-        msg.contact_friction.slip = [SLIP_TO_MSG[slips[-1]]] if slips else []
     return msg
 
 

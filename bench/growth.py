@@ -1,0 +1,83 @@
+"""What a data point costs the estimator node when there are many already: time and memory, up to a million of them.
+
+One estimator takes one data point after the other, as the node does it: the data point, the verdict, and the message, which is
+serialised. The middleware is left out, and the region of p_CF, a polygon that does not know how many lines have cut it.
+"""
+
+import itertools
+import pathlib
+import re
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from bench.data_points import observations, support_points
+from pushfric_core.estimator import Estimator
+from pushfric_core.observation import Observation
+from pushfric_ros.messages.conversions import FrictionParts, estimate_to_msg, friction_to_msg
+from pushfric_ros.nodes.estimator import friction_is_due
+
+SUPPORTS = 15
+
+MARKS = (1000, 10_000, 100_000, 1_000_000)
+"""Numbers of data points at which the cost of one is told; it is measured over the last tenth before."""
+
+PER_PUSH = 12
+"""Data points of a push."""
+
+Figures = dict[str, Any]
+
+
+def measure(progress: Callable[[str], None], marks: tuple[int, ...] = MARKS) -> list[Figures]:
+    """Rows {M, median_ms, mean_ms, p99_ms, longest_ms, at_rest_ms, bytes}: CPU time of a data point, and memory per data point.
+
+    `at_rest_ms` is what is done when no other data point follows at once: to say of mu_c what all of them say.
+    """
+    estimator = Estimator(support_points(SUPPORTS))
+    friction: FrictionParts | None = None
+    rows, seconds = [], []
+    before = _resident()
+    for count, observation in enumerate(_pushes(marks[-1]), 1):
+        start = time.process_time()
+        estimate = estimator.add(observation)
+        verdict = estimator.verdict(estimate)
+        if friction is None or friction_is_due(estimate.data_points, friction.data_points):
+            friction = friction_to_msg(estimate, "box")
+        serialize_message(estimate_to_msg(estimate, "box", verdict=verdict, friction=friction))
+        seconds.append(time.process_time() - start)
+        if count in marks:
+            newest = np.array(seconds[-count // 10 :]) * 1e3
+            start = time.process_time()
+            friction_to_msg(estimate, "box")
+            rows.append(
+                {
+                    "M": count,
+                    "median_ms": float(np.median(newest)),
+                    "mean_ms": float(np.mean(newest)),
+                    "p99_ms": float(np.percentile(newest, 99)),
+                    "longest_ms": float(newest.max()),
+                    "at_rest_ms": (time.process_time() - start) * 1e3,
+                    "bytes": (_resident() - before) / count,
+                }
+            )
+            progress(f"{count} data points")
+    return rows
+
+
+def _pushes(count: int) -> Iterator[Observation]:
+    """Data points of simulated pushes."""
+    found = observations(np.random.default_rng(0))
+    for number, observation in enumerate(itertools.islice(found, count)):
+        yield replace(observation, push_id=number // PER_PUSH, stamp=number + 1)
+
+
+def _resident() -> int:
+    """Memory of this process [bytes]."""
+    status = pathlib.Path("/proc/self/status").read_text()
+    found = re.search(r"VmRSS:\s*(\d+) kB", status)
+    assert found is not None
+    return 1024 * int(found[1])
