@@ -170,9 +170,9 @@ def write(tmp_path):
 
 
 def overrides(cell, name) -> list[Parameter]:
-    """What the graph gives a node of this name."""
+    """What the graph gives a node of this name; but here it speaks to whoever listens."""
     (spec,) = [spec for spec in graph.cell(cell, "bag") if spec.name == name]
-    return [Parameter(key, value=value) for key, value in spec.parameters.items()]
+    return [Parameter(key, value=value) for key, value in spec.parameters.items() if key != "heard_by"]
 
 
 def test_a_pusher_from_outside_pushes(ros, package, write):

@@ -39,7 +39,8 @@ from pushfric_ros.messages.conversions import (
     stamp_to_msg,
 )
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
-from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_ros.nodes import estimator as estimator_module
+from pushfric_ros.nodes.estimator import EstimatorNode, friction_is_due
 
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)
@@ -296,6 +297,21 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     slipping = estimate.contact_friction[[0, 2]]
     assert list(frictions[-1].slipping) == [slipping.min(), slipping.max()]
     assert sum(frictions[-1].histogram) == 3
+
+
+def test_what_is_said_of_mu_c_lags_behind_by_a_share_and_is_complete_at_rest(ros, monkeypatch):
+    """Of many data points, its cost must not grow with their number; here every second one counts as many."""
+    monkeypatch.setattr(estimator_module, "RENEWED", 2)
+    _, out, estimates = estimator_of_observations(ros)
+    core = Estimator(load_object(NAME).support_points)
+    for observation in DATA:
+        out.publish(observation_to_msg(observation, NAME))
+        last = core.add(observation)
+    ros.wait_for(lambda: estimates and sum(estimates[-1].contact_friction.histogram) == len(DATA), what="all that is said")
+    for msg in estimates:
+        assert msg.data_points - msg.data_points // 2 <= sum(msg.contact_friction.histogram) <= msg.data_points
+    assert (estimates[-1].contact_friction.p90, estimates[-1].contact_friction.max) == (last.mu_c_p90, last.mu_c_max)
+    assert [friction_is_due(10, said) for said in (11, 10, 5, 4)] == [True, False, False, True]
 
 
 def wrench_msg(stamp, force):

@@ -381,6 +381,17 @@ class DeafPusher:
         self._state_out.publish(msg)
 
 
+def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, tmp_path):
+    """On this machine a lock keeps it from starting; on another one it would move its own pusher on this one's goals."""
+    other = ros.node("another_experiment", namespace="/cell")
+    rival = other.create_publisher(PlanProgress, "plan_progress", LATCHED)
+    table = Table(ros, tmp_path)
+    table.wait_for_message("another cell named /cell runs on this ROS domain: end it")
+    assert all(state.push_id == PusherState.NO_PUSH for state in table.states)
+    other.destroy_publisher(rival)
+    assert table.wait_for_end().completed == 3
+
+
 @pytest.mark.parametrize(("accept", "why"), [(False, "the pusher refused it"), (True, "the pusher forgot it")])
 def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(ros, tmp_path, capfd, accept, why):
     DeafPusher(ros, accept)

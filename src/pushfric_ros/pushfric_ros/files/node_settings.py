@@ -88,6 +88,13 @@ class CameraConfig:
 
 
 @dataclass(frozen=True)
+class AudienceConfig:
+    """Who must not miss a pose. From the graph."""
+
+    heard_by: tuple[str, ...] = setting((), "nodes that must receive the poses before the first one is published")
+
+
+@dataclass(frozen=True)
 class TipConfig:
     """The tip that another robot moves. Section `tip`."""
 

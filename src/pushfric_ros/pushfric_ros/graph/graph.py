@@ -62,7 +62,7 @@ class Topic(NamedTuple):
 
 
 TOPICS = (
-    Topic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_data"),
+    Topic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "reliable"),
     Topic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
     Topic("pusher_fault", "std_msgs/msg/String", "latched"),
     Topic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
@@ -116,9 +116,10 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
 
 def _seer(file: CellFile, frames: Mapping[str, Any]) -> NodeSpec:
     """The node that finds the object."""
+    common = {**frames, "heard_by": ["estimator", "recorder"]}
     if file.camera is None:
-        return NodeSpec("pose_source", {**frames, **merged(file.poses)}, respawn=True)
-    return NodeSpec("tracker", {"object": file.object, **frames, **plain(file.camera), **plain(file.tracker)}, respawn=True)
+        return NodeSpec("pose_source", {**common, **merged(file.poses)}, respawn=True)
+    return NodeSpec("tracker", {"object": file.object, **common, **plain(file.camera), **plain(file.tracker)}, respawn=True)
 
 
 def _movers(file: CellFile, frames: Mapping[str, Any], start: int) -> list[NodeSpec]:

@@ -7,16 +7,15 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.messages.frames import put_prefix
-from pushfric_ros.node_kit.losses import Losses
+from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.qos import RELIABLE
 
 FIRST, PERIOD = 0.1, 1.0
@@ -125,21 +124,17 @@ class Diagnostics:
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile, raw: bool = False
     ) -> Subscription:
         """Make a subscription of the node, as Node.create_subscription does."""
-        passed = self._inputs[topic] = _Input()
-        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         stamped = not raw and "header" in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
 
-        def count(msg: Any, info: dict[str, Any]) -> None:
+        def count(msg: Any) -> int:
             passed.count += 1
-            if not latched:  # of a latched topic, only the newest message counts
-                passed.losses.count(info["publication_sequence_number"], lambda: subscription.get_publisher_count())
             if stamped:
                 passed.latency = (self._node.get_clock().now().nanoseconds - stamp_from_msg(msg.header.stamp)) / 1e9
             callback(msg)
+            return 0  # when it came matters to nobody
 
-        events = SubscriptionEventCallbacks(message_lost=passed.losses.told)
-        subscription = self._node.create_subscription(kind, topic, count, qos, raw=raw, event_callbacks=events)
-        return subscription
+        passed = self._inputs[topic] = _Input(Reception(self._node, kind, topic, count, qos, raw))
+        return passed.reception.subscription
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile, overridable: QoSOverridingOptions | None = None) -> Publisher:
         """Make a publisher of the node, as Node.create_publisher does; parameters may change the policies in `overridable`."""
@@ -197,11 +192,15 @@ class Diagnostics:
 class _Input:
     """What came on a topic."""
 
-    def __init__(self) -> None:
+    def __init__(self, reception: Reception) -> None:
+        self.reception = reception
         self.count = 0
-        self.losses = Losses()
         self.reported = 0  # number of losses up to the last report
         self.latency: float | None = None  # [s]
+
+    @property
+    def losses(self) -> Losses:
+        return self.reception.losses
 
 
 class _CountingPublisher(Publisher):

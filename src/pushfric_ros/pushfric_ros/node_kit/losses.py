@@ -1,8 +1,15 @@
-"""The messages of a topic that were published but did not arrive: counted here for every node that must not miss any."""
+"""The messages of a topic that were published but did not arrive: counted here for every node that must not miss any.
+
+`messages.qos` says of which topics a message can be lost, and what follows.
+"""
 
 from collections.abc import Callable
+from typing import Any
 
-from rclpy.event_handler import QoSMessageLostInfo
+from rclpy.event_handler import QoSMessageLostInfo, QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 
 class Losses:
@@ -10,9 +17,14 @@ class Losses:
 
     The middleware reports what it lost on the way, but not what a full queue dropped while this process was busy or stopped.
     The publisher's numbers show both, but only if there is a single publisher.
+
+    Args:
+        quality: what the subscription asks for.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, quality: QoSProfile) -> None:
+        self._counted = quality.durability != DurabilityPolicy.TRANSIENT_LOCAL
+        self.promised = quality.reliability == ReliabilityPolicy.RELIABLE
         self._told = 0
         self._missing = 0  # from the publisher's numbers
         self._last: int | None = None
@@ -25,15 +37,24 @@ class Losses:
         """Number of messages lost so far."""
         return max(self._told, self._missing)
 
+    @property
+    def are_faults(self) -> bool:
+        """Whether messages were lost that were promised to arrive."""
+        return self.promised and self.messages > 0
+
     def told(self, event: QoSMessageLostInfo) -> None:
         """Take the middleware's report; the callback for its event `message_lost`."""
-        self._told += event.total_count_change
-        self._note(self._last_ns)
+        if self._counted:
+            self._told += event.total_count_change
+            self._note(self._last_ns)
 
     def count(self, number: int | None, publishers: Callable[[], int], now_ns: int = 0) -> None:
         """Take the publisher's number of a message that came; None if the middleware has no numbers."""
         # numbers that start again come from a restarted publisher
-        if number is not None and self._last is not None and number > self._last + 1 and publishers() == 1:
+        gap = number is not None and self._last is not None and number > self._last + 1
+        if self._counted and gap and publishers() == 1:
+            assert number is not None
+            assert self._last is not None
             self._missing += number - self._last - 1
             self._note(now_ns)
         self._last, self._last_ns = number, now_ns
@@ -41,3 +62,60 @@ class Losses:
     def _note(self, now_ns: int) -> None:
         self.first_ns = self._last_ns if self.first_ns is None else self.first_ns
         self.until_ns = now_ns
+
+
+class Reception:
+    """A subscription whose losses are counted.
+
+    It asks for `quality`. If a publisher offers best effort only, it is content with that, and says so.
+
+    Args:
+        node: the node.
+        kind: of the messages.
+        topic: their topic.
+        callback: called with each message; returns when it came, by the clock of the losses [ns].
+        quality: what is asked for.
+        raw: hand on the bytes of the messages.
+    """
+
+    def __init__(
+        self, node: Node, kind: type, topic: str, callback: Callable[[Any], int], quality: QoSProfile, raw: bool = False
+    ) -> None:
+        self._node, self._kind, self._topic, self._callback, self._raw = node, kind, topic, callback, raw
+        self.losses = Losses(quality)
+        self._quality = quality
+        self.subscription = self._subscribed()
+
+    def drain(self) -> None:
+        """Call back with what has arrived and waits, though the node is not spun any more."""
+        for _ in range(self._quality.depth):
+            taken = self.subscription.handle.take_message(self.subscription.msg_type, self._raw)
+            if taken is None:
+                return
+            self._on_message(*taken)
+
+    def _subscribed(self) -> Subscription:
+        events = SubscriptionEventCallbacks(message_lost=self.losses.told, incompatible_qos=self._on_incompatible)
+        return self._node.create_subscription(
+            self._kind, self._topic, self._on_message, self._quality, raw=self._raw, event_callbacks=events
+        )
+
+    def _on_message(self, msg: Any, info: dict[str, Any]) -> None:
+        number = info["publication_sequence_number"]
+        self.losses.count(number, self.subscription.get_publisher_count, self._callback(msg))
+
+    def _on_incompatible(self, event: QoSRequestedIncompatibleQoSInfo) -> None:
+        name = self.subscription.topic_name
+        if event.last_policy_kind != QoSPolicyKind.RELIABILITY or not self.losses.promised:
+            self._node.get_logger().error(
+                f"{name} is not received: what is offered lacks {event.last_policy_kind.name.lower()}"
+            )
+            return
+        self._node.get_logger().warning(f"{name} is offered with best effort only: what is lost on the way stays lost")
+        self._node.destroy_subscription(self.subscription)
+        quality = self._quality
+        self._quality = QoSProfile(
+            depth=quality.depth, reliability=ReliabilityPolicy.BEST_EFFORT, durability=quality.durability
+        )
+        self.losses = Losses(self._quality)
+        self.subscription = self._subscribed()

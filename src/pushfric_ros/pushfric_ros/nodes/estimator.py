@@ -45,8 +45,10 @@ from pushfric_ros.files.model_file import check_name, make_model, prior, save_mo
 from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_ros.files.object_file import ObjectModel, load_object
 from pushfric_ros.messages.conversions import (
+    FrictionParts,
     estimate_to_msg,
     force_sample_from_msg,
+    friction_to_msg,
     limit_surface_to_msg,
     nothing_known,
     observation_from_msg,
@@ -65,6 +67,7 @@ from pushfric_ros.messages.conversions import (
 from pushfric_ros.messages.frames import OBJECT
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit import executable
+from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -84,6 +87,10 @@ HANDOVER_PERIOD = 0.2
 QUIET = 0.5
 """The limit surface is published when the estimate has not changed for this long, in wall time [s]."""
 
+RENEWED = 200
+"""What is said of mu_c rests on all data points, and is renewed after one more for each this many, so that its cost does not
+grow: up to 200 after each, then after every second, ...; and when the estimate has stood for QUIET."""
+
 
 class EstimatorNode(Node):
     """Publishes an estimate after every data point; late subscribers get the last one."""
@@ -101,15 +108,16 @@ class EstimatorNode(Node):
         self._handover, self._caught_up = self._interrupted(), False
         self._begin(model.object if self._handover is None else self._handover.start.object)
         self._estimator.estimate()  # loads the compiled solver now instead of with the first data point
-        self._observations_out = None
+        self._observations_out = self._told_to = None
         self._diagnostics = topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         if config.source is DataPointSource.OBSERVATIONS:
             topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
         else:
             self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
+            self._told_to = Audience(self, self._observations_out, ["recorder"])
             self._transforms = TransformBroadcaster(self, prefix)
-            topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+            topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
             topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
             if self._settings.with_forces:
                 topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
@@ -176,6 +184,8 @@ class EstimatorNode(Node):
     def _go_on(self) -> None:
         """Take the messages of the bag; once it holds all earlier ones, take those that came by topic meanwhile."""
         assert self._handover is not None
+        if self._told_to is not None and self._told_to.missing:
+            return
         try:
             found = self._handover.read_on()
         except (OSError, ValueError) as error:
@@ -221,6 +231,7 @@ class EstimatorNode(Node):
         self._half_planes = HalfPlanes(model.outline, settings.region.region_margin)
         self._left_out: set[int] = set()  # pushes that the region does not use
         self._estimate: Estimate | None = None
+        self._mu_c: FrictionParts | None = None  # what was last said of mu_c
         self._model: tuple[Estimate, FrictionModel] | None = None  # the last estimate that was asked to predict
         self._before: Estimate | None = None  # the estimate a moment ago
         self._verdict = Verdict()
@@ -286,7 +297,7 @@ class EstimatorNode(Node):
             if not self._add(observation):
                 continue
             assert self._estimate is not None
-            msg = self._publish(self._estimate)
+            msg = self._publish(self._estimate, at_rest=False)
             self._narrow(observation)
             self._publish_region()
             self._draw(msg)
@@ -365,16 +376,24 @@ class EstimatorNode(Node):
         self._region = region_to_msg(self._half_planes.region(), pushes, stamp, self._object.name)
         self._region_out.publish(self._region)
 
-    def _publish(self, estimate: Estimate) -> FrictionEstimate:
-        """Publish the estimate first, and then what planners do not wait for."""
+    def _publish(self, estimate: Estimate, at_rest: bool = True) -> FrictionEstimate:
+        """Publish the estimate first, and then what planners do not wait for.
+
+        Args:
+            estimate: the present one.
+            at_rest: no data point followed it at once.
+        """
         contradiction = estimate.contradiction
         if contradiction is not None and self._problem is None:
             self.get_logger().error(contradiction)
         self._problem = contradiction
-        data, slipping = self._estimator.observations, self._settings.slipping
-        slips = [observation.push_id in slipping for observation in data] if slipping else ()
         self._verdict = self._estimator.verdict(estimate)
-        msg = estimate_to_msg(estimate, self._object.name, slips, self._verdict)
+        friction = self._mu_c
+        if friction is None or at_rest or friction_is_due(estimate.data_points, friction.data_points):
+            slipping = self._settings.slipping
+            slips = [observation.push_id in slipping for observation in self._estimator.observations] if slipping else ()
+            friction = self._mu_c = friction_to_msg(estimate, self._object.name, slips)
+        msg = estimate_to_msg(estimate, self._object.name, verdict=self._verdict, friction=friction)
         self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
         self._publish_parts(msg if contradiction is None else nothing_known(self._object.name))
@@ -513,11 +532,13 @@ class EstimatorNode(Node):
             return response
 
     def _publish_limit_surface(self) -> None:
-        """Publish the limit surface of an estimate that has lasted a while: it takes longer than a data point may wait."""
+        """Publish what takes longer than a data point may wait, for an estimate that has lasted a while."""
         settled, self._before = self._before is self._estimate, self._estimate
         if not settled or self._drawn is self._estimate:
             return
         self._drawn = self._estimate
+        if self._mu_c is not None and self._estimate is not None and self._mu_c.data_points != self._estimate.data_points:
+            self._publish(self._estimate)
         try:
             msg = limit_surface_to_msg(*self._friction(), self._object.name)
         except (ValueError, PushfricError):  # there is no estimate any longer, or it has no limit surface
@@ -568,6 +589,11 @@ class EstimatorNode(Node):
             words = "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in self._verdict.rejected)
             return Health(Level.OK, words, values)
         return Health(Level.OK, "estimating" if self._estimate else "waiting for data points", values)
+
+
+def friction_is_due(data_points: int, said_of: int) -> bool:
+    """Whether what is said of mu_c, which rests on some data points, must be renewed now that there are others."""
+    return not 0 <= data_points - said_of <= data_points // RENEWED
 
 
 def main() -> None:

@@ -162,6 +162,7 @@ class ExperimentNode(Node):
             return PASSED
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         await self._until_well(self._foreign_clock, PlanProgress.PHASE_WAITING, "no push can be measured")
+        await self._until_well(self._namesake, PlanProgress.PHASE_WAITING, "nobody knows whom the messages come from")
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
         return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
@@ -318,6 +319,13 @@ class ExperimentNode(Node):
                 way = "ahead of" if offset > 0 else "behind"
                 return f"the clock of {whose} is {abs(offset):.0f} s {way} this computer's: {remedy}"
         return None
+
+    def _namesake(self) -> str | None:
+        """Whether another cell of this name is at work, as on another computer, where no lock keeps it from starting."""
+        plans = self.get_publishers_info_by_topic(self._progress_out.topic_name)
+        if len(plans) < 2:
+            return None
+        return f"another cell named {self.get_namespace()} runs on this ROS domain: end it, or give one another namespace"
 
     def _misplaced(self, wanted: Pose) -> str | None:
         """What is wrong with the placement; None once the object lies still in its place."""

@@ -21,7 +21,7 @@ from pushfric_core.wording import counted
 from pushfric_ros.bags.bag import Bag, recorded_class
 from pushfric_ros.bags.contents import BagMessage, Topic
 from pushfric_ros.files.node_settings import PlayerConfig
-from pushfric_ros.messages.qos import Durability, Reliability
+from pushfric_ros.messages.qos import Durability
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
@@ -45,7 +45,8 @@ OVERRIDABLE = QoSOverridingOptions(
 class PlayerNode(Node):
     """Plays a bag on a steady wall clock; ~/pause (std_srvs/SetBool) holds and resumes it.
 
-    The QoS is that of the recorded publishers, unless parameters qos_overrides.TOPIC.publisher.POLICY override it.
+    Every topic is offered reliably. Otherwise the QoS is that of the recorded publishers, unless parameters
+    qos_overrides.TOPIC.publisher.POLICY override it.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -221,13 +222,15 @@ class PlayerNode(Node):
 
 
 def _offered(topic: Topic) -> QoSProfile:
-    """An offer that satisfies every subscriber that the recorded publishers satisfied; it promises no rates or lifetimes."""
-    reliable = any(qos.reliability == Reliability.RELIABLE for qos in topic.qos_profiles) or not topic.qos_profiles
+    """An offer that satisfies every subscriber; it promises no rates or lifetimes.
+
+    It is always reliable: what was recorded must not be lost on the way to a second listener.
+    """
     latched = any(qos.durability == Durability.TRANSIENT_LOCAL for qos in topic.qos_profiles)
     return QoSProfile(
         # discovery does not tell the depth: 0 in bags of `ros2 bag record`
         depth=min(max((qos.depth for qos in topic.qos_profiles), default=0), DEPTH_LIMIT) or DEFAULT_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 

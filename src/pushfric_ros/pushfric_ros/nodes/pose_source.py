@@ -7,16 +7,17 @@ from rclpy.node import Node
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.adapters.body import MountConfig
-from pushfric_ros.files.node_settings import FrameConfig
+from pushfric_ros.files.node_settings import AudienceConfig, FrameConfig
 from pushfric_ros.files.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.bodies import follow
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import SENSOR_DATA
+from pushfric_ros.node_kit.qos import RELIABLE
 
 
 class PoseSourceNode(Node):
@@ -33,7 +34,8 @@ class PoseSourceNode(Node):
         self._poses, self._problem = 0, ""
         topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
-        self._out = topics.advertise(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self._out = topics.advertise(PoseWithCovarianceStamped, "object_pose", RELIABLE)
+        self._audience = Audience(self, self._out, declare(self, AudienceConfig).heard_by)
         follow(topics, source, self._on_body, self._on_problem)
 
     def _on_body(self, body: Any) -> None:
@@ -44,8 +46,9 @@ class PoseSourceNode(Node):
         except ValueError as error:
             self._on_problem(error)
             return
-        self._out.publish(msg)
-        self._poses += 1
+        if not self._audience.missing:
+            self._out.publish(msg)
+            self._poses += 1
         self._problem = ""
 
     def _on_problem(self, error: ValueError) -> None:
@@ -59,6 +62,8 @@ class PoseSourceNode(Node):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem:
             return Health(Level.ERROR, self._problem, values)
+        if missing := self._audience.missing:
+            return Health(Level.WARN, f"waiting for {', '.join(missing)} to receive the poses", values)
         return Health(Level.OK, "following" if self._poses else "waiting for a pose", values)
 
 

@@ -2,12 +2,13 @@
 
 import pathlib
 import shutil
+import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
@@ -19,21 +20,21 @@ from pushfric_core.wording import counted
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_ros.files.object_file import OBJECT_FILE, PRIOR_FILE, load_object, save_object
-from pushfric_ros.messages.qos import QUALITIES
+from pushfric_ros.messages.qos import QUALITIES, RELIABLE
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
-from pushfric_ros.node_kit.losses import Losses
+from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import offered, profile
 
-QUEUE_DEPTH = 1000
+QUEUE_DEPTH = RELIABLE.depth
 FLUSH_PERIOD = 0.5  # of wall time [s]; a crash costs at most the last second, even if a flush is late
 
 
 class MessagesLost(PushfricError):
-    """A bag lacks messages that were published while it was recorded."""
+    """A bag lacks messages that were published while it was recorded, of topics of which every message counts."""
 
 
 class RecorderNode(Node):
@@ -64,7 +65,7 @@ class RecorderNode(Node):
                 raise InvalidInput(f"{recording.model}: cannot be copied to {folder / PRIOR_FILE}: {error.strerror}") from error
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
-        self._losses: dict[str, Losses] = {}  # by topic
+        self._receptions: dict[str, Reception] = {}  # by topic
         self._reported_lost: dict[str, int] = {}
         self._waiting: list[tuple[str, bytes]] = []  # messages that wait for the first /clock
         self._refused: set[str] = set()
@@ -78,20 +79,28 @@ class RecorderNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
 
     def destroy_node(self) -> None:
-        """Finish the bag and destroy the node.
+        """Record what has arrived, finish the bag and destroy the node.
 
         Raises:
             InvalidInput: the bag could not be finished, for example because the disk is full.
-            MessagesLost: the bag is whole, but some published messages never reached it.
+            MessagesLost: the bag is whole, but some messages published on a reliable topic never reached it.
         """
+        receptions, self._receptions = self._receptions, {}
+        now = self.get_clock().now().nanoseconds
         try:
-            self._write_waiting(self.get_clock().now().nanoseconds)
-            self._bag.close()
+            for received in receptions.values():
+                received.drain()
         finally:
             super().destroy_node()
-        if lost := {name: losses for name, losses in self._losses.items() if losses.messages}:
+        self._write_waiting(now)
+        self._bag.close()
+        lost = {name: received.losses for name, received in receptions.items() if received.losses.messages}
+        if lost:
             where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
-            raise MessagesLost(f"{self._bag.folder}: messages were lost before they could be recorded: {where}")
+            what = f"{self._bag.folder}: messages were lost before they could be recorded: {where}"
+            if any(losses.are_faults for losses in lost.values()):
+                raise MessagesLost(what)
+            print(f"warning: {what}", file=sys.stderr)
 
     def _when(self, losses: Losses) -> str:
         start = self._bag.start_ns
@@ -111,16 +120,8 @@ class RecorderNode(Node):
     ) -> None:
         self._bag.add_topic(name, type_name, [offered(profile) for profile in found], hash_text)
         deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
-        losses = self._losses[name] = Losses()
-
-        def on_message(raw: bytes, info: dict[str, Any]) -> None:
-            now = self._on_message(name, raw)
-            losses.count(info["publication_sequence_number"], lambda: subscription.get_publisher_count(), now)
-
-        events = SubscriptionEventCallbacks(message_lost=losses.told)
-        subscription = self.create_subscription(
-            message_class(type_name), name, on_message, deep, raw=True, event_callbacks=events
-        )
+        kind, record = message_class(type_name), partial(self._on_message, name)
+        self._receptions[name] = Reception(self, kind, name, record, deep, raw=True)
 
     def _on_message(self, name: str, raw: bytes) -> int:
         """Record a message; return its log time [ns], or 0 while it waits for the first /clock."""
@@ -162,7 +163,8 @@ class RecorderNode(Node):
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
         # a loss is warned of once and stays in the count, because what is recorded after it is complete again
-        before_lost, self._reported_lost = self._reported_lost, {n: losses.messages for n, losses in self._losses.items()}
+        before_lost = self._reported_lost
+        self._reported_lost = {name: received.losses.messages for name, received in self._receptions.items()}
         lost = {name: total - before_lost.get(name, 0) for name, total in self._reported_lost.items()}
         values: dict[str, Any] = {
             "messages": count,

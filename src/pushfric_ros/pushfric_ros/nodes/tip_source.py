@@ -21,7 +21,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, withou
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.qos import RELIABLE
 
 
 class TipSourceNode(Node):
@@ -46,7 +46,7 @@ class TipSourceNode(Node):
         topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         self._out = topics.advertise(PusherState, "pusher_state", RELIABLE)
-        topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+        topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
         follow(topics, source, self._on_body, self._on_problem)
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:

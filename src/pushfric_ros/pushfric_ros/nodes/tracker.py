@@ -15,17 +15,18 @@ from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Pose, transform
-from pushfric_ros.files.node_settings import CameraConfig, FrameConfig, ObjectConfig
+from pushfric_ros.files.node_settings import AudienceConfig, CameraConfig, FrameConfig, ObjectConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plugins import chosen_tracker, tracker_kinds
 from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.messages.frames import CAMERA, TABLE
 from pushfric_ros.node_kit import executable
+from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform
 from pushfric_ros.vision.camera import Image, load_camera, picture_from
 from pushfric_ros.vision.frame_source import Device
@@ -112,7 +113,8 @@ class TrackerNode(Node):
 
         self._diagnostics = topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
-        self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", RELIABLE)
+        self._audience = Audience(self, self._pose_out, declare(self, AudienceConfig).heard_by)
         self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
         self._transforms = TransformBroadcaster(self, prefix, fixed=True)
@@ -224,7 +226,8 @@ class TrackerNode(Node):
         covariance = UNMEASURED * np.eye(6)
         covariance[np.ix_((0, 1, 5), (0, 1, 5))] = sighting.covariance
         msg.pose.covariance = covariance.ravel()
-        self._pose_out.publish(msg)
+        if not self._audience.missing:
+            self._pose_out.publish(msg)
         self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
 
     def _publish_overlay(self, frame: Image, stamp: int) -> None:
@@ -279,6 +282,10 @@ class TrackerNode(Node):
             return Health(Level.ERROR, f"no frames from {self._source}", values)
         if not seen:
             return Health(Level.WARN, f"not seen: {self._reason}", values)
+        if missing := self._audience.missing:
+            return Health(Level.WARN, f"waiting for {', '.join(missing)} to receive the poses", values)
+        if self._sighting is not None and self._sighting.doubt:
+            return Health(Level.WARN, f"seen, but {self._sighting.doubt}", values)
         return Health(Level.OK, "seen", values)
 
 

@@ -1,0 +1,46 @@
+"""Who must hear a publisher before it says its first word."""
+
+from collections.abc import Iterable
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+
+
+class Audience:
+    """The nodes that must not miss a message of a reliable publisher.
+
+    A subscriber gets all that is published after the publisher was matched with it. A node that is started again knows none of
+    its subscribers at first, and finds one before the other: without waiting, the bag would hold what the estimate lacks.
+
+    Args:
+        publisher: of the node.
+        names: of the subscribing nodes, relative to the namespace of the node.
+    """
+
+    def __init__(self, node: Node, publisher: Publisher, names: Iterable[str]) -> None:
+        self._node, self._publisher = node, publisher
+        self._missing = {name for name in names if name}
+
+    @property
+    def missing(self) -> list[str]:
+        """The names of those that do not receive yet; what is published from then on reaches all of them."""
+        if self._missing:
+            here, offered = self._node.get_namespace(), self._publisher.qos_profile
+            found = [
+                subscription
+                for subscription in self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
+                if _match(offered, subscription.qos_profile)
+            ]
+            # a subscription is known to the graph a moment before it is matched
+            if self._publisher.get_subscription_count() >= len(found):
+                self._missing -= {one.node_name for one in found if one.node_namespace == here}
+        return sorted(self._missing)
+
+
+def _match(offered: QoSProfile, requested: QoSProfile) -> bool:
+    """Whether a publisher and a subscription understand each other; deadlines and the like are not used here."""
+    ours, theirs = (
+        QoSProfile(depth=1, reliability=profile.reliability, durability=profile.durability) for profile in (offered, requested)
+    )
+    return qos_check_compatible(ours, theirs)[0] != QoSCompatibility.ERROR
