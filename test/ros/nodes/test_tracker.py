@@ -422,7 +422,19 @@ def test_the_height_in_the_cell_file_is_used(ros, tmp_path):
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"object": "flat.yaml", "camera": camera, "pusher": pusher}))
     specs = graph.cell(load_cell(tmp_path / "cell.yaml"), str(tmp_path / "bag"))
     parameters = dict(next(spec for spec in specs if spec.name == "tracker").parameters)
-    cell = Cell(ros, tmp_path, **parameters)
+    cell = Cell(ros, tmp_path, **parameters | {"heard_by": [""]})  # nobody else is here
+    assert_close(cell.see(TRUTH), TRUTH)
+
+
+def test_poses_wait_for_those_who_must_not_miss_one(ros, tmp_path):
+    cell = Cell(ros, tmp_path, heard_by=["late"])
+    cell.send(cell.simulation.render(TRUTH))
+    waiting = cell.report(seen="1")
+    assert (waiting.level, waiting.message) == (DiagnosticStatus.WARN, "waiting for late to receive the poses")
+    assert not cell.poses
+    late = ros.node("late", namespace="/cell")
+    late.create_subscription(PoseWithCovarianceStamped, "object_pose", lambda _: None, SENSOR_QUEUE)
+    ros.wait_for(lambda: not cell.tracker._audience.missing, what="the late node")
     assert_close(cell.see(TRUTH), TRUTH)
 
 
