@@ -75,7 +75,8 @@ def bench(
     growing: Annotated[
         bool,
         typer.Option(
-            "--growth", help="Measure only what a data point costs the estimator when there are up to a million: 20 minutes."
+            "--growth",
+            help="Measure only the cost of a data point in the estimator when there are up to a million: 20 minutes.",
         ),
     ] = False,
     fuzzing: Annotated[

@@ -59,7 +59,7 @@ def memory_table(rows: Sequence[Figures]) -> Table:
 
 
 def growth_table(rows: Sequence[Figures]) -> Table:
-    """What a data point costs when there are many already."""
+    """The cost of a data point when there are already many."""
     columns = {"median_ms": "median", "mean_ms": "mean", "p99_ms": "99 %", "longest_ms": "longest", "at_rest_ms": "at rest"}
     title = "One data point of many: CPU time in ms, memory in bytes"
     table = Table("M", *columns.values(), "bytes", title=title)

@@ -87,7 +87,7 @@ SLOW = 5.0
 """An input that takes more CPU time is a failure in its own right [s]."""
 
 LONGEST_CONVERSATION = 20_000
-"""Bytes that are given to the driver."""
+"""Number of bytes that are given to the driver."""
 
 LONGEST_REFUSAL = 1100
 """Largest number of characters of an error."""

@@ -1,7 +1,7 @@
-"""What a data point costs the estimator node when there are many already: time and memory, up to a million of them.
+"""The cost of a data point in the estimator node when there are already many: time and memory, for up to a million.
 
-One estimator takes one data point after the other, as the node does it: the data point, the verdict, and the message, which is
-serialised. The middleware is left out, and the region of p_CF, a polygon that does not know how many lines have cut it.
+One estimator takes one data point after the other, as the node does: the data point, the verdict, and the serialised message.
+This leaves out the middleware, and the region of p_CF, a polygon whose cost does not depend on the number of lines that cut it.
 """
 
 import itertools
@@ -24,10 +24,10 @@ from pushfric_ros.nodes.estimator import friction_is_due
 SUPPORTS = 15
 
 MARKS = (1000, 10_000, 100_000, 1_000_000)
-"""Numbers of data points at which the cost of one is told; it is measured over the last tenth before."""
+"""Numbers of data points at which the cost of one is given; it is measured over the last tenth before."""
 
 PER_PUSH = 12
-"""Data points of a push."""
+"""Number of data points of a push."""
 
 Figures = dict[str, Any]
 
@@ -35,7 +35,7 @@ Figures = dict[str, Any]
 def measure(progress: Callable[[str], None], marks: tuple[int, ...] = MARKS) -> list[Figures]:
     """Rows {M, median_ms, mean_ms, p99_ms, longest_ms, at_rest_ms, bytes}: CPU time of a data point, and memory per data point.
 
-    `at_rest_ms` is what is done when no other data point follows at once: to say of mu_c what all of them say.
+    `at_rest_ms` is the time for what is done when no other data point follows at once: mu_c from all data points.
     """
     estimator = Estimator(support_points(SUPPORTS))
     friction: FrictionParts | None = None

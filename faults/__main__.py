@@ -57,7 +57,7 @@ def main(
 
 
 def circumstances(outcomes: list[list[Outcome]], loads: list[float]) -> str:
-    """How a table came about: when, how busy the machine was, and what was left out."""
+    """How a table was made: when, how busy the machine was, and what was left out."""
     tried = [tries[0].case.fault for tries in outcomes]
     load = f"{min(loads):.0f} to {max(loads):.0f}" if loads else "unknown"
     times = len(outcomes[0])

@@ -105,7 +105,7 @@ def _shortened(line: str) -> str:
 def campaign(
     cases: Sequence[Case], times: int, say: Callable[[str], None], keep: Callable[[list[list[Outcome]]], None]
 ) -> list[list[Outcome]]:
-    """The outcomes of each case, as often as it is tried; `keep` is called with what there is after each case."""
+    """The outcomes of each case, as often as it is tried; `keep` is called with all outcomes so far after each case."""
     outcomes: list[list[Outcome]] = []
     for number, case in enumerate(cases, 1):
         tried = [attempt(case) for _ in range(times)]

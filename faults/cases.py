@@ -20,10 +20,10 @@ from pushfric_ros.bags.recovery import recover
 NODES = ("tracker", "estimator", "recorder", "actuator", "experiment", "simulated_cell")
 
 SECTOR = 4096
-"""What a disk loses at once [bytes]."""
+"""Size of the piece that a disk loses at once [bytes]."""
 
 LEAST_SAVED = 0.97
-"""Share of the messages that `bag recover` saves, on average."""
+"""Least share of the messages that `bag recover` must save, on average."""
 
 MOMENTS = 20
 """Number of moments at which Ctrl-C is tried."""
@@ -95,7 +95,7 @@ def _second_cell(run: CellRun) -> None:
 
 
 def _every_sector(run: CellRun) -> None:
-    """Of the bag that it leaves, zero one sector after the other: each loss must be noticed, and nearly all be saved."""
+    """Zero one sector after the other of the run's bag: each loss must be noticed, and nearly all messages saved."""
     run.wait_for_end()
     (file,) = run.bag.glob("*.mcap")
     content, whole, saved = file.read_bytes(), Bag(run.bag).summary.message_count, []

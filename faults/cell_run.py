@@ -78,7 +78,7 @@ class CellRun:
             self._lines.extend(iter(self.process.stdout.readline, ""))
 
     def note(self, line: str) -> None:
-        """Add what a strike found to what the run has printed."""
+        """Add what a strike found to the run's output."""
         self._lines.append(f"\n{line}\n")
 
     @property

@@ -23,7 +23,7 @@ except InvalidInput as error:
 
 
 def claim_elsewhere(**environment: str) -> str:
-    """What another process says that claims the name."""
+    """The output of another process that claims the name."""
     elsewhere = subprocess.run(
         [sys.executable, "-c", CLAIM], env=os.environ | environment, capture_output=True, text=True, check=True, timeout=120
     )
@@ -41,7 +41,7 @@ def test_a_cell_is_claimed_once_and_freed_again():
 
 
 def test_another_environment_does_not_get_past_the_claim(tmp_path):
-    """Sessions differ in their folders: those that a lock file lay in were not the same for all."""
+    """Sessions differ in their folders: a lock file once lay in different folders for different sessions."""
     folders = dict.fromkeys(("TMPDIR", "XDG_RUNTIME_DIR", "HOME"), str(tmp_path))
     with lock(NAME):
         assert "is already running" in claim_elsewhere(**folders)

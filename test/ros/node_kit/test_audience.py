@@ -1,4 +1,4 @@
-"""A publisher that must not be missed waits for those who must hear it, and for nobody else."""
+"""A publisher whose messages must not be missed waits for the nodes that need them, and for no others."""
 
 from geometry_msgs.msg import Point
 from rclpy.qos import DurabilityPolicy, QoSProfile

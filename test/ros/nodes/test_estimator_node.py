@@ -300,7 +300,7 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
 
 
 def test_what_is_said_of_mu_c_lags_behind_by_a_share_and_is_complete_at_rest(ros, monkeypatch):
-    """Of many data points, its cost must not grow with their number; here every second one counts as many."""
+    """Its cost must not grow with the number of data points; here, two data points already count as many."""
     monkeypatch.setattr(estimator_module, "RENEWED", 2)
     _, out, estimates = estimator_of_observations(ros)
     core = Estimator(load_object(NAME).support_points)

@@ -382,11 +382,11 @@ class DeafPusher:
 
 
 def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, tmp_path):
-    """On this machine a lock keeps it from starting; on another one it would move its own pusher on this one's goals."""
+    """On this machine a lock prevents it; on another machine, its pusher would carry out this cell's goals."""
     other = ros.node("another_experiment", namespace="/cell")
     rival = other.create_publisher(PlanProgress, "plan_progress", LATCHED)
     table = Table(ros, tmp_path)
-    table.wait_for_message("another cell named /cell runs on this ROS domain: end it")
+    table.wait_for_message("another cell named /cell is running on this ROS domain: end it")
     assert all(state.push_id == PusherState.NO_PUSH for state in table.states)
     other.destroy_publisher(rival)
     assert table.wait_for_end().completed == 3

@@ -266,7 +266,7 @@ def test_a_loss_that_the_middleware_reports_counts_once():
 
 
 def test_of_a_latched_topic_nothing_is_lost():
-    """Its publisher keeps the newest message only, and drops the others by design."""
+    """Its publisher keeps only the newest message, and drops the others by design."""
     losses = Losses(LATCHED)
     losses.told(SimpleNamespace(total_count_change=3))
     losses.count(1, lambda: 1)
@@ -284,7 +284,7 @@ def test_a_loss_that_nobody_promised_to_prevent_is_said_and_no_fault(ros, tmp_pa
 
 
 def test_what_has_arrived_is_recorded_at_the_end(ros, outputs, tmp_path):
-    """A busy recorder is behind when it is asked to end."""
+    """A busy recorder may be behind when it is asked to end."""
     node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)  # never spun
     wait_until_matched(ros, outputs)
     for number in range(50):

@@ -273,7 +273,7 @@ def test_an_object_of_another_size_or_height_is_refused_with_both_sizes_and_the_
 
 
 def test_a_triangle_of_another_size_is_refused_at_every_angle(rng):
-    """Two of its sides fit anywhere; only the third one tells its size."""
+    """Two sides of the object fit anywhere; only the third one tells its size."""
     for scale in (0.95, 1.05):
         simulation = SimulatedCamera(looking_down(), SHAPES["triangle"] * scale, HEIGHT, rng)
         for theta in np.arange(-3.1, 3.1, 0.2):
@@ -283,7 +283,7 @@ def test_a_triangle_of_another_size_is_refused_at_every_angle(rng):
 
 
 def test_a_bar_whose_end_is_missing_is_refused(rng):
-    """Three sides fit; the fourth one would tell how long it is."""
+    """Three sides fit; the fourth one would tell how long the object is."""
     shorter = SHAPES["rectangle"] * (0.96, 1.0) - (0.04 * HALF_LENGTH, 0.0)
     simulation, seen = SimulatedCamera(looking_down(), shorter, HEIGHT, rng), tracker("rectangle")
     for theta in np.arange(-3.1, 3.1, 0.4):

@@ -156,7 +156,7 @@ class Monitor:
 
     @property
     def complete(self) -> int:
-        """Number of data points that all of the estimate rests on; -1 while a part of it rests on fewer, or there is none."""
+        """Number of data points that the whole estimate rests on; -1 if there is no estimate, or a part rests on fewer."""
         if self.estimate is None or sum(self.estimate.contact_friction.histogram) != self.estimate.data_points:
             return -1
         return self.estimate.data_points

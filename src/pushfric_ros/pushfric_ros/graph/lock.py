@@ -1,8 +1,8 @@
-"""One run at a time for each cell of a ROS domain: a name that the kernel gives away once.
+"""One run at a time for each cell of a ROS domain: a name that the kernel gives to one process at a time.
 
-The name is an abstract address of Unix sockets (unix(7)). It is known wherever the loopback interface is the same, to every
-user and whatever their environment: just where nodes hear each other without a network between them. Nothing lies in a folder.
-The name is free again when the last process that holds its socket has ended, however it ended.
+The name is an abstract address of Unix sockets (unix(7)). It holds for all users and environments that share the loopback
+interface, that is, exactly where nodes hear each other without a network between them. It needs no file. The name is free again
+when the last process that holds its socket has ended, however it ended.
 """
 
 import contextlib
@@ -20,10 +20,10 @@ def lock(namespace: str) -> Iterator[int]:
     """Claim a cell's name on this machine's ROS domain.
 
     Yields:
-        a file descriptor: the claim ends when all processes that it was handed to have closed it or ended, too.
+        A file descriptor. The claim ends once all processes that were given it have closed it or ended.
     Raises:
-        InvalidInput: another run holds the name: two would mistake each other's messages for their own; or ROS_DOMAIN_ID is no
-            domain.
+        InvalidInput: another run holds the name (two would mistake each other's messages for their own), or ROS_DOMAIN_ID is
+            not a domain.
     """
     domain = network.domain()
     digest = hashlib.sha256(f"{domain} {namespace}".encode()).hexdigest()  # an address is short

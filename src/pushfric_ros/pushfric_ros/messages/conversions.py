@@ -226,7 +226,7 @@ class FrictionParts(NamedTuple):
 
 
 def friction_to_msg(estimate: Estimate, object_name: str, slipping: Sequence[bool] = ()) -> FrictionParts:
-    """What an estimate says of mu_c; O(M) for M data points. Arguments as of `estimate_to_msg`."""
+    """The parts of an estimate about mu_c; O(M) for M data points. For the arguments see `estimate_to_msg`."""
     bounds = ContactFriction(
         object=object_name,
         p90=estimate.mu_c_p90,

@@ -43,7 +43,7 @@ SENSOR_QUEUE = Qos(depth=500, reliability=Reliability.BEST_EFFORT)
 """For our own subscribers to sensor data: deep, so that nothing is lost in a busy moment."""
 
 RELIABLE = Qos(depth=2000)
-"""For topics of which every message counts: 10 s, after which a node that stands still is ended, at 200 messages a second."""
+"""For topics of which every message counts: at 200 messages a second, 10 s, after which a stopped node is ended."""
 
 LATCHED = Qos(depth=1, durability=Durability.TRANSIENT_LOCAL)
 """For topics whose last message a late subscriber gets at once."""

@@ -1,4 +1,4 @@
-"""Who must hear a publisher before it says its first word."""
+"""The nodes that must be connected to a publisher before it publishes its first message."""
 
 from collections.abc import Iterable
 
@@ -10,8 +10,9 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 class Audience:
     """The nodes that must not miss a message of a reliable publisher.
 
-    A subscriber gets all that is published after the publisher was matched with it. A node that is started again knows none of
-    its subscribers at first, and finds one before the other: without waiting, the bag would hold what the estimate lacks.
+    A subscriber gets everything that is published after the publisher was matched with it. A node that is started again knows
+    none of its subscribers at first, and finds them one after the other. If it did not wait, the bag would hold messages that
+    the estimate lacks.
 
     Args:
         publisher: of the node.
@@ -24,7 +25,7 @@ class Audience:
 
     @property
     def missing(self) -> list[str]:
-        """The names of those that do not receive yet; what is published from then on reaches all of them."""
+        """The names of the nodes that do not receive yet; once it is empty, messages reach all of them."""
         if self._missing:
             here, offered = self._node.get_namespace(), self._publisher.qos_profile
             found = [
@@ -39,7 +40,7 @@ class Audience:
 
 
 def _match(offered: QoSProfile, requested: QoSProfile) -> bool:
-    """Whether a publisher and a subscription understand each other; deadlines and the like are not used here."""
+    """Whether a publisher and a subscription are compatible; deadlines and the like are not used here."""
     ours, theirs = (
         QoSProfile(depth=1, reliability=profile.reliability, durability=profile.durability) for profile in (offered, requested)
     )

@@ -131,7 +131,7 @@ class Diagnostics:
             if stamped:
                 passed.latency = (self._node.get_clock().now().nanoseconds - stamp_from_msg(msg.header.stamp)) / 1e9
             callback(msg)
-            return 0  # when it came matters to nobody
+            return 0  # the time of arrival is not used
 
         passed = self._inputs[topic] = _Input(Reception(self._node, kind, topic, count, qos, raw))
         return passed.reception.subscription

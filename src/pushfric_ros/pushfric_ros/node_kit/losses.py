@@ -1,6 +1,6 @@
 """The messages of a topic that were published but did not arrive: counted here for every node that must not miss any.
 
-`messages.qos` says of which topics a message can be lost, and what follows.
+`messages.qos` says on which topics messages can be lost, and what follows.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ class Losses:
 
     @property
     def are_faults(self) -> bool:
-        """Whether messages were lost that were promised to arrive."""
+        """Whether messages were lost whose delivery was promised."""
         return self.promised and self.messages > 0
 
     def told(self, event: QoSMessageLostInfo) -> None:
@@ -67,15 +67,15 @@ class Losses:
 class Reception:
     """A subscription whose losses are counted.
 
-    It asks for `quality`. If a publisher offers best effort only, it is content with that, and says so.
+    It asks for `quality`. If a publisher offers only best effort, it accepts that, and says so.
 
     Args:
         node: the node.
         kind: of the messages.
         topic: their topic.
         callback: called with each message; returns when it came, by the clock of the losses [ns].
-        quality: what is asked for.
-        raw: hand on the bytes of the messages.
+        quality: the quality of service that it asks for.
+        raw: call back with the bytes of the messages.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Reception:
         self.subscription = self._subscribed()
 
     def drain(self) -> None:
-        """Call back with what has arrived and waits, though the node is not spun any more."""
+        """Call back with the messages that have arrived and still wait, although the node is no longer spun."""
         for _ in range(self._quality.depth):
             taken = self.subscription.handle.take_message(self.subscription.msg_type, self._raw)
             if taken is None:
@@ -108,10 +108,10 @@ class Reception:
         name = self.subscription.topic_name
         if event.last_policy_kind != QoSPolicyKind.RELIABILITY or not self.losses.promised:
             self._node.get_logger().error(
-                f"{name} is not received: what is offered lacks {event.last_policy_kind.name.lower()}"
+                f"{name} is not received: its publisher does not offer the {event.last_policy_kind.name.lower()} asked for"
             )
             return
-        self._node.get_logger().warning(f"{name} is offered with best effort only: what is lost on the way stays lost")
+        self._node.get_logger().warning(f"{name} is offered only with best effort: messages that are lost on the way stay lost")
         self._node.destroy_subscription(self.subscription)
         quality = self._quality
         self._quality = QoSProfile(

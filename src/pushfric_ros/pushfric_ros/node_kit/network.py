@@ -30,7 +30,7 @@ VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 """Environment variables of ROS 2 by which users say whom their nodes may reach; they override a cell's file."""
 
 LAST_DOMAIN = 232
-"""The largest ROS_DOMAIN_ID whose ports there are (RTPS 2.5, 9.6.2.3)."""
+"""The largest ROS_DOMAIN_ID whose ports exist (RTPS 2.5, 9.6.2.3)."""
 
 FILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name the file of profiles, before and since Fast DDS 3, which warns about the older one."""

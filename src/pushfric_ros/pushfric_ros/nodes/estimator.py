@@ -88,8 +88,8 @@ QUIET = 0.5
 """The limit surface is published when the estimate has not changed for this long, in wall time [s]."""
 
 RENEWED = 200
-"""What is said of mu_c rests on all data points, and is renewed after one more for each this many, so that its cost does not
-grow: up to 200 after each, then after every second, ...; and when the estimate has stood for QUIET."""
+"""mu_c rests on all data points. It is renewed after one more data point for each this many, so that its cost does not grow: up
+to 200 after each, then after every second, ...; and once the estimate has not changed for QUIET."""
 
 
 class EstimatorNode(Node):
@@ -592,7 +592,7 @@ class EstimatorNode(Node):
 
 
 def friction_is_due(data_points: int, said_of: int) -> bool:
-    """Whether what is said of mu_c, which rests on some data points, must be renewed now that there are others."""
+    """Whether mu_c, which rests on the first number of data points, must be renewed for the second."""
     return not 0 <= data_points - said_of <= data_points // RENEWED
 
 

@@ -162,7 +162,7 @@ class ExperimentNode(Node):
             return PASSED
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         await self._until_well(self._foreign_clock, PlanProgress.PHASE_WAITING, "no push can be measured")
-        await self._until_well(self._namesake, PlanProgress.PHASE_WAITING, "nobody knows whom the messages come from")
+        await self._until_well(self._namesake, PlanProgress.PHASE_WAITING, "the messages may come from another cell")
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
         return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
@@ -321,11 +321,11 @@ class ExperimentNode(Node):
         return None
 
     def _namesake(self) -> str | None:
-        """Whether another cell of this name is at work, as on another computer, where no lock keeps it from starting."""
+        """Whether another cell of this name is running; on another computer, no lock keeps it from starting."""
         plans = self.get_publishers_info_by_topic(self._progress_out.topic_name)
         if len(plans) < 2:
             return None
-        return f"another cell named {self.get_namespace()} runs on this ROS domain: end it, or give one another namespace"
+        return f"another cell named {self.get_namespace()} is running on this ROS domain: end it, or rename one of the two"
 
     def _misplaced(self, wanted: Pose) -> str | None:
         """What is wrong with the placement; None once the object lies still in its place."""

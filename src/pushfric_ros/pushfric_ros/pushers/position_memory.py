@@ -9,7 +9,7 @@ import urllib.parse
 from pushfric_core.settings import AUTO
 
 LONGEST = 200
-"""Characters of the file that are read; it holds one number."""
+"""Number of characters of the file that are read; it holds one number."""
 
 
 class PositionMemory:

@@ -106,7 +106,7 @@ class ContourTracker:
         return nearest._replace(orientations=len(equal) * self._symmetry, doubt=self._doubt(nearest))
 
     def _doubt(self, fit: Sighting) -> str:
-        """In words, by how much an object looks too large or too small that nevertheless fits; empty if it does not."""
+        """By how much an object that fits looks too large or too small, in words; empty if it does not."""
         if fit.size is None or abs(fit.size - 1) < EXACT:
             return ""
         expected = _sides(self._outline.vertices)
@@ -175,7 +175,7 @@ class ContourTracker:
         return self._wrong_size(larger, seen, expected)
 
     def _wrong_size(self, larger: float, seen: Array, expected: Array) -> str:
-        """Why an object may look larger than its outline by a factor, with sides (2,) instead of those expected [m]."""
+        """Why an object may look larger than its outline by a factor, with these sides and not the expected ones (2,) [m]."""
         # the apparent size is inversely proportional to the distance from the camera
         ground = self._camera.metres_per_pixel(0.0)
         height = RISE * (ground - self._pixel / larger) / (ground - self._camera.metres_per_pixel(RISE))

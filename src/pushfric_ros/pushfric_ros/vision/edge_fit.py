@@ -19,7 +19,7 @@ SATURATED = 200.0
 MIN_VISIBLE = 0.7
 """At least this fraction of the edges must be found."""
 MIN_PROOF = 0.2
-"""However the object is stretched or sheared, at least this share of what would show it must be found."""
+"""For any stretch or shear of the object, at least this share of the edges that would show it must be found."""
 MAX_RESIDUAL_PX = 0.7
 """Edges that fit worse than this (rms) do not belong to the object."""
 
@@ -112,7 +112,7 @@ class EdgeFit:
         return Sighting(pose, rms, visible, 1, covariance, size)
 
     def _prove(self, found: npt.NDArray[np.bool_]) -> bool:
-        """Whether the edges found are those of this object, and not of one that is longer, wider, smaller or askew as well.
+        """Whether the edges found belong to this object, and could not also belong to a longer, wider, smaller or skewed one.
 
         A triangle of another size, for example, fits at two of its sides, however it is turned.
         """
@@ -155,7 +155,7 @@ class _Solution(NamedTuple):
 
 
 def _whitened(columns: Array) -> Array:
-    """The same space of columns (n, k), spanned by orthonormal ones (n, r), without directions that hardly move anything."""
+    """Orthonormal columns (n, r) that span those given (n, k), without directions that hardly move anything."""
     basis, sizes, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     return np.asarray(basis[:, sizes > 1e-3 * sizes[0]])
 

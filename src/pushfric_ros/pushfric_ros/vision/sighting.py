@@ -29,8 +29,8 @@ class Sighting(NamedTuple):
     visible_fraction: float  # found fraction of what can be found
     orientations: int  # number of orientations that fit equally well
     covariance: Array  # (3, 3) of (x, y, theta) in the table frame [m, m, rad]
-    size: float | None = None  # how large it looks, relative to its file; None: not measured, as where an edge is hidden
-    doubt: str = ""  # what does not fit as it should, with the likely cause, though the pose may do; empty: nothing
+    size: float | None = None  # how large it looks, relative to its file; None: not measured, for example with a hidden edge
+    doubt: str = ""  # what does not quite fit although the pose can be used, with the likely cause; empty: nothing
 
 
 class Tracker(Protocol):
