@@ -316,6 +316,21 @@ def test_a_line_that_is_cut_leaves_a_pusher_that_rests(stage, monkeypatch):
     assert stage.rest() - begin <= DEAD_MAN + LATE
 
 
+def test_a_controller_that_restarts_while_its_cable_is_cut_is_not_believed(stage, monkeypatch):
+    """Its greeting is lost, and its reports begin again while the driver still waits for an answer to its own reset."""
+    monkeypatch.setattr("pushfric_ros.pushers.grbl.RESET_PATIENCE", 1.0)
+    pusher = under_way(stage, silence=0.5)
+    stage.line.to_controller = stage.line.to_host = nothing
+    with pytest.raises(Timeout):
+        stage.drive(pusher, lambda: False)
+    stage.drive(pusher, lambda: pusher._resetting)
+    stage.controller.reset()
+    time.sleep(0.2)  # its greeting is lost on the line
+    stage.line.heal()
+    with pytest.raises(NotConnected, match="no greeting within 1 s of a reset"):
+        stage.drive(pusher, lambda: False)
+
+
 def test_hosts_that_are_killed_at_random_moments(stage, rng):
     """A sample: `pushfric rehearse` does it a hundred times, on any controller."""
     randomly = random.Random(int(rng.integers(2**31)))
@@ -454,6 +469,20 @@ def test_a_report_that_cannot_be_true_is_dropped_and_counted(stage, wrong):
     assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
 
 
+def test_a_pusher_that_rests_is_not_elsewhere_at_once(stage):
+    """Nothing was sent, and the report itself speaks of no motion."""
+    pusher = stage.driver()
+    pusher.move_to(0.01, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    for wrong in (b"MPos:20.000", b"MPos:11.000", b"MPos:18.000"):
+        stage.line.to_host = once(b"MPos:10.000", wrong)
+        dropped = pusher.dropped
+        while pusher.dropped == dropped:
+            pusher.ask(0)
+            assert all(report.position == 0.01 for report in stage.drive(pusher, lambda: pusher._asked is None))
+    assert pusher.doubt is None
+
+
 def test_a_wrong_work_offset_displaces_nothing(stage):
     pusher = under_way(stage, 0.03)
     stage.line.to_host = once(b"WCO:0.000", b"WCO:9.000")
@@ -473,7 +502,7 @@ def test_an_impossible_feed_is_not_published(stage):
 def test_a_position_that_jumps_for_good_is_no_position_any_more(stage):
     """For example after a power cut, if the greeting was lost."""
     pusher = under_way(stage)
-    stage.line.to_host = lambda data: b"" if b"Grbl" in data else data
+    stage.line.to_host = once(b"Grbl 1.1h", b"")
     stage.controller.reset()
     error = stage.fails(pusher, (Jumped, LeftTheWay))
     assert pusher.doubt is not None
@@ -561,14 +590,14 @@ def test_an_echo_of_all_that_is_sent_disturbs_nothing(stage):
 
 def test_what_is_plausible():
     plausibility = Plausibility()
-    assert plausibility.judge(0.01, 0.0, 0.01, SPEED, 0.1) == (True, None)
-    assert plausibility.judge(0.0105, 0.02, 0.03, SPEED, 0.1) == (True, None)
-    assert plausibility.judge(0.0405, 0.04, 0.05, SPEED, 0.1) == (False, None)  # a wrong digit
-    assert plausibility.judge(0.0109, 0.06, 0.07, SPEED, 0.1) == (True, None)
-    assert plausibility.judge(0.0135, 0.08, 0.09, SPEED, 0.1) == (False, None)
-    assert plausibility.judge(0.0150, 0.10, 0.11, SPEED, 0.1) == (True, None)  # it moves faster than it was sent
-    assert plausibility.judge(0.0, 0.12, 0.13, SPEED, 0.1) == (False, None)
-    assert plausibility.judge(0.0, 0.14, 0.15, SPEED, 0.1) == (True, 0.0150)  # there it is, and cannot have gone
+    assert plausibility.judge(0.01, 0.0, 0.01, SPEED, 0.1, 0.1) == (True, None)
+    assert plausibility.judge(0.0105, 0.02, 0.03, SPEED, 0.1, 0.1) == (True, None)
+    assert plausibility.judge(0.0405, 0.04, 0.05, SPEED, 0.1, 0.1) == (False, None)  # a wrong digit
+    assert plausibility.judge(0.0109, 0.06, 0.07, SPEED, 0.1, 0.1) == (True, None)
+    assert plausibility.judge(0.0135, 0.08, 0.09, SPEED, 0.1, 0.1) == (False, None)
+    assert plausibility.judge(0.0150, 0.10, 0.11, SPEED, 0.1, 0.1) == (True, None)  # it moves faster than it was sent
+    assert plausibility.judge(0.0, 0.12, 0.13, SPEED, 0.1, 0.1) == (False, None)
+    assert plausibility.judge(0.0, 0.14, 0.15, SPEED, 0.1, 0.1) == (True, 0.0150)  # there it is, and cannot have gone
     assert plausibility.dropped == 3
 
 

@@ -145,6 +145,7 @@ class Grbl:
         self._now_stamp: int | None = None
         self._asked_last = 0.0  # when the question behind the newest report was sent
         self._believed = 0  # reports
+        self._feed = math.inf  # in the last report [m/s]
         self._claimed_offset: tuple[float, ...] | None = None
         self._plausibility.forget()
         self._status: Status | None = None
@@ -370,7 +371,7 @@ class Grbl:
         if position is not None and len(position) > self._index:
             # rounded to the nanometre, far below a report's last digit, so that nothing is shown as -0.000
             here = round(self._sign * (position[self._index] * self._unit - self._zero) * MM, 9) + 0.0
-            if not self._can_be_true(here, status.feed, asked, now):
+            if not self._can_be_true(here, status, asked, now):
                 self._stamp = self._asked = None
                 return
             # in these states grblHAL reports no feed while it brakes, and the programmed feed at rest
@@ -386,18 +387,23 @@ class Grbl:
             self._fresh = self._last = report._replace(mode=self.mode)
             self._believed += 1
 
-    def _can_be_true(self, position: float, feed: float | None, asked: float, now: float) -> bool:
+    def _can_be_true(self, position: float, status: Status, asked: float, now: float) -> bool:
         if self._homing:  # positions start again
             self._plausibility.forget()
         greatest = self.limits.max_speed
         limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
-        if feed is not None and feed * self._unit * MM_PER_MINUTE > IMPOSSIBLE_FEED * limit:
+        speed = math.inf if status.feed is None else status.feed * self._unit * MM_PER_MINUTE
+        if limit * IMPOSSIBLE_FEED < speed < math.inf:
             self._damaged += 1
             return False
-        fastest = min(limit, self._stroke.speed) if self._stroke is not None else limit
-        believed, before = self._plausibility.judge(position, asked, now, fastest * self._factor, limit * self._factor)
-        if before is not None and self._connected:
-            jump = f"it was at {before:.4f} m and then, at once, at {position:.4f} m"
+        # in these states grblHAL reports no feed while it brakes
+        before, self._feed = self._feed, math.inf if status.state in ("Hold", "Door") else speed
+        reported = min(limit, max(before, self._feed))
+        fastest = min(limit, self._stroke.speed) if self._stroke is not None else reported
+        speeds = (speed * self._factor for speed in (fastest, reported, limit))
+        believed, jumped_from = self._plausibility.judge(position, asked, now, *speeds)
+        if jumped_from is not None and self._connected:
+            jump = f"it was at {jumped_from:.4f} m and then, at once, at {position:.4f} m"
             self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")
         return believed
 
@@ -657,6 +663,8 @@ class Grbl:
                     self._send_reset()
                     dropped = False
                 yield
+            if not self._greeted:  # whatever it reports then, it may have restarted unheard
+                raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
             settled = time.monotonic() + RESET_AGAIN
             while self._owed and time.monotonic() < settled:  # a second reset would wipe out what is sent now
                 yield

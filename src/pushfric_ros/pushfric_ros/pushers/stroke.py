@@ -125,14 +125,17 @@ class Plausibility:
         self._doubted: float | None = None
         self._doubted_since = 0.0
 
-    def judge(self, position: float, asked: float, now: float, fastest: float, limit: float) -> tuple[bool, float | None]:
+    def judge(
+        self, position: float, asked: float, now: float, fastest: float, reported: float, limit: float
+    ) -> tuple[bool, float | None]:
         """Whether a report is believed, and where it was before, if it jumped.
 
         Args:
             position: as reported [m].
             asked: the latest time at which it can have been requested [s].
             now: when it was read [s].
-            fastest: greatest speed at present, the one it was sent at [m/s].
+            fastest: greatest speed at present: the one it was sent at, or else the reported one [m/s].
+            reported: greatest speed that this report and the one before speak of [m/s].
             limit: greatest speed that the pusher is capable of [m/s].
         """
         if self._believed is None:
@@ -141,7 +144,8 @@ class Plausibility:
         if self._near(self._believed, position, now - self._since, fastest):
             self._believed, self._since, self._doubted = position, asked, None
             return True, None
-        if self._doubted is not None and self._near(self._doubted, position, now - self._doubted_since, limit):
+        speed = max(fastest, reported)
+        if self._doubted is not None and self._near(self._doubted, position, now - self._doubted_since, speed):
             # it moved faster than it was sent: this is a motion if the pusher is capable of it, and a jump if not
             jumped = None if self._near(self._believed, position, now - self._since, limit) else self._believed
             self._believed, self._since, self._doubted = position, asked, None

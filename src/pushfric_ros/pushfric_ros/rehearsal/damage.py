@@ -47,7 +47,7 @@ def _of_a_push(stage: Stage, what: str, damage: Damage, share: float, stops: boo
         stage.person.say_stop()
     stage.wait(lambda: client.poll() is not None, "the end of the push")
     stage.pause(damage.delay)
-    outcome = judged(stage, what, begin, first, None, 0.0 if damage.to_controller else PLAUSIBLE)
+    outcome = judged(stage, what, begin, first, None, TRUE if damage.to_controller else PLAUSIBLE)
     stage.line.heal()
     said = words_of(client)
     if outcome.problem is None and "reached" in said and abs(stage.along() - stage.reach) > SAME:

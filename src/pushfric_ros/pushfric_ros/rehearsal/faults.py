@@ -12,6 +12,7 @@ from pushfric_core.errors import PushfricError
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.pushers.check import Level
+from pushfric_ros.pushers.grbl import RESET_PATIENCE, SILENCE
 from pushfric_ros.pushers.grbl_checks import check_controller
 from pushfric_ros.pushers.stroke import OFF_WAY
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
@@ -258,6 +259,12 @@ def cut(stage: Stage) -> float:
     return time.monotonic()
 
 
+def whole_again(stage: Stage) -> str | None:
+    """The line works again, but only after the actuator has given up the connection."""
+    stage.pause(SILENCE + RESET_PATIENCE + WATCHED)
+    return waits_for_a_person(stage)
+
+
 def waits_for_a_person(stage: Stage) -> str | None:
     """Once the line works again, the actuator must know that the position is unknown, and wait for a person."""
     stage.line.heal()
@@ -384,7 +391,7 @@ FAULTS = (
     Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
     Fault("SIGSTOP of a cell's experiment", hung_experiment, OWNER, cell_ends),
     Fault("the controller falls mute", mute),
-    Fault("the cable is cut", cut, check=waits_for_a_person),
+    Fault("the cable is cut", cut, check=whole_again),
     Fault("a new actuator finds the controller moving", found_moving, check=waits_for_a_person),
     Fault("somebody calls actuator/stop", stopped, check=is_released),
     Fault("the greeting after a stop comes 3 s late", late_greeting, check=is_released),
