@@ -227,6 +227,10 @@ def test_the_report_holds_everything_and_needs_nothing_else(folder, summary):
     for figure in (3, *range(5, 14)):
         assert f'id="figure{figure}"' in page
     assert page.count("<svg ") == 12
+    drawn = sorted(path.name for path in (folder / "figures").iterdir())
+    assert len(drawn) == 24
+    assert {name.removesuffix(".png") for name in drawn if name.endswith(".png")} == {name[:-4] for name in drawn}
+    assert (folder / "figures/figure5.png").read_bytes().startswith(b"\x89PNG")
     assert not any(outside in page for outside in ("<script", "<link", "src=", "@import", 'href="http'))
     assert "nan" not in {word.strip("<>/td") for word in page.split()}
     assert f"{summary['table4']['grid_9']['error_center']['median']:.2f}" in page
@@ -251,6 +255,7 @@ def test_the_report_says_how_often_and_how_near():
     assert measured(leaf(reference=1.2)).tone == "good"
     assert measured(leaf(reference=2.0)).tone == "off"
     assert measured(leaf()).tone == ""
+    assert [measured(leaf(reference=value), error=True).tone for value in (2.0, 1.2, 0.5)] == ["better", "good", "off"]
     assert measured(leaf(quartiles=[0.5, math.inf])).detail == "0.50 … ∞"
     assert measured({"held": 18, "of": 20}).tone == "off"
     assert agrees({"held": 19, "of": 20})

@@ -26,7 +26,7 @@ COMMANDS = {
     "predict": "Predict where pushes with a point take the object: its twist, whether the tip sticks or slides, the spread.",
     "stable": "Say which pushes with an edge or two fingers hold the object while they turn it about a centre.",
     "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
-    "reproduce": "Reproduce the paper's tables and figures from simulated pushes, as report.html and tables.json.",
+    "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",
     "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",
     "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
     "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",

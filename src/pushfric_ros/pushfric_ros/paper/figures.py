@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from pushfric_core.planar import Array, Pose, transform
 from pushfric_core.table_1 import ORIENTATIONS, TABLE_1
@@ -33,18 +34,20 @@ STYLE = {
     "svg.hashsalt": "pushfric",
 }
 
+FORMATS: dict[str, dict[str, Any]] = {"svg": {"transparent": True, "metadata": {"Date": None}}, "png": {"dpi": 300}}
+
 Experiments = Mapping[str, Any]
 
 
-def figures(tables: Experiments, seeds: Sequence[Experiments], rods: Experiments) -> dict[str, str]:
-    """Every figure as an SVG element.
+def figures(tables: Experiments, seeds: Sequence[Experiments], rods: Experiments) -> dict[str, bytes]:
+    """Every figure as the contents of image files.
 
     Args:
         tables: the numbers over all seeds, as `tables.tables` gives them.
         seeds: the result of each, as `experiments.run_seed` gives it; the figures show the data of the first.
         rods: the drawings of Figure 12, from `experiments.rods`.
     Returns:
-        The elements by key: table2, figure3, figure5 ... figure13 and test_pushes.
+        The contents by the name of the file: table2, figure3, figure5 ... figure13 and test_pushes, each .svg and .png.
     """
     seed = seeds[0]
     makers: dict[str, Callable[[], Figure]] = {
@@ -75,10 +78,11 @@ def figures(tables: Experiments, seeds: Sequence[Experiments], rods: Experiments
     drawn = {}
     with mpl.rc_context(STYLE):
         for name, make in makers.items():
-            text = io.StringIO()
-            make().savefig(text, format="svg", transparent=True, metadata={"Date": None})
-            svg = text.getvalue()
-            drawn[name] = svg[svg.index("<svg") :]
+            figure = make()
+            for form, options in FORMATS.items():
+                content = io.BytesIO()
+                figure.savefig(content, format=form, **options)
+                drawn[f"{name}.{form}"] = content.getvalue()
     return drawn
 
 
@@ -136,8 +140,8 @@ def _dots(axes: Any, points: Array, w: Array, **style: Any) -> None:
     """w as dots of proportional area, hollow where it is negative, with an x where it is zero."""
     zero = np.abs(w) < 1e-6
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
-    inside = np.where(w[~zero] > 0, ESTIMATE, "none")
-    style = {"s": DOT * np.abs(w[~zero]), "alpha": 0.85, "lw": 1.2} | style
+    inside = [mpl.colors.to_rgba(ESTIMATE, 0.85 if one > 0 else 0.0) for one in w[~zero]]
+    style = {"s": DOT * np.abs(w[~zero]), "lw": 1.2} | style
     axes.scatter(*points[~zero].T, facecolors=inside, edgecolors=ESTIMATE, **style)
     axes.set(aspect="equal", xlabel="x [cm]")
 
@@ -192,7 +196,9 @@ def _histograms(bounds: Mapping[str, list[float]], shown: Mapping[str, str], num
     finite = [value for case in shown for value in bounds[case] if np.isfinite(value)]
     edges = np.arange(0, max(finite) + 0.1, 0.05)
     for axes, (case, title) in zip(figure.subplots(1, 2, sharex=True), shown.items(), strict=True):
-        axes.hist([value for value in bounds[case] if np.isfinite(value)], bins=edges, color=ESTIMATE, alpha=0.85)
+        shown_bounds = [value for value in bounds[case] if np.isfinite(value)]
+        axes.hist(shown_bounds, bins=edges, color=ESTIMATE, alpha=0.85, edgecolor="white", lw=0.5)
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
         largest = numbers[case]["high" if "high" in numbers[case] else "p100"]["paper"]
         truth = TABLE_1[case.removesuffix("_all_data").removesuffix("_slipping")].mu_c
         axes.axvline(truth, color=TRUTH, lw=1.2, label=f"simulated $\\mu_c$: {truth:.1f}")
@@ -269,7 +275,7 @@ def _least_squares(weights: Mapping[str, list[float]]) -> Figure:
         points = known.support.points if case == "feet" else known.support_points
         # the dots of weights many times the whole friction would cover the object
         scale = min(1.0, 1 / np.abs(w).max())
-        _on_object(axes, "wood_rect4", points, w, title, s=DOT * scale * np.abs(w[np.abs(w) >= 1e-6]), alpha=0.7)
+        _on_object(axes, "wood_rect4", points, w, title, s=DOT * scale * np.abs(w[np.abs(w) >= 1e-6]))
         # rounded to zero, a tiny weight has no sign
         low, high = (f"{value + 0.0:.2f}".replace("-", "\N{MINUS SIGN}") for value in np.round((w.min(), w.max()), 2).tolist())
         axes.set_xlabel(f"x [cm]        weights from {low} to {high}")

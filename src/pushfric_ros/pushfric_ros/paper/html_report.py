@@ -57,7 +57,7 @@ def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
 
     Args:
         summary: the content of tables.json.
-        figures: SVG elements by key, as `figures.figures` gives them.
+        figures: SVG files by key, as `figures.figures` gives them.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(__package__, "."),
@@ -71,7 +71,7 @@ def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
         code=summary["code"],
         verdicts=_verdicts(summary),
         sections=_sections(summary),
-        figures=figures,
+        figures={key: text[text.index("<svg") :] for key, text in figures.items()},
         misses=_misses(summary),
         differing=_differing(summary),
         close=round(100 * CLOSE),
@@ -103,9 +103,18 @@ def agrees(leaf: Nested, absolute: float | None = None) -> bool | None:
     return bool(abs(leaf["median"] - leaf["reference"]) <= allowed)
 
 
-def measured(leaf: Nested, digits: int = 2, absolute: float | None = None) -> Cell:
-    """Median and quartiles of a number; for a truth value, how often it held."""
+def measured(leaf: Nested, digits: int = 2, absolute: float | None = None, error: bool = False) -> Cell:
+    """Median and quartiles of a number; for a truth value, how often it held.
+
+    Args:
+        leaf: of tables.json.
+        digits: decimal places.
+        absolute: as for `agrees`.
+        error: whether the number is an error of p_CF, which is better the smaller it is.
+    """
     tone = {True: "good", False: "off", None: ""}[agrees(leaf, absolute)]
+    if error and tone == "off" and leaf["median"] < leaf["reference"]:
+        tone = "better"
     if "held" in leaf:
         return Cell(f"{leaf['held']} of {leaf['of']}", tone=tone)
     low, high = leaf["quartiles"]
@@ -121,8 +130,8 @@ def _reference(leaf: Nested, digits: int = 2) -> Cell:
     return Cell(number(leaf.get("reference"), digits))
 
 
-def _all(leaf: Nested, digits: int = 2, absolute: float | None = None) -> list[Cell]:
-    return [_paper(leaf, digits), _reference(leaf, digits), measured(leaf, digits, absolute)]
+def _all(leaf: Nested, digits: int = 2, absolute: float | None = None, error: bool = False) -> list[Cell]:
+    return [_paper(leaf, digits), _reference(leaf, digits), measured(leaf, digits, absolute, error)]
 
 
 def _point(leaf: Nested, source: str) -> Cell:
@@ -244,8 +253,8 @@ def _sections(summary: Nested) -> list[Section]:
                 [
                     [
                         Cell(points.removeprefix("points_")),
-                        *_all(leaf["percent_x"])[1:],
-                        *_all(leaf["percent_y"])[1:],
+                        *_all(leaf["percent_x"], error=True)[1:],
+                        *_all(leaf["percent_y"], error=True)[1:],
                         measured(leaf["share_with_correct_supports"]),
                     ]
                     for points, leaf in summary["figure11"].items()
@@ -311,10 +320,10 @@ def _table2(numbers: Nested) -> Table:
                     _point(leaf, "paper"),
                     _point(leaf, "median"),
                     _paper(leaf["percent_x"], 1),
-                    measured(leaf["percent_x"]),
+                    measured(leaf["percent_x"], error=True),
                     _paper(leaf["percent_y"], 1),
                     _reference(leaf["percent_y"]),
-                    measured(leaf["percent_y"]),
+                    measured(leaf["percent_y"], error=True),
                 ]
             )
     return Table(
@@ -407,7 +416,7 @@ def _figure13(numbers: Nested) -> Table:
         leaf = numbers[case]
         rows.append([Cell(label)])
         rows.append([Cell("p_CF [cm]"), _point(leaf, "paper"), _point(leaf, "reference"), _point(leaf, "median")])
-        rows += [[Cell(part), *_all(leaf[key])] for key, part in parts.items()]
+        rows += [[Cell(part), *_all(leaf[key], error=key.startswith("percent"))] for key, part in parts.items()]
     return Table(("", "paper", "reference", "this run"), rows)
 
 
@@ -554,5 +563,5 @@ def _differing(summary: Nested) -> Table:
     for path, leaf in leaves(summary):
         absolute = CLOSE_MU if path[0] == "table3" else None
         if agrees(leaf, absolute) is False and "reference" in leaf:
-            rows.append([Cell(" / ".join(path)), *_all(leaf, absolute=absolute)])
+            rows.append([Cell(" / ".join(path)), *_all(leaf, absolute=absolute, error=path[-1].startswith("percent"))])
     return Table(("", "paper", "reference", "this run"), rows)

@@ -37,7 +37,8 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
         WorkerDiffers: a worker of the cluster runs other code than this machine.
     """
     try:
-        (out / "seeds").mkdir(parents=True, exist_ok=True)
+        for folder in ("seeds", "figures"):
+            (out / folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InvalidInput(f"{out}: the folder cannot be created: {error.strerror}") from error
     kept = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
@@ -57,9 +58,13 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
     rod_numbers, rod_drawings = rods()
     summary = tables([{**results[seed]["numbers"], "figure12": rod_numbers} for seed in range(seeds)])
     summary = {"seeds": seeds, "code": CODE, **summary}
-    _write(out / "tables.json", to_json(summary) + "\n")
+    _write(out / "tables.json", f"{to_json(summary)}\n".encode())
+    drawn = figures(summary, [results[seed] for seed in range(seeds)], rod_drawings)
+    for name, content in drawn.items():
+        _write(out / "figures" / name, content)
     report = out / "report.html"
-    _write(report, html_report(summary, figures(summary, [results[seed] for seed in range(seeds)], rod_drawings)))
+    shown = {name.removesuffix(".svg"): content.decode() for name, content in drawn.items() if name.endswith(".svg")}
+    _write(report, html_report(summary, shown).encode())
     return summary, report
 
 
@@ -85,11 +90,11 @@ def _kept(out: pathlib.Path, seed: int) -> dict[str, Any] | None:
 
 def _keep(out: pathlib.Path, result: dict[str, Any]) -> None:
     # json.dumps keeps infinite numbers; to_json, which is for readers in any language, turns them into strings
-    _write(_path(out, result["seed"]), json.dumps(result))
+    _write(_path(out, result["seed"]), json.dumps(result).encode())
 
 
-def _write(path: pathlib.Path, text: str) -> None:
+def _write(path: pathlib.Path, content: bytes) -> None:
     """Write the whole file or nothing, however the run ends."""
     draft = path.with_name(f".{path.name}.{os.getpid()}")
-    draft.write_text(text, encoding="utf-8")
+    draft.write_bytes(content)
     draft.replace(path)
