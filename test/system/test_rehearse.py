@@ -14,9 +14,9 @@ from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
 PATIENT = 30.0  # silence, for a busy machine [s]
 QUICK = {
-    "inches, increments and 200 % feed by somebody else",
+    "another program sets inches, increments and 200 % feed",
     "kill -9 of the actuator",
-    "settings that cannot be",
+    "impossible settings",
     "a wrong digit in a report",
 }
 
