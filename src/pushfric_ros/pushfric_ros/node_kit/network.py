@@ -32,6 +32,9 @@ VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 LAST_DOMAIN = 232
 """The largest ROS_DOMAIN_ID whose ports exist (RTPS 2.5, 9.6.2.3)."""
 
+REFUSALS = ("failed to initialize", "error creating node")
+"""What errors of rcl begin with if a variable such as ROS_LOG_DIR or ROS_STATIC_PEERS has an impossible value."""
+
 FILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name the file of profiles, before and since Fast DDS 3, which warns about the older one."""
 
@@ -83,8 +86,8 @@ def configured(images: bool = False) -> Iterator[None]:
     Args:
         images: the process publishes images.
     Raises:
-        InvalidInput: ROS_DOMAIN_ID is not a domain; or SROS 2 is switched on, but the node made within the context has no keys,
-            or the middleware no security.
+        InvalidInput: ROS_DOMAIN_ID is not a domain, or another variable keeps the middleware from starting; or SROS 2 is
+            switched on, but the node made within the context has no keys, or the middleware no security.
     """
     domain()
     wanted = _settings(images)
@@ -93,9 +96,12 @@ def configured(images: bool = False) -> Iterator[None]:
     try:
         yield
     except RCLError as error:
-        if os.environ.get("ROS_SECURITY_ENABLE", "").lower() != "true":
-            raise
-        raise InvalidInput(f"ROS_SECURITY_ENABLE is true, but {' '.join(str(error).split())[:300]}") from error
+        said = " ".join(str(error).split())[:300]
+        if os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true":
+            raise InvalidInput(f"ROS_SECURITY_ENABLE is true, but {said}") from error
+        if said.startswith(REFUSALS):
+            raise InvalidInput(f"the middleware does not start, check the environment variables ROS_...: {said}") from error
+        raise
     finally:
         _set(before)
 

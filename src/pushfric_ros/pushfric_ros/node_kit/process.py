@@ -91,7 +91,8 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
             else:
                 executor.spin()
     except InvalidInput as error:
-        code = _refuse(error)
+        if not (asked_to_stop and isinstance(error.__cause__, rclpy_implementation.RCLError)):
+            code = _refuse(error)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     except ExternalShutdownException:
