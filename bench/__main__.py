@@ -15,7 +15,21 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import display, footprint, fuzz, growth, pipeline, prediction, real_pushes, recording, soak, tracker, updates
+from bench import (
+    display,
+    footprint,
+    fuzz,
+    growth,
+    pipeline,
+    planning,
+    prediction,
+    real_pushes,
+    recording,
+    services,
+    soak,
+    tracker,
+    updates,
+)
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
 from pushfric_core.errors import InvalidInput, PushfricError
@@ -79,6 +93,12 @@ def bench(
             help="Measure only the cost of a data point in the estimator when there are up to a million: 20 minutes.",
         ),
     ] = False,
+    planning_only: Annotated[
+        bool,
+        typer.Option(
+            "--planning", help="Measure only what planners get: strokes, predictions, answers of the services: 4 minutes."
+        ),
+    ] = False,
     fuzzing: Annotated[
         float | None,
         typer.Option(
@@ -124,6 +144,8 @@ def bench(
         raise typer.BadParameter(f"{plot}: its folder does not exist")
     if footprint_only:
         return _measure_footprint(json)
+    if planning_only:
+        return _measure_planning(json)
     plot.parent.mkdir(exist_ok=True)
     start = time.monotonic()
     # without a thread that refreshes the bar: its CPU time would be counted for a contender
@@ -209,6 +231,25 @@ def _measure_footprint(json: str | None) -> int:
     Console(stderr=json == STDOUT).print(display.footprint_table(figures), display.verdict_table(targets), sep="\n")
     if json is not None:
         report = {"footprint": figures, "targets": [target._asdict() for target in targets]}
+        write_json(jsons.dumps(report, indent=1), json)
+    return 0
+
+
+def _measure_planning(json: str | None) -> int:
+    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=planning.STEPS + 1, completed=-1)
+
+        def progress(what: str) -> None:
+            bar.update(task, description=what, advance=1)
+
+        figures = planning.measure(progress) | {"services": services.measure(progress)}
+        progress("done")
+    targets = [*planning.verdicts(figures), *services.verdicts(figures["services"])]
+    console = Console(stderr=json == STDOUT)
+    tables = (display.strokes_table(figures), display.services_table(figures["services"]), display.verdict_table(targets))
+    console.print(*tables, sep="\n")
+    if json is not None:
+        report = {"planning": figures, "targets": [target._asdict() for target in targets]}
         write_json(jsons.dumps(report, indent=1), json)
     return 0
 

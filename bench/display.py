@@ -133,6 +133,31 @@ def stability_table(figures: Figures) -> Table:
     return table
 
 
+def strokes_table(figures: Figures) -> Table:
+    """Where strokes of simulated objects end, predicted from few pushes, compared with the truth."""
+    title = "Strokes of 50 mm, predicted from 14 pushes: median / 90th percentile of the error"
+    table = Table("object", "strokes", "mu_c from", "position [mm]", "angle [degrees]", title=title)
+    for row in figures["strokes"]:
+        cells = (f"{row[f'median_{unit}']:.2f} / {row[f'p90_{unit}']:.2f}" for unit in ("mm", "deg"))
+        table.add_row(row["object"], str(row["strokes"]), ", ".join(row["mu_c"]), *cells)
+    return table
+
+
+def services_table(figures: Figures) -> Table:
+    """Delays of answers and of estimates in one run, in which a client asks during every second push."""
+    table = Table(
+        "delay", "count", "p50 [ms]", "p90 [ms]", "p99 [ms]", title="Services of the estimator, asked 20 times a second"
+    )
+    rows = {
+        "an answer, as the client sees it": figures["answers"],
+        "an estimate, pushes with questions": figures["estimates"]["asked"],
+        "an estimate, pushes without": figures["estimates"]["quiet"],
+    }
+    for name, row in rows.items():
+        table.add_row(name, str(row["count"]), *(f"{row[key]:.1f}" for key in ("p50_ms", "p90_ms", "p99_ms")))
+    return table
+
+
 def live_table(figures: Figures) -> Table:
     """Results of the live graph and the recorder, in real time."""
     pipeline, recording = figures["pipeline"], figures["recording"]

@@ -10,6 +10,7 @@ it from the stamp of the image, which adds the rendering time of the simulation;
 An estimate needs a pusher state at least as new as the frame before that image, and sometimes one as new as the image itself.
 """
 
+import math
 import resource
 import tempfile
 import time
@@ -18,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -67,14 +68,30 @@ def measure(progress: Callable[[str], None]) -> Figures:
         nodes over wall time.
     """
     progress("live graph, 14 frames/s")
-    at_camera_rate = _run(CAMERA_RATE, None)
+    at_camera_rate, at_high_rate = _Listener(), _Listener()
+    run(at_camera_rate, CAMERA_RATE)
     progress("live graph, more than 60 frames/s")
-    at_high_rate = _run(HIGH_RATE, HIGH_RATE_SECONDS)
+    run(at_high_rate, HIGH_RATE, HIGH_RATE_SECONDS)
     return {
         "latency": at_camera_rate.latency(),
         "start_to_first_pose_s": at_camera_rate.first_pose_s(),
         "frames": [listener.frames() for listener in (at_camera_rate, at_high_rate)],
     }
+
+
+class Listener(Protocol):
+    """What hears of a run."""
+
+    started: float  # when the nodes were started [ns]
+    seconds: float  # of the whole run
+    cpu_seconds: float  # of all nodes, over the whole run
+
+    def subscribe(self, node: Node) -> None:
+        """Called before the nodes start."""
+
+    @property
+    def frame_count(self) -> int:
+        """Images so far."""
 
 
 class _Listener:
@@ -171,7 +188,7 @@ class _Listener:
                 self._tracked.append((info["source_timestamp"], taken))
 
 
-def _run(frame_rate: float, seconds: float | None) -> _Listener:
+def run(listener: Listener, frame_rate: float, seconds: float = math.inf) -> None:
     """Run the cell in real time until its plan is finished, or until frames have come for this many seconds."""
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, _executor() as (executor, node):
         cell = demo_cell(OBJECT, Path(folder))
@@ -179,7 +196,6 @@ def _run(frame_rate: float, seconds: float | None) -> _Listener:
             replace(spec, parameters={**spec.parameters, "frame_rate": frame_rate}) if spec.name == "simulated_cell" else spec
             for spec in graph.simulated_cell(cell, f"{folder}/bag", seed=0, speed=1.0)
         ]
-        listener = _Listener()
         listener.subscribe(node)
         said: list[str] = []
         begin, cpu_before = time.monotonic(), _cpu_of_ended_children()
@@ -191,10 +207,9 @@ def _run(frame_rate: float, seconds: float | None) -> _Listener:
                 ended = supervisor.poll()
                 if ended is not None and ended.code:
                     raise RuntimeError("\n".join([*said[-5:], ended.reason]))
-                if until is None and (ended or (seconds and listener.frame_count >= seconds * frame_rate)):
+                if until is None and (ended or listener.frame_count >= seconds * frame_rate):
                     until = time.monotonic() + AFTERWARDS
         listener.seconds, listener.cpu_seconds = time.monotonic() - begin, _cpu_of_ended_children() - cpu_before
-        return listener
 
 
 @contextmanager
