@@ -98,7 +98,7 @@ def best_stroke(
     for share in (*REFINEMENTS, None):
         lines, ends = lines_of(outline, pose, strokes)
         left = predict_strokes(model, outline, [pose] * len(lines), lines, ends, STEP).poses
-        costs = distance(left, arm()).mean(axis=1)
+        costs = distance(left, arm()) @ model.share
         if share is not None:
             strokes = nearby(strokes[np.argsort(costs)[:GOOD]], share, rng)
     best = int(np.argmin(costs))

@@ -1,11 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from problems import four_feet, observations_of, square, three_feet
 
+from pushfric_core.contact_friction import Kind
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist
-from pushfric_core.prediction import FrictionModel, misfit, motion_cone, predict, stability
+from pushfric_core.planar import Twist, left_of
+from pushfric_core.prediction import FrictionModel, misfit, model_of, motion_cone, predict, stability
 from pushfric_core.simulation import ContactMode
 from pushfric_core.support import Support
 
@@ -39,11 +42,15 @@ def test_shares_weigh_the_samples():
     assert once.spread == pytest.approx(twice.spread)
 
 
-def test_the_mode_is_that_of_most_samples():
-    model = FrictionModel(ROD.points, ((0.5, 0.5),) * 3, (0.0, 0.0, 0.9), (0.3, 0.3, 0.4))
-    oblique = ((0.01, 0.02),)
-    assert predict(model, *BELOW, oblique).modes == (ContactMode.SLIDING,)
-    assert predict(model, *BELOW, ((0.01, -0.02),)).modes == (ContactMode.FREE,)
+def test_the_motion_is_that_of_the_mean_friction(rng):
+    w, mu_c, share = rng.dirichlet((2.0, 2.0), 3), np.array((0.0, 0.1, 0.9)), np.array((0.3, 0.3, 0.4))
+    model = FrictionModel(ROD.points, w, mu_c, share)
+    for velocity in ((0.01, 0.02), (0.004, 0.02), (0.01, -0.02)):
+        found = predict(model, *BELOW, (velocity,))
+        exact = predict(FrictionModel.of(Support(ROD.points, share @ w), share @ mu_c), *BELOW, (velocity,))
+        assert (found.modes, found.twists[0]) == (exact.modes, pytest.approx(exact.twists[0]))
+        assert found.forces[0] == pytest.approx(exact.forces[0])
+        assert found.samples.twists.shape == (1, 3, 3)
 
 
 def test_what_the_model_cannot_explain_widens_the_spread():
@@ -108,6 +115,64 @@ def test_the_misfit_bounds_new_motions_as_often_as_it_says():
         bound = misfit(model, data[:20], 3)
         held += [misfit(model, [observation], 0) <= bound for observation in data[20:]]
     assert 0.85 <= np.mean(held) <= 0.97
+
+
+def test_samples_count_by_the_motions_that_they_predict(rng):
+    problem = four_feet()
+    for tips in (False, True):
+        data = observations_of(problem.outline, problem.truth, 0.4, 24, rng)
+        estimator = Estimator(problem.truth.points)
+        for number, one in enumerate(data):
+            noise = Twist(*(np.array(one.twist) * (1 + 0.1 * rng.normal(size=3))))
+            moved = np.array(one.twist[:2]) + one.twist.omega * left_of(np.array(one.contact_point))
+            seen = replace(one, twist=noise, push_id=number, tip_velocity=tuple(moved.tolist()) if tips else None)
+            estimate = estimator.add(seen)
+        model = model_of(estimate, estimator.observations)
+        assert estimate.spread is not None
+        given = np.vstack((estimate.w, estimate.spread.middle, estimate.spread.extremes, np.full(4, 0.25)))
+        for w in model.w:
+            assert np.isclose(given, w, atol=1e-9).all(axis=1).any()
+        assert model.share.sum() == pytest.approx(1)
+        assert np.ptp(model.share) > 0.01
+        # equal weights explain feet of very different loads badly
+        assert not np.isclose(model.w, 0.25).all(axis=1).any()
+
+
+def test_mu_c_is_what_explains_the_motions_where_bounds_say_little():
+    problem = four_feet()  # pushed within a cone of 0.5: all tips stick
+    moved = [np.array(one.twist[:2]) + one.twist.omega * left_of(np.array(one.contact_point)) for one in problem.observations]
+    data = [
+        replace(one, push_id=number, tip_velocity=tuple(tip.tolist()))
+        for number, (one, tip) in enumerate(zip(problem.observations, moved, strict=True))
+    ]
+    found = {}
+    for name, seen in (("tips", data), ("none", [replace(one, tip_velocity=None) for one in data])):
+        estimator = Estimator(problem.truth.points)
+        for one in seen:
+            estimate = estimator.add(one)
+        assert estimate.mu_c.kind is Kind.BOUND
+        found[name] = model_of(estimate, seen).mean_mu_c
+    assert found["none"] == pytest.approx(0.5, abs=0.03)
+    assert 0.6 < found["tips"] < 1.6  # a lower one would let the tip slide in some of the pushes
+
+
+def test_few_data_points_leave_room_for_equal_weights():
+    problem = four_feet()
+    data = [replace(one, push_id=number) for number, one in enumerate(problem.observations[:2])]
+    estimator = Estimator(problem.truth.points)
+    for one in data:
+        estimate = estimator.add(one)
+    assert estimate.spread is None
+    assert len(model_of(estimate, data).w) <= 2
+    assert len(model_of(estimate, ()).w) == 2
+
+
+def test_a_model_is_judged_by_data_points_of_the_whole_run(rng):
+    problem = four_feet()
+    data = observations_of(problem.outline, problem.truth, 0.4, 12, rng)
+    model = FrictionModel.of(problem.truth, 0.4)
+    wrong = [replace(one, twist=Twist(-one.twist.vy, one.twist.vx, one.twist.omega)) for one in data]
+    assert misfit(model, [*data * 10, *wrong], 3) > 3 * misfit(model, data * 10, 3)
 
 
 def test_a_contact_seen_to_leave_the_pusher_counts_as_unexplained():

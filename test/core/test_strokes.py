@@ -34,6 +34,8 @@ def test_each_sample_goes_its_own_way(rng):
         alone = FrictionModel(known.support.points, weights[index : index + 1], mu_c[index : index + 1], np.ones(1))
         single = predict_strokes(alone, known.outline, POSES[:2], LINES[:2], (0.05, 0.06))
         assert np.allclose(together.poses[:, index], single.poses[:, 0], atol=1e-12)
+    mean = FrictionModel.of(samples.support, samples.mean_mu_c)
+    assert np.allclose(together.means, predict_strokes(mean, known.outline, POSES[:2], LINES[:2], (0.05, 0.06)).means)
 
 
 def test_wrong_arguments_are_named():

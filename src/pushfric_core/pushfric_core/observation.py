@@ -111,6 +111,22 @@ class Observation:
             )
 
 
+def check_planned_contact(outline: Outline, point: Vector, normal: Vector) -> None:
+    """Refuse a contact that is asked about, unless it is on the object and its normal points away from it.
+
+    Raises:
+        ValueError: it is farther than OFF_OUTLINE from the outline, or the normal is not unit, or points inward.
+    """
+    x, y = normal
+    if not abs(math.hypot(x, y) - 1) <= UNIT:
+        raise ValueError(f"the normal must have length 1, got ({x:g}, {y:g})")
+    if not (distance := outline.distance_to(point)) <= OFF_OUTLINE:
+        expected = f"the contact must be within {OFF_OUTLINE * 1e3:g} mm of the outline"
+        raise ValueError(f"{expected}, got ({point[0]:g}, {point[1]:g}) m, {distance:.3g} m away")
+    if not outline.outward(point, normal, OFF_OUTLINE):
+        raise ValueError(f"the normal must point outward, away from the object, got ({x:g}, {y:g})")
+
+
 def _vector(name: str, value: object) -> Vector:
     """Two numbers, from any sequence of them."""
     try:

@@ -158,6 +158,23 @@ class Outline:
             return Touch(size, feet[edge], gap / size if size > 0 else self.normals[edge], None)
         return Touch(float(gap @ self.normals[edge]), feet[edge], self.normals[edge], edge)
 
+    def outward(self, point: npt.ArrayLike, normal: npt.ArrayLike, within: float) -> bool:
+        """Whether a normal (2,) points out of the outline: less than 90 degrees off that of an edge near a point (2,).
+
+        Args:
+            point: on the outline, or near it [m].
+            normal: of any length but zero.
+            within: edges this near count [m]; the nearest one always does.
+        """
+        distances = self._distances(np.asarray(point, dtype=float))
+        near = distances <= max(within, float(distances.min()))
+        return bool((self.normals[near] @ np.asarray(normal, dtype=float) > 0).any())
+
+    def _distances(self, at: Array) -> Array:
+        """Distances (n,) of a point (2,) from the edges [m]."""
+        along = np.sum((at - self.vertices) * self.edges, axis=1) / self.lengths**2
+        return np.asarray(np.linalg.norm(at - self.vertices - np.clip(along, 0.0, 1.0)[:, None] * self.edges, axis=1))
+
     def first_touch(self, start: npt.ArrayLike, direction: npt.ArrayLike, radius: float = 0.0) -> Touch | None:
         """Where a round tip that moves along a line first meets the outline; None if it passes by.
 

@@ -20,11 +20,20 @@ from pushfric_core.support import Support, center_of_friction, check_points
 SHARE = 0.9
 """The truth lies within a spread this often."""
 
-LATEST = 500
-"""The misfit is computed from this many of the latest data points, so that its cost does not grow with their number."""
+WITNESSES = 50
+"""A model is judged by this many data points, evenly spread over all, so that its cost does not grow with their number."""
+
+LEAST_SHARE = 0.01
+"""Samples that weigh less are left out."""
 
 STICKING = 1e6
 """A contact friction coefficient with which no tip slides."""
+
+COEFFICIENTS = 0.05 * 2 ** (np.arange(11) / 2)
+"""Contact friction coefficients that are tried, as far as the estimate's interval holds them; 1.6 is that of rubber on wood."""
+
+EXACT = 1e-6
+"""Mean angles below this are those of exact data [rad]."""
 
 
 @comparable
@@ -78,6 +87,13 @@ class FrictionModel:
         mean = self.share @ self.w
         return Support(self.support_points, mean / mean.sum())
 
+    @property
+    def with_mean(self) -> tuple[Array, Array]:
+        """w (s + 1, n) and mu_c (s + 1,) of the samples, and last of their mean; of a single sample, that alone."""
+        if len(self.w) == 1:
+            return self.w, self.mu_c
+        return np.vstack((self.w, self.support.weights)), np.append(self.mu_c, self.mean_mu_c)
+
     @cached_property
     def mean_mu_c(self) -> float:
         """The mean contact friction coefficient."""
@@ -112,13 +128,11 @@ class FrictionModel:
 
 @comparable
 class Predictions(NamedTuple):
-    """What k pushes do."""
+    """What k pushes do: the motion of the mean friction, and how those of the samples scatter about it."""
 
-    twists: Array  # (k, 3) mean over the samples, of the object-frame origin, object frame, per the unit of time of the tip's
-    modes: tuple[ContactMode, ...]  # of each push: the mode of most of the samples
-    forces: (
-        Array  # (k, 2) mean, of the pusher ON the object, object frame; unit: the support friction of the translating object
-    )
+    twists: Array  # (k, 3) of the object-frame origin, object frame, per the unit of time of the tip's velocity
+    modes: tuple[ContactMode, ...]  # how the tip meets the object in each push
+    forces: Array  # (k, 2) of the pusher ON the object, object frame; unit: the support friction of the translating object
     spread: Array  # (k,) 90 % of measured twists lie within this angle of the predicted one [rad], see FrictionModel.angles
     samples: Motions  # of each push and sample
 
@@ -139,14 +153,14 @@ def predict(
         ValueError: shapes that do not fit, or values that are not finite.
         SolverFailed: a motion did not converge.
     """
-    motions = quasi_static.motions(model.support_points, model.w, model.mu_c, contact_points, contact_normals, tip_velocities)
-    twists = np.einsum("s,ksd->kd", model.share, motions.twists)
-    votes = np.stack([(motions.modes == mode) @ model.share for mode in range(len(MODES))], axis=1)
-    modes = np.argmax(votes, axis=1)
-    scatter = _quantile(model.angles(motions.twists, twists[:, None]), model.share, SHARE)
+    w, mu_c = model.with_mean
+    moved = quasi_static.motions(model.support_points, w, mu_c, contact_points, contact_normals, tip_velocities)
+    twists, modes, forces = moved.twists[:, -1], moved.modes[:, -1], moved.forces[:, -1]
+    count = len(model.w)
+    samples = Motions(moved.twists[:, :count], moved.modes[:, :count], moved.forces[:, :count])
+    scatter = _quantile(model.angles(samples.twists, twists[:, None]), model.share, SHARE)
     spread = np.where(modes == quasi_static.FREE, 0.0, np.minimum(np.hypot(scatter, model.misfit), np.pi))
-    forces = np.einsum("s,ksd->kd", model.share, motions.forces)
-    return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, motions)
+    return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, samples)
 
 
 @comparable
@@ -211,36 +225,38 @@ def stability(
 def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
     """What a model cannot explain of the data points it was made from, for `FrictionModel.misfit` [rad].
 
-    Each data point's motion is compared with the one that the mean w predicts for the measured velocity of the contact, so
-    neither mu_c nor the tip matters. If the contact was seen to move away from the pusher, nothing can be predicted and the
-    angle counts as pi/2. The misfit is the angle that 90 % of new data points stay below (the order statistic of rank
-    ceil(0.9 (m + 1))), enlarged because w was fitted to the same data points. It is 0 without data points, and uses only the
-    LATEST of more.
+    Each data point's motion is compared with the one that the mean friction predicts, see `_explained`. The misfit is the
+    angle that 90 % of new data points stay below (the order statistic of rank ceil(0.9 (m + 1))), enlarged because w was fitted
+    to the same data points. It is 0 without data points.
 
     Args:
         model: of the object.
         observations: the data points, m.
         fitted: how many parameters were fitted to them: the weights above zero of the optimum, less one.
     """
-    observations = observations[-LATEST:]
     if not observations:
         return 0.0
-    points = np.array([observation.contact_point for observation in observations])
-    normals = np.array([observation.contact_normal for observation in observations])
-    measured = np.array([observation.twist for observation in observations])
-    velocities = measured[:, :2] + measured[:, 2:] * left_of(points)
-    support = model.support
-    seen = quasi_static.motions(support.points, support.weights[None], (STICKING,), points, normals, velocities)
-    angles = np.sort(model.angles(seen.twists[:, 0], measured))
+    alone = FrictionModel.of(model.support, model.mean_mu_c)
+    angles = np.sort(_explained(alone, model, _witnesses(observations))[:, 0])
     m = len(angles)
     rank = min(int(np.ceil(SHARE * (m + 1) - 1e-9)), m)
-    return float(min(angles[rank - 1] * np.sqrt(m / max(m - fitted, 1)), np.pi))
+    count = len(observations)
+    return float(min(angles[rank - 1] * np.sqrt(count / max(count - fitted, 1)), np.pi))
 
 
 def model_of(estimate: Estimate, observations: Sequence[Observation]) -> FrictionModel:
-    """The model of an estimate: the samples of its spread if it has one, each with its own mu_c.
+    """The model of an estimate, from the w that explain the data points about as well as the optimum.
 
-    If mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
+    The samples are the optimum, the middle and the extreme w of its spread, and equal weights on all support points, as one
+    assumes before any push; each has its own mu_c. The program compares moments, but a planner asks for motions. So each sample
+    counts by the motions that it predicts for the data points. For each standard error by which the mean of its angles exceeds
+    the least such mean, it counts 1/e as much. The errors of one push are alike. So the standard error is that of as many
+    angles as there are pushes; their standard deviation is taken for their mean, as in an exponential distribution.
+    docs/planning.md has the evidence.
+
+    Where the tip's velocity is known, mu_c is shifted to the mean of what its interval holds, weighed in the same way: few
+    slips, or bounds alone, tell it badly, but a tip that would slide with a lower one moves the object another way. Elsewhere,
+    if mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
 
     Args:
         estimate: from at least one data point.
@@ -248,11 +264,76 @@ def model_of(estimate: Estimate, observations: Sequence[Observation]) -> Frictio
     """
     bounds = estimate.contact_friction[np.isfinite(estimate.contact_friction)]
     bound = contact_friction.percentile(bounds, SHARE) if len(bounds) else STICKING
-    w = np.clip(estimate.w[None] if estimate.spread is None else estimate.spread.samples, 0.0, 1.0)
+    points = estimate.support_points
+    known = [estimate.w] if estimate.spread is None else [estimate.w, estimate.spread.middle, *estimate.spread.extremes]
+    w = np.clip((*known, np.full(len(points), 1 / len(points))), 0.0, 1.0)
+    w /= w.sum(axis=1, keepdims=True)
     mu_c = np.array([bound if value is None else value for value in estimate.mu_c_of(w)])
-    model = FrictionModel(estimate.support_points, w, mu_c, np.full(len(w), 1 / len(w)))
+    model = FrictionModel(points, w, mu_c, np.full(len(w), 1 / len(w)))
+    if observations:
+        witnesses = _witnesses(observations)
+        mu_c = np.maximum(mu_c - model.mean_mu_c + _mu_c(model, estimate, witnesses), 0.0)
+        model = replace(model, mu_c=mu_c)
+        share = _shares(_explained(model, model, witnesses).mean(axis=0), estimate.pushes)
+        counts = share >= LEAST_SHARE
+        model = FrictionModel(points, w[counts], mu_c[counts], share[counts] / share[counts].sum())
     fitted = int(np.count_nonzero(estimate.w)) - 1
     return replace(model, misfit=misfit(model, observations, fitted))
+
+
+def _mu_c(model: FrictionModel, estimate: Estimate, observations: Sequence[Observation]) -> float:
+    """mu_c by the motions that it predicts for data points with a known tip, within the interval of the estimate."""
+    known, own = estimate.mu_c, model.mean_mu_c
+    if known is None or not any(observation.tip_velocity for observation in observations):
+        return own
+    high = max(known.low, min(known.high, float(COEFFICIENTS[-1])))
+    inside = COEFFICIENTS[(known.low < COEFFICIENTS) & (high > COEFFICIENTS)]
+    mu_c = np.array((known.low, *inside, high, min(own, STICKING)))
+    w = np.repeat(model.support.weights[None], len(mu_c), axis=0)
+    candidates = FrictionModel(model.support_points, w, mu_c, np.full(len(mu_c), 1 / len(mu_c)))
+    share = _shares(_explained(candidates, model, observations).mean(axis=0), estimate.pushes)
+    return float(share @ np.minimum(mu_c, high))
+
+
+def _shares(means: Array, pushes: int) -> Array:
+    """How much samples count whose angles have these means (s,) [rad]; (s,), sum 1."""
+    least = float(means.min())
+    share = np.exp(-(means - least) * np.sqrt(pushes) / max(least, EXACT))
+    return np.asarray(share / share.sum())
+
+
+def _witnesses(observations: Sequence[Observation]) -> Sequence[Observation]:
+    """At most WITNESSES of the data points, evenly spread over all."""
+    count = len(observations)
+    if count <= WITNESSES:
+        return observations
+    return [observations[k] for k in np.linspace(0, count - 1, WITNESSES).round().astype(int).tolist()]
+
+
+def _explained(model: FrictionModel, judge: FrictionModel, observations: Sequence[Observation]) -> Array:
+    """Angles (m, s) between the motions of data points and those that each of the samples of a model predicts [rad].
+
+    Where the tip's velocity is known, it is the tip that pushes; else, or where the tip was seen to leave, the contact moves as
+    it was measured to, so that mu_c does not matter. If that moves away from the pusher, nothing can be predicted and the angle
+    counts as pi/2.
+
+    Args:
+        model: whose samples predict.
+        judge: whose p_CF and length the angles go by.
+        observations: m >= 1 data points.
+    """
+    points = np.array([observation.contact_point for observation in observations])
+    normals = np.array([observation.contact_normal for observation in observations])
+    measured = np.array([observation.twist for observation in observations])
+    velocities = measured[:, :2] + measured[:, 2:] * left_of(points)
+    tips = np.array([observation.tip_velocity or (0.0, 0.0) for observation in observations])
+    pushed = np.sum(tips * normals, axis=1) < 0
+    angles = np.empty((len(points), len(model.w)))
+    for rows, moving, mu_c in ((pushed, tips, model.mu_c), (~pushed, velocities, np.full(len(model.w), STICKING))):
+        if rows.any():
+            seen = quasi_static.motions(model.support_points, model.w, mu_c, points[rows], normals[rows], moving[rows])
+            angles[rows] = judge.angles(seen.twists, measured[rows, None])
+    return angles
 
 
 def _quantile(values: Array, share: Array, level: float) -> Array:

@@ -73,12 +73,14 @@ class Spread:
     """What the data leave open.
 
     Attributes:
+        extremes: (8, n) the w of the set that lie farthest along DIRECTIONS.
         middle: (n,) the mean of the extreme w: the middle of the set.
         samples: (8, n) equally probable w; their p_CF scatter by about the covariance: the extreme w, drawn towards the middle.
         covariance: (2, 2) of p_CF about the truth [m^2]; the ellipse x' C^-1 x <= 4.605 contains the truth in 90 % of cases.
         intervals: (n, 2) low and high: each w_j lies between them in 90 % of cases; 0 and 1 where that is not measured yet.
     """
 
+    extremes: Array
     middle: Array
     samples: Array
     covariance: Array
@@ -163,9 +165,10 @@ def spread(points: Array, w: Array, extremes: Array, reach: Array, effect: Effec
     samples = middle + drawn * (extremes - middle)
     wider = w[:, None] + CALIBRATION * np.column_stack((np.minimum(reach[:, 0] - w, 0.0), np.maximum(reach[:, 1] - w, 0.0)))
     intervals = np.where(np.isnan(reach), (0.0, 1.0), np.clip(wider, 0.0, 1.0))
-    for array in (middle, samples, covariance, intervals):
+    extremes = extremes.copy()
+    for array in (extremes, middle, samples, covariance, intervals):
         array.setflags(write=False)
-    return Spread(middle, samples, covariance, intervals)
+    return Spread(extremes, middle, samples, covariance, intervals)
 
 
 def _ellipse(variances: Array) -> Array:

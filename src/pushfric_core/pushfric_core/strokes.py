@@ -20,9 +20,10 @@ STEP = 1e-3
 
 @comparable
 class Strokes(NamedTuple):
-    """Where k strokes leave the object, for each of the s samples of its model."""
+    """Where k strokes leave the object, with the mean friction of its model and with each of the s samples."""
 
-    poses: Array  # (k, s, 3) x, y [m], theta [rad], table frame; theta is not wrapped
+    means: Array  # (k, 3) with the mean friction: x, y [m], theta [rad], table frame; theta is not wrapped
+    poses: Array  # (k, s, 3) with each of the samples, whose shares are those of the model
     modes: npt.NDArray[np.int8]  # (k, s) indices of quasi_static.MODES: how the tip last met the object; FREE if it never did
 
 
@@ -50,49 +51,53 @@ def predict_strokes(
         ValueError: poses, lines and positions differ in length, or the step is not positive.
         SolverFailed: a motion did not converge.
     """
-    ends = np.asarray(positions, dtype=float)
-    if not len(poses) == len(lines) == len(ends) or ends.ndim != 1:
-        lengths = f"{len(poses)}, {len(lines)} and {len(ends)}"
+    stops = np.asarray(positions, dtype=float)
+    if not len(poses) == len(lines) == len(stops) or stops.ndim != 1:
+        lengths = f"{len(poses)}, {len(lines)} and {len(stops)}"
         raise ValueError(f"poses, lines and positions must have the same length, got {lengths}")
     if not step > 0:
         raise ValueError(f"step must be positive, got {step:g} m")
-    k, s = len(ends), len(model.w)
+    w, mu_c = model.with_mean
+    k, s = len(stops), len(w)
     state = np.repeat(np.array(poses, dtype=float)[:, None], s, axis=1).reshape(-1, 3)
     rows = np.repeat(np.arange(k), s)
     origins = np.array([line.origin for line in lines], dtype=float)[rows]
     directions = np.array([line.direction for line in lines], dtype=float)[rows]
     radii = np.array([line.tip_radius for line in lines], dtype=float)[rows]
-    ends = ends[rows]
+    stops = stops[rows]
     modes = np.full(len(rows), quasi_static.FREE, dtype=np.int8)
     going = np.arange(len(rows))
     samples = np.tile(np.arange(s), k)
     while len(going):
         pose = state[going]
-        motion = _Motion(model, outline, origins[going], directions[going], radii[going], samples[going])
+        motion = _Motion(
+            (model.support_points, w, mu_c), outline, origins[going], directions[going], radii[going], samples[going]
+        )
         distances, twists, _ = motion.at(pose)
-        pushed = ends[going] - distances > TOUCHING
-        depths = np.where(pushed, np.minimum(ends[going] - distances, step), 0.0)
+        pushed = stops[going] - distances > TOUCHING
+        depths = np.where(pushed, np.minimum(stops[going] - distances, step), 0.0)
         halfway = _moved(pose, twists * (depths / 2)[:, None])
         _, twists, mode = motion.at(halfway, twists)
         state[going] = _moved(pose, twists * depths[:, None])
         modes[going] = np.where(pushed, mode, modes[going])
         going = going[pushed]
-    return Strokes(state.reshape(k, s, 3), modes.reshape(k, s))
+    ends, count = state.reshape(k, s, 3), len(model.w)
+    return Strokes(ends[:, -1], ends[:, :count], modes.reshape(k, s)[:, :count])
 
 
 class _Motion:
-    """The motion per metre of stroke of some rows: each a line, and a sample of the model."""
+    """The motion per metre of stroke of some rows: each a line, and a sample of the friction: support points, w and mu_c."""
 
     def __init__(
         self,
-        model: FrictionModel,
+        friction: tuple[Array, Array, Array],
         outline: Outline,
         origins: Array,
         directions: Array,
         radii: Array,
         samples: npt.NDArray[np.int64],
     ) -> None:
-        self._model, self._outline = model, outline
+        self._friction, self._outline = friction, outline
         self._origins, self._directions, self._radii, self._samples = origins, directions, radii, samples
 
     def at(self, poses: Array, otherwise: Array | None = None) -> tuple[Array, Array, npt.NDArray[np.int8]]:
@@ -106,11 +111,11 @@ class _Motion:
         met = np.isfinite(touches.distances)
         twists = np.zeros((len(poses), 3)) if otherwise is None else otherwise.copy()
         modes = np.full(len(poses), quasi_static.FREE, dtype=np.int8)
-        model = self._model
+        support_points, w, mu_c = self._friction
         twists[met], modes[met] = quasi_static.motions_of_rows(
-            model.support_points,
-            model.w[self._samples[met]],
-            model.mu_c[self._samples[met]],
+            support_points,
+            w[self._samples[met]],
+            mu_c[self._samples[met]],
             touches.points[met],
             touches.normals[met],
             directions[met],

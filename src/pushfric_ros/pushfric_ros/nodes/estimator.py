@@ -1,7 +1,9 @@
 """The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
 
 import dataclasses
+import math
 import pathlib
+import time
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
@@ -14,7 +16,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
-from pushfric_core.observation import Observation
+from pushfric_core.observation import Observation, check_planned_contact
+from pushfric_core.planar import Array
 from pushfric_core.prediction import FrictionModel, model_of, predict, stability
 from pushfric_core.push_choice import next_pushes
 from pushfric_core.recognition import Ranking, Recognizer
@@ -84,6 +87,13 @@ PROGRESS_PERIOD = 0.05
 HANDOVER_PERIOD = 0.2
 """While a restarted estimator catches up from the bag: time between two reads of the bag, in wall time [s]."""
 
+ASKS_AGAIN = 2.0
+"""A planner that has asked within this time [s] of wall time will ask again."""
+
+MODEL_PERIOD = 0.2
+"""While data points come, the model that answers planners is made again once in this time [s] of wall time: it takes longer
+than an estimate, and must not delay the next one."""
+
 QUIET = 0.5
 """The limit surface is published when the estimate has not changed for this long, in wall time [s]."""
 
@@ -104,6 +114,7 @@ class EstimatorNode(Node):
         if self._models.save:
             check_name(pathlib.Path(self._models.save))
         self._initial, self._bag = model.object, config.bag
+        self._asked = self._made = -math.inf  # when a planner asked last, and when the model was made, by the steady clock [s]
         self._prior = prior(pathlib.Path(self._models.model), load_object(model.object)) if self._models.model else []
         self._handover, self._caught_up = self._interrupted(), False
         self._begin(model.object if self._handover is None else self._handover.start.object)
@@ -156,11 +167,16 @@ class EstimatorNode(Node):
     def destroy_node(self) -> None:
         """Write the model that is to be kept, and destroy the node.
 
+        The model of another object than this one never takes the place of the one that the estimate went on from.
+
         Raises:
             InvalidInput: the model cannot be written.
         """
         try:
-            if self._models.save and self._estimate is not None and self._estimate.contradiction is None:
+            other = self._chosen != self._initial and self._models.save == self._models.model
+            if self._models.save and other:
+                self.get_logger().warning(f"{self._models.save} stays as it was: it is not the model of {self._object.name}")
+            elif self._models.save and self._estimate is not None and self._estimate.contradiction is None:
                 made_from = self._bag or self.get_fully_qualified_name()
                 settings = self._settings.without(self._excluded)
                 model = make_model(self._object, self._estimate, self._estimator.observations, made_from, settings)
@@ -208,7 +224,8 @@ class EstimatorNode(Node):
         if held is not None:
             self._look.cancel()
             self._handover = None
-            self.get_logger().info("has gone on from the bag; the topics lead from here")
+            known = "no data points" if self._estimate is None else data_of(self._estimate.data_points, self._estimate.pushes)
+            self.get_logger().warning(f"has gone on from the bag with {known}; the topics lead from here")
 
     def _begin(self, chosen: str) -> None:
         """Start a new estimate of an object, given by its name or file."""
@@ -303,6 +320,9 @@ class EstimatorNode(Node):
             self._draw(msg)
             if self._recognize(observation):
                 self._publish_ranking()
+        usable = self._handover is None and self._estimate is not None and self._estimate.contradiction is None
+        if usable and time.monotonic() < self._asked + ASKS_AGAIN and self._outdated():
+            self._make_model()  # after the estimate is out, and before the question
 
     def _tell(self, observation: Observation) -> None:
         """Publish a data point that was made here."""
@@ -462,7 +482,12 @@ class EstimatorNode(Node):
         except InvalidInput as error:
             response.message = str(error)
         else:
-            response.success = True
+            response.success, response.message = True, f"estimation of {self._object.name} starts"
+            if self._prior:
+                model, of = self._models.model, load_object(self._initial).name
+                used = "goes on from" if self._chosen == self._initial else f"does not use the model of {of},"
+                response.message += f"; it {used} {model}"
+                self.get_logger().warning(response.message)
         return response
 
     def _on_exclude_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
@@ -471,6 +496,7 @@ class EstimatorNode(Node):
         except ValueError as error:
             response.message = str(error)
             return response
+        self._model = None
         self._excluded.add(request.push_id)  # also its data points that are still to come
         self._publish_settings()
         response.success = True
@@ -490,6 +516,7 @@ class EstimatorNode(Node):
 
     def _on_keep_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
         estimate = self._estimator.keep(request.push_id)
+        self._model = None
         kept = tuple(sorted({*self._settings.kept, request.push_id}))
         self._settings = dataclasses.replace(self._settings, kept=kept)
         self._publish_settings()
@@ -502,8 +529,8 @@ class EstimatorNode(Node):
             self._draw(self._publish(estimate))
         return response
 
-    def _friction(self) -> tuple[Estimate, FrictionModel]:
-        """The last estimate, and the model that predicts from it, which is made when it is first needed.
+    def _make_model(self) -> tuple[Estimate, FrictionModel]:
+        """The last estimate, and the model that predicts from it.
 
         Raises:
             ValueError: there is no estimate to predict from.
@@ -515,21 +542,50 @@ class EstimatorNode(Node):
             raise ValueError(estimate.contradiction)
         if self._model is None or self._model[0] is not estimate:
             self._model = estimate, model_of(estimate, self._estimator.observations)
+            self._made = time.monotonic()
         return self._model
+
+    def _outdated(self) -> bool:
+        """Whether the model is not to be used any longer: there is no estimate, or one that has come since, some time ago."""
+        estimate = self._estimate
+        if self._model is None or estimate is None or estimate.contradiction is not None:
+            return True
+        return self._model[0] is not estimate and time.monotonic() >= self._made + MODEL_PERIOD
 
     def _on_predict_push(self, request: PredictPush.Request, response: PredictPush.Response) -> PredictPush.Response:
         try:
-            return predictions_to_msg(predict(self._friction()[1], *pushes_from_msg(request)), response)
+            pushes = pushes_from_msg(request)
+            return predictions_to_msg(predict(self._asked_for(*pushes[:2]), *pushes), response)
         except (ValueError, PushfricError) as error:
             response.message = str(error)
             return response
 
     def _on_stable_pushes(self, request: StablePushes.Request, response: StablePushes.Response) -> StablePushes.Response:
         try:
-            return stability_to_msg(stability(self._friction()[1], *turns_from_msg(request)), response)
+            turns = turns_from_msg(request)
+            return stability_to_msg(stability(self._asked_for(*turns[:2]), *turns), response)
         except (ValueError, PushfricError) as error:
             response.message = str(error)
             return response
+
+    def _asked_for(self, points: Array, normals: Array) -> FrictionModel:
+        """What answers a planner that asks about contacts (k, 2) [m] with these normals (k, 2).
+
+        Raises:
+            ValueError: there is no estimate to predict from, or a contact is not one.
+        """
+        self._asked = time.monotonic()
+        self._check_contacts(points, normals)
+        model = self._make_model() if self._model is None or self._outdated() else self._model
+        return model[1]
+
+    def _check_contacts(self, points: Array, normals: Array) -> None:
+        """Refuse contacts that are not on the object, or whose normals are wrong. Raises ValueError."""
+        for number, (point, normal) in enumerate(zip(points.tolist(), normals.tolist(), strict=True)):
+            try:
+                check_planned_contact(self._object.outline, point, normal)
+            except ValueError as error:
+                raise ValueError(f"contact {number}: {error}") from error
 
     def _publish_limit_surface(self) -> None:
         """Publish what takes longer than a data point may wait, for an estimate that has lasted a while."""
@@ -540,7 +596,7 @@ class EstimatorNode(Node):
         if self._mu_c is not None and self._estimate is not None and self._mu_c.data_points != self._estimate.data_points:
             self._publish(self._estimate)
         try:
-            msg = limit_surface_to_msg(*self._friction(), self._object.name)
+            msg = limit_surface_to_msg(*self._make_model(), self._object.name)
         except (ValueError, PushfricError):  # there is no estimate any longer, or it has no limit surface
             msg = LimitSurface(object=self._object.name)
         self._limit_surface_out.publish(msg)
