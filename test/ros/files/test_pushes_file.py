@@ -29,8 +29,10 @@ def test_columns_may_stand_in_any_order_with_others(tmp_path):
         ((0, -0.03, 0, -1, 0, "fast"), "line 2: tip_vy must be a number, got 'fast'"),
         ((0, -0.03, 0, -1, 0), "line 2: tip_vy must be a number, got None"),
         ((0, -0.03, 0, -1, 0, "inf"), "line 2: tip_vy must be finite"),
+        ((0, -0.03, 0, -1, 0, 1e200), "line 2: tip_vy must lie within 1e\\+09, got 1e\\+200"),
         ((0, -0.03, 0, -2, 0, 1), "line 2: the normal must have length 1"),
         ((0, -0.3, 0, -1, 0, 1), "line 2: the contact must be within 5 mm of the outline"),
+        ((0, -0.03, 0, 1, 0, 1), r"line 2: the normal must point outward, away from the object, got \(0, 1\)"),
     ],
 )
 def test_a_wrong_row_is_named(tmp_path, row, expected):

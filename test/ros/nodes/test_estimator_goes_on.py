@@ -20,7 +20,7 @@ from pushfric_core.planar import Pose
 from pushfric_core.table_1 import TABLE_1
 from pushfric_core.trajectory import Trajectory
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstimate, Observation, PusherState
-from pushfric_msgs.srv import ExcludePush
+from pushfric_msgs.srv import ExcludePush, SelectObject
 from pushfric_ros.bags import data_points
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.contents import mcap_file
@@ -237,6 +237,28 @@ def test_a_model_that_cannot_be_used_is_refused(ros, tmp_path, change, error):
     given = {"object": NAME, "model": kept(tmp_path / "model.yaml", DATA[:3])} | change
     with pytest.raises(InvalidInput, match=error):
         made(EstimatorNode, **given)
+
+
+def test_a_model_serves_the_object_that_it_is_of(ros, tmp_path):
+    path = kept(tmp_path / "model.yaml", DATA[:3])
+    before = (tmp_path / "model.yaml").read_bytes()
+    node = ros.node("peer", namespace="/cell")
+    estimator = made(EstimatorNode, object=NAME, source="observations", model=path, save=path)
+    ros.compose(estimator)
+
+    def chosen(name):
+        return call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object=name)).message
+
+    assert chosen(NAME) == f"estimation of {NAME} starts; it goes on from {path}"
+    other = f"estimation of wood_rect3 starts; it does not use the model of {NAME}, {path}"
+    assert chosen("wood_rect3") == other
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
+    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    out.publish(observation_to_msg(DATA[3], "wood_rect3"))
+    ros.wait_for(lambda: estimates and estimates[-1].data_points == 1, LONG, "an estimate")
+    ros.take_out(estimator)
+    estimator.destroy_node()
+    assert (tmp_path / "model.yaml").read_bytes() == before  # it is not lost to the other object
 
 
 STATES = [msg for msg in push(0, START) if isinstance(msg, PusherState)]

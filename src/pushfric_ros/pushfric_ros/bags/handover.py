@@ -1,4 +1,4 @@
-"""What an estimator that was killed and started again takes from the run's bag, and what it takes from the topics.
+"""What a node that was killed and started again takes from the run's bag, and, an estimator, what it takes from the topics.
 
 A message that was published before the new estimator's subscriptions were matched is in the bag, at the latest after the
 recorder's next flush; a later one comes by topic. So the bag is read until it holds, for each input, the first message that
@@ -114,3 +114,34 @@ class Handover:
                 self._recorded[name] = stamp_from_msg(msg.header.stamp)
                 found.append(Input(name, msg, message.log_time_ns))
         return found
+
+
+class PushCount:
+    """The pushes in the bag of a run, counted while it is recorded.
+
+    Args:
+        bag: its folder; it need not exist yet.
+        namespace: of the cell.
+    Attributes:
+        pushes: the largest number of a push in the bag, plus one.
+        newest: stamp of the newest pusher state in the bag [ns]; None: it holds none.
+    Raises:
+        OSError, ValueError: the bag cannot be read; the second also where its messages are not what they should be.
+    """
+
+    def __init__(self, bag: pathlib.Path, namespace: str) -> None:
+        self._file = GrowingFile(mcap_file(bag))
+        self._topic = f"{namespace.rstrip('/')}/pusher_state"
+        kind = TYPES["pusher_state"]
+        self._decoder = Decoder(kind, Definition("ros2msg", definition(kind)))
+        self.pushes = 0
+        self.newest: int | None = None
+        self.read_on()
+
+    def read_on(self) -> None:
+        """Count what was recorded since the last call. Raises as the class."""
+        for message in self._file.read_on():
+            if self._file.channels[message.channel_id].topic == self._topic:
+                state = self._decoder(message.data)
+                self.pushes = max(self.pushes, state.push_id + 1)
+                self.newest = stamp_from_msg(state.header.stamp)

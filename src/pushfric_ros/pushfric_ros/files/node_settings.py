@@ -106,6 +106,13 @@ class TipConfig:
 
 
 @dataclass(frozen=True)
+class TipNodeConfig:
+    """What a node that follows a tip goes on from. From the graph."""
+
+    bag: str = setting("", "folder of the run's bag, whose pushes a node counts on that is started again; empty: none")
+
+
+@dataclass(frozen=True)
 class ExperimentConfig:
     """Where a plan begins. From the command line."""
 

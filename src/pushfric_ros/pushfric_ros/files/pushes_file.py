@@ -1,13 +1,12 @@
 """Pushes to be judged, as CSV files: SI units, object frame, one push in each row."""
 
-import math
 import pathlib
 from typing import NamedTuple
 
 import numpy as np
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.observation import OFF_OUTLINE, UNIT
+from pushfric_core.observation import check_planned_contact
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Array
 from pushfric_ros.files.csv_table import read_table
@@ -15,6 +14,9 @@ from pushfric_ros.files.csv_table import read_table
 CONTACT = ("contact_x", "contact_y", "normal_x", "normal_y")
 MOVED = (*CONTACT, "tip_vx", "tip_vy")
 TURNED = (*CONTACT, "half_width", "cor_x", "cor_y", "turn")
+
+LARGEST = 1e9
+"""No number of a push is larger; a centre of rotation may lie far away, as that of a translation does [SI units]."""
 
 
 class PointPushes(NamedTuple):
@@ -64,10 +66,13 @@ def _read(path: pathlib.Path, columns: tuple[str, ...], outline: Outline) -> tup
     _, rows = read_table(path, columns, "pushes")
     numbers = np.array([row.numbers(columns) for row in rows])
     places = [row.where for row in rows]
-    for where, (x, y, normal_x, normal_y) in zip(places, numbers[:, :4].tolist(), strict=True):
-        if abs(math.hypot(normal_x, normal_y) - 1) > UNIT:
-            raise InvalidInput(f"{where}: the normal must have length 1, got ({normal_x:g}, {normal_y:g})")
-        if (distance := outline.distance_to((x, y))) > OFF_OUTLINE:
-            expected = f"the contact must be within {OFF_OUTLINE * 1e3:g} mm of the outline"
-            raise InvalidInput(f"{where}: {expected}, got ({x:g}, {y:g}) m, {distance:.3g} m away")
+    for where, row in zip(places, numbers.tolist(), strict=True):
+        for name, value in zip(columns, row, strict=True):
+            if abs(value) > LARGEST:
+                raise InvalidInput(f"{where}: {name} must lie within {LARGEST:g}, got {value:g}")
+        x, y, normal_x, normal_y = row[:4]
+        try:
+            check_planned_contact(outline, (x, y), (normal_x, normal_y))
+        except ValueError as error:
+            raise InvalidInput(f"{where}: {error}") from error
     return numbers, places

@@ -108,7 +108,7 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         NodeSpec("recorder", {"bag": bag, "object": file.object, "model": file.model.model, **plain(recorder)}),
         NodeSpec("estimator", estimation, respawn=True),  # a new estimator goes on from the bag
         _seer(file, frames),
-        *_movers(file, frames, start),
+        *_movers(file, frames, bag, start),
     ]
     reached = network.asked_for(file.discovery)
     return [replace(spec, environment=reached) for spec in specs]
@@ -122,10 +122,11 @@ def _seer(file: CellFile, frames: Mapping[str, Any]) -> NodeSpec:
     return NodeSpec("tracker", {"object": file.object, **common, **plain(file.camera), **plain(file.tracker)}, respawn=True)
 
 
-def _movers(file: CellFile, frames: Mapping[str, Any], start: int) -> list[NodeSpec]:
+def _movers(file: CellFile, frames: Mapping[str, Any], bag: str, start: int) -> list[NodeSpec]:
     """The nodes that push; or the node that follows a robot moved by others, in which case the run has no end of its own."""
     if file.pusher is None:
-        return [NodeSpec("tip_source", {"object": file.object, **frames, **merged(file.tip)})]
+        # a new one numbers the pushes on from the bag
+        return [NodeSpec("tip_source", {"object": file.object, "bag": bag, **frames, **merged(file.tip)}, respawn=True)]
     watched = (_seer(file, frames).name, "estimator")
     pusher = replace(file.pusher, requires=file.pusher.requires or watched)
     return [

@@ -1,17 +1,20 @@
 """The tip source node: the position of a tip that another robot moves -> pusher_state, with a number for each push."""
 
 import math
-from typing import Any
+import pathlib
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Array, inverse, transform
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.adapters.body import MountConfig
-from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, TipConfig
+from pushfric_ros.bags.contents import mcap_file
+from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, TipConfig, TipNodeConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.files.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_sample_from_msg, stamp_to_msg
@@ -23,11 +26,18 @@ from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
 
+if TYPE_CHECKING:
+    from pushfric_ros.bags.handover import PushCount
+
+COUNT_PERIOD = 0.2
+"""Time between two looks into the bag, while a node that was started again counts the pushes in it, in wall time [s]."""
+
 
 class TipSourceNode(Node):
     """Publishes a state for every message that shows the tip; it cannot move the robot.
 
-    A push lasts from when the tip comes near the object until it is away from it again.
+    A push lasts from when the tip comes near the object until it is away from it again. A node that is started again numbers on
+    from the run's bag; until the bag holds what it says itself, and so all that the one before said, no push has a number.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -43,11 +53,41 @@ class TipSourceNode(Node):
         self._last: tuple[int, Array] | None = None  # stamp [ns] and place [m] of the tip
         self._direction = np.array((1.0, 0.0))
         self._pushes, self._near, self._problem = 0, False, ""
+        self._first: int | None = None  # stamp of the first state of this node [ns]
+        self._bag = declare(self, TipNodeConfig).bag
+        self._before = self._counted()
         topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         self._out = topics.advertise(PusherState, "pusher_state", RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
         follow(topics, source, self._on_body, self._on_problem)
+        if self._before is not None:
+            self.get_logger().warning(f"numbers the pushes on from {self._bag}")
+            self._look = self.create_timer(COUNT_PERIOD, self._count_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _counted(self) -> "PushCount | None":
+        """The pushes that a node before this one has numbered; None if this is the first one of the run."""
+        if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
+            return None
+        from pushfric_ros.bags.handover import PushCount  # imported late: few nodes of this kind need to read bags
+
+        try:
+            before = PushCount(pathlib.Path(self._bag), self.get_namespace())
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"{self._bag}: its pushes cannot be counted: {error}") from error
+        return None if before.newest is None else before
+
+    def _count_on(self) -> None:
+        """Number the pushes from now on, once all that came before have been counted."""
+        assert self._before is not None
+        try:
+            self._before.read_on()
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"{self._bag}: its pushes cannot be counted: {error}") from error
+        newest = self._before.newest
+        if self._first is not None and newest is not None and newest >= self._first:
+            self._pushes, self._before = self._before.pushes, None
+            self._look.cancel()
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         try:
@@ -66,7 +106,10 @@ class TipSourceNode(Node):
             if length > 0:
                 self._direction, speed = moved / length, length / (stamp - self._last[0]) * 1e9
         self._last = stamp, tip
-        self._count(tip)
+        if self._before is None:
+            self._count(tip)
+        if self._first is None:
+            self._first = stamp
         self._problem = ""
         moving = speed > 0
         msg = PusherState(
