@@ -90,9 +90,9 @@ HANDOVER_PERIOD = 0.2
 ASKS_AGAIN = 2.0
 """A planner that has asked within this time [s] of wall time will ask again."""
 
-MODEL_PERIOD = 0.2
-"""While data points come, the model that answers planners is made again once in this time [s] of wall time: it takes longer
-than an estimate, and must not delay the next one."""
+MODEL_SHARE = 0.1
+"""While data points come, making the model that answers planners takes at most this share of the wall time: it takes longer
+than an estimate, and must not delay the next ones, however slow the machine is."""
 
 QUIET = 0.5
 """The limit surface is published when the estimate has not changed for this long, in wall time [s]."""
@@ -114,7 +114,7 @@ class EstimatorNode(Node):
         if self._models.save:
             check_name(pathlib.Path(self._models.save))
         self._initial, self._bag = model.object, config.bag
-        self._asked = self._made = -math.inf  # when a planner asked last, and when the model was made, by the steady clock [s]
+        self._asked = self._usable_until = -math.inf  # when a planner asked last; until when its model serves; steady clock [s]
         self._prior = prior(pathlib.Path(self._models.model), load_object(model.object)) if self._models.model else []
         self._handover, self._caught_up = self._interrupted(), False
         self._begin(model.object if self._handover is None else self._handover.start.object)
@@ -541,8 +541,9 @@ class EstimatorNode(Node):
         if estimate.contradiction is not None:
             raise ValueError(estimate.contradiction)
         if self._model is None or self._model[0] is not estimate:
+            begin = time.monotonic()
             self._model = estimate, model_of(estimate, self._estimator.observations)
-            self._made = time.monotonic()
+            self._usable_until = time.monotonic() + (time.monotonic() - begin) / MODEL_SHARE
         return self._model
 
     def _outdated(self) -> bool:
@@ -550,7 +551,7 @@ class EstimatorNode(Node):
         estimate = self._estimate
         if self._model is None or estimate is None or estimate.contradiction is not None:
             return True
-        return self._model[0] is not estimate and time.monotonic() >= self._made + MODEL_PERIOD
+        return self._model[0] is not estimate and time.monotonic() >= self._usable_until
 
     def _on_predict_push(self, request: PredictPush.Request, response: PredictPush.Response) -> PredictPush.Response:
         try:
