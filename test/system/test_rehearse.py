@@ -55,6 +55,15 @@ def test_faults_that_end_as_they_must(monkeypatch, capsys):
         assert controller._state == "Idle"
 
 
+def test_random_damage_of_the_line_ends_as_it_must(capsys):
+    """In mid-push, during a stop, and during a connection."""
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
+        call(controller, damage=3, seed=1)
+        assert capsys.readouterr().err.count("as it must be") == 3
+        assert controller.position() == pytest.approx(0.0, abs=1e-9)
+        assert controller._state == "Idle"
+
+
 def test_a_fault_that_ends_otherwise_is_exit_code_1(monkeypatch, capsys):
     (fault,) = chosen("kill -9 of the actuator")
     monkeypatch.setattr(rehearse, "FAULTS", (fault._replace(within=0.001),))  # more than any pusher can
