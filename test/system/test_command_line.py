@@ -113,7 +113,7 @@ def call(monkeypatch, capsys):
             ["calibrate", "lens", "99", "--out", "camera.yaml"],
             "no camera at '99': expected a camera's index (0 is",
         ),
-        (["calibrate", "lens", "topic", "--out", "camera.yaml"], "the topic image_raw is calibrated from pictures"),
+        (["calibrate", "lens", "98", "--out", "camera.yaml"], "; or topic or compressed, for a camera whose driver is a node"),
         (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
         (["import", "zhou2015", "none.csv", "--out", "bag"], "none.csv: no such file"),
         (["run", "none.yaml"], "none.yaml: cannot be read"),

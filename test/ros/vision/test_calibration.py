@@ -20,8 +20,9 @@ from pushfric_core.planar import rotation
 from pushfric_ros.vision.board import Board, BoardFinder
 from pushfric_ros.vision.board_pdf import save_board
 from pushfric_ros.vision.camera import Camera, Lens, load_lens, save_camera
-from pushfric_ros.vision.lens_calibration import calibrate_lens, lens_from_source
-from pushfric_ros.vision.table_calibration import Placement, calibrate_table, read_table_points, table_from_source
+from pushfric_ros.vision.frame_source import DeviceFrames
+from pushfric_ros.vision.lens_calibration import calibrate_lens, lens_from_frames
+from pushfric_ros.vision.table_calibration import Placement, calibrate_table, read_table_points, table_from_frames
 
 BOARD = Board()
 LENS = Lens(640, 480, np.array(((900.0, 0, 330), (0, 905, 236), (0, 0, 1))), np.array((-0.2, 0.08, 0.001, -0.0005, 0)))
@@ -147,7 +148,7 @@ def test_from_pictures_to_a_file(tmp_path, flat, pictures):
     for number, frame in enumerate((*pictures, pictures[0], np.zeros_like(flat))):  # one twice, one without the board
         cv2.imwrite(str(folder / f"{number}.png"), frame)
     told: list[str] = []
-    calibration = lens_from_source(str(folder), BOARD, told.append)
+    calibration = lens_from_frames(DeviceFrames(str(folder)), BOARD, told.append)
     assert_recovered(calibration.lens)
     assert len(told) == 8
     assert told[0].startswith("view 1: ")
@@ -155,7 +156,7 @@ def test_from_pictures_to_a_file(tmp_path, flat, pictures):
     lens = load_lens(tmp_path / "lens.yaml")
     cv2.imwrite(str(tmp_path / "[table].png"), flat)
     cv2.imwrite(str(tmp_path / "table.png"), flat)
-    table = table_from_source(str(tmp_path / "table*.png"), BOARD, lens, told.append)
+    table = table_from_frames(DeviceFrames(str(tmp_path / "table*.png")), BOARD, lens, told.append)
     np.testing.assert_allclose(table.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=3e-4)
 
 
@@ -167,7 +168,7 @@ def test_only_views_at_rest_are_taken_from_a_video(tmp_path, pictures):
             video.write(frame)
     video.release()
     with pytest.raises(InvalidInput, match=r"views\.avi: too few different views of the board: expected at least 8, got 7"):
-        lens_from_source(str(tmp_path / "views.avi"), BOARD, lambda line: None)
+        lens_from_frames(DeviceFrames(str(tmp_path / "views.avi")), BOARD, lambda line: None)
 
 
 def test_a_live_camera_is_read_until_the_views_are_enough(pictures):
@@ -195,7 +196,7 @@ def test_a_live_camera_is_read_until_the_views_are_enough(pictures):
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
     try:
-        calibration = lens_from_source(f"http://127.0.0.1:{server.server_port}/stream.mjpg", BOARD, told.append)
+        calibration = lens_from_frames(DeviceFrames(f"http://127.0.0.1:{server.server_port}/stream.mjpg"), BOARD, told.append)
     finally:
         over.set()
         server.shutdown()
@@ -238,10 +239,10 @@ def test_views_that_hardly_determine_the_focal_length_are_refused(views, rng):
 def test_pictures_without_the_board_are_refused(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((480, 640), np.uint8))
     with pytest.raises(InvalidInput, match="board not found in 1 pictures"):
-        lens_from_source(str(tmp_path), BOARD, lambda line: None)
+        lens_from_frames(DeviceFrames(str(tmp_path)), BOARD, lambda line: None)
     told: list[str] = []
     with pytest.raises(InvalidInput, match="board not found in 1 pictures"):
-        table_from_source(str(tmp_path), BOARD, LENS, told.append)
+        table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
     assert told == ["board not found yet"]
 
 
@@ -249,9 +250,9 @@ def test_pictures_of_other_sizes_are_refused(tmp_path):
     for name, shape in (("a", (480, 640)), ("b", (240, 320))):
         cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros(shape, np.uint8))
     with pytest.raises(InvalidInput, match="pictures of different sizes: 640 x 480 and 320 x 240"):
-        lens_from_source(str(tmp_path), BOARD, lambda line: None)
+        lens_from_frames(DeviceFrames(str(tmp_path)), BOARD, lambda line: None)
     with pytest.raises(InvalidInput, match="the lens is calibrated for 640 x 480 px, the image has 320 x 240"):
-        table_from_source(str(tmp_path / "b*.png"), BOARD, LENS, lambda line: None)
+        table_from_frames(DeviceFrames(str(tmp_path / "b*.png")), BOARD, LENS, lambda line: None)
 
 
 def measured(pixels, tmp_path, head="u,v,x,y"):
@@ -345,7 +346,7 @@ def test_places_of_the_board_are_collected_from_pictures(tmp_path, printed_board
     for number, roll in enumerate((0.0, 0.0, 0.6)):
         place = (0.0, 0.0, roll, 0.45, 0.03 * (number == 2), 0.0)
         cv2.imwrite(str(tmp_path / f"{number}.png"), shown(printed_board, *place))
-    calibration = table_from_source(str(tmp_path), BOARD, LENS, told.append)
+    calibration = table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
     assert [line.split(":")[0] for line in told] == ["place 1", "place 2"]  # the second picture shows the first place
     np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)
 

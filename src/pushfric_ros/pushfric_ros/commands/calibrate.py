@@ -9,18 +9,19 @@ import typer
 from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
 from pushfric_ros.commands.console import console
+from pushfric_ros.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_ros.commands.group import Group
-from pushfric_ros.nodes.tracker import TOPICS
+from pushfric_ros.commands.options import NamespaceOption
+from pushfric_ros.files.node_settings import NAMESPACE
 from pushfric_ros.vision.board import Board
 from pushfric_ros.vision.board_pdf import save_board
 from pushfric_ros.vision.camera import load_lens, save_camera
-from pushfric_ros.vision.frame_source import ACCEPTED
-from pushfric_ros.vision.lens_calibration import lens_from_source
-from pushfric_ros.vision.table_calibration import calibrate_table, read_table_points, table_from_source
+from pushfric_ros.vision.lens_calibration import lens_from_frames
+from pushfric_ros.vision.table_calibration import calibrate_table, read_table_points, table_from_frames
 
 app = typer.Typer(cls=Group, add_completion=False, no_args_is_help=True)
 
-CAMERA = ACCEPTED[0].upper() + ACCEPTED[1:]
+CAMERA = ACCEPTED_WITH_TOPICS[0].upper() + ACCEPTED_WITH_TOPICS[1:]
 
 Source = Annotated[str, typer.Argument(help=f"{CAMERA}.", show_default=False)]
 Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]
@@ -48,10 +49,10 @@ def lens(
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
+    namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     """Calibrate the lens from views of the board: near and far, tilted, in all parts of the image."""
-    _check_no_topic(source)
-    found = lens_from_source(source, _board(columns, rows, square), _say)
+    found = lens_from_frames(frames_from(source, namespace), _board(columns, rows, square), _say)
     save_camera(found.lens, out)
     console.print(
         f"{out}: reprojection error {found.rms_px:.3f} px, worst view {found.view_rms_px.max():.3f} px of"
@@ -78,6 +79,7 @@ def table(
         pathlib.Path | None,
         typer.Option(help="Draw a map of the expected errors to this file (.png, .svg, .pdf).", show_default=False),
     ] = None,
+    namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     """Calibrate the table from the board lying on it, or from at least four measured points; adds it to the camera's YAML.
 
@@ -88,8 +90,8 @@ def table(
     if source.endswith(".csv"):
         found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
     else:
-        _check_no_topic(source)
-        found = table_from_source(source, _board(columns, rows, square), known, _say)
+        frames = frames_from(source, namespace, (known.width, known.height))
+        found = table_from_frames(frames, _board(columns, rows, square), known, _say)
     save_camera(found.camera, camera)
     console.print(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
@@ -105,11 +107,6 @@ def table(
         from pushfric_ros.report.figures import table_error_figure  # imported late: matplotlib takes a second to load
 
         table_error_figure(figure, found.map.places, found.map.errors)
-
-
-def _check_no_topic(source: str) -> None:
-    if source in TOPICS:
-        raise InvalidInput(f"a camera behind the topic {TOPICS[source]} is calibrated from pictures: give a folder of them")
 
 
 def _board(columns: int, rows: int, square: float) -> Board:

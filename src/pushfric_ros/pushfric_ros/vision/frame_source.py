@@ -4,8 +4,10 @@ import glob
 import itertools
 import pathlib
 import threading
+import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Protocol
 
 import cv2
 
@@ -106,3 +108,62 @@ class Device(threading.Thread):
             except InvalidInput:
                 continue  # still away; the diagnostics say that no frames come
             return
+
+
+class Frames(Protocol):
+    """The frames of one source, one after another; open it as a context manager, then iterate."""
+
+    name: str
+    """What the source is, for people."""
+
+    pictures: bool
+    """Whether each frame is a picture of its own, so that nothing is to be seen of what happened between two."""
+
+    live: bool
+    """Whether the source is a camera, which does not end."""
+
+    def __enter__(self) -> "Frames": ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def __iter__(self) -> Iterator[Image]: ...
+
+    def forget(self) -> None:
+        """Of a camera, leave out the frames that came until now; the next one then shows what is there now."""
+
+
+class DeviceFrames:
+    """The frames of a device.
+
+    Args:
+        source, size: as `Device` takes them.
+    Raises:
+        InvalidInput: there is nothing to read at `source`.
+    """
+
+    def __init__(self, source: str, size: tuple[int, int] | None = None) -> None:
+        self._arrival = threading.Event()
+        self._device = Device(source, size, time.monotonic_ns, self._arrival.set)
+        self.name, self.pictures, self.live = source, self._device.pictures, self._device.live
+
+    def __enter__(self) -> "DeviceFrames":
+        self._device.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._device.close()
+
+    def __iter__(self) -> Iterator[Image]:
+        while True:
+            ended = not self._device.is_alive()
+            while self._device.frames:
+                yield self._device.frames.popleft()[1]
+            if ended:
+                return
+            self._arrival.wait(0.1)
+            self._arrival.clear()
+
+    def forget(self) -> None:
+        """See Frames."""
+        if self.live:
+            self._device.frames.clear()

@@ -1,8 +1,6 @@
 """Calibrates a camera's lens from views of a printed board."""
 
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -11,8 +9,8 @@ import numpy as np
 from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Array
 from pushfric_ros.vision.board import Board, BoardFinder, View, moved
-from pushfric_ros.vision.camera import Image, Lens
-from pushfric_ros.vision.frame_source import Device
+from pushfric_ros.vision.camera import Lens
+from pushfric_ros.vision.frame_source import Frames
 
 MIN_VIEWS = 8
 """Number of different views that a lens calibration needs."""
@@ -84,72 +82,46 @@ def calibrate_lens(views: Sequence[View], width: int, height: int) -> LensCalibr
     return LensCalibration(Lens(width, height, K, D.ravel()[:5]), float(rms), view_rms.ravel(), focal_error)
 
 
-def lens_from_source(source: str, board: Board, progress: Callable[[str], None]) -> LensCalibration:
+def lens_from_frames(source: Frames, board: Board, progress: Callable[[str], None]) -> LensCalibration:
     """The lens that took the images of a source, which show the board.
 
     A camera is read until the views are enough; a video or a folder of pictures is read to its end.
 
     Args:
-        source: as `Device` takes it.
+        source: not opened yet.
         board: the board that the images show.
         progress: called with a line of text for each view; of a camera, the line also says what is still missing.
     Raises:
-        InvalidInput: no such source, or its images are not enough; the text says what is missing.
+        InvalidInput: its images are not enough; the text says what is missing.
     """
     finder, kept, frames = BoardFinder(board), list[View](), 0
     size: tuple[int, ...] = ()
     previous: View | None = None
-    with Frames(source) as device:
-        for frame in device:
+    with source:
+        for frame in source:
             frames += 1
             if size and frame.shape != size:
                 raise InvalidInput(
-                    f"{source}: pictures of different sizes: {size[1]} x {size[0]} and {frame.shape[1]} x {frame.shape[0]}"
+                    f"{source.name}: pictures of different sizes: {size[1]} x {size[0]} and {frame.shape[1]} x {frame.shape[0]}"
                 )
             size = frame.shape
             view = finder.view(frame)
             last, previous = previous, view
             if view is None or not all(moved(view, other) > NOVEL * size[1] for other in kept):
                 continue
-            if not device.pictures and (last is None or moved(view, last) > STILL_PX):
+            if not source.pictures and (last is None or moved(view, last) > STILL_PX):
                 continue
             kept.append(view)
             missing = ""
-            if device.live:
+            if source.live:
                 try:
                     return calibrate_lens(kept, size[1], size[0])
                 except InvalidInput as error:
                     missing = f"; {error}"
             progress(f"view {len(kept)}: {len(view.ids)} corners{missing}")
     if not kept:
-        raise InvalidInput(f"{source}: board not found in {frames} pictures")
+        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
     try:
         return calibrate_lens(kept, size[1], size[0])
     except InvalidInput as error:
-        raise InvalidInput(f"{source}: {error}") from error
-
-
-class Frames:
-    """The frames of a device, one after another."""
-
-    def __init__(self, source: str) -> None:
-        self._arrival = threading.Event()
-        self._device = Device(source, None, time.monotonic_ns, self._arrival.set)
-        self.pictures, self.live = self._device.pictures, self._device.live
-
-    def __enter__(self) -> "Frames":
-        self._device.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._device.close()
-
-    def __iter__(self) -> Iterator[Image]:
-        while True:
-            ended = not self._device.is_alive()
-            while self._device.frames:
-                yield self._device.frames.popleft()[1]
-            if ended:
-                return
-            self._arrival.wait(0.1)
-            self._arrival.clear()
+        raise InvalidInput(f"{source.name}: {error}") from error

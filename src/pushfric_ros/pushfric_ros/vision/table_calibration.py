@@ -14,7 +14,8 @@ from pushfric_core.planar import Array, Pose, transform
 from pushfric_ros.files.csv_table import read_table
 from pushfric_ros.vision.board import Board, BoardFinder, View, moved
 from pushfric_ros.vision.camera import Camera, Lens
-from pushfric_ros.vision.lens_calibration import NOVEL, STILL_PX, Frames
+from pushfric_ros.vision.frame_source import Frames
+from pushfric_ros.vision.lens_calibration import NOVEL, STILL_PX
 
 MAX_RMS_PX = 5.0
 """A larger reprojection error (rms) means that the input is wrong."""
@@ -104,50 +105,52 @@ def calibrate_table(lens: Lens, placements: Sequence[Placement]) -> TableCalibra
     return TableCalibration(camera, errors_px, errors, _map(camera, fit.x, noise**2 * covariance))
 
 
-def table_from_source(source: str, board: Board, lens: Lens, progress: Callable[[str], None]) -> TableCalibration:
+def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callable[[str], None]) -> TableCalibration:
     """The table on which the board lies in one or more places; the board's frame in the first becomes the table frame.
 
     A camera is read until the places are enough; a video or a folder of pictures is read to its end.
 
     Args:
-        source: as `frame_source.Device` takes it.
+        source: not opened yet.
         board: the board that lies on the table.
         lens: of the camera.
         progress: called with a line of text for each place; of a camera, the line also says what is still missing.
     Raises:
-        InvalidInput: no such source, images of another size than the lens's, or too few places; the text says what is missing.
+        InvalidInput: images of another size than the lens's, or too few places; the text says what is missing.
     """
     finder, frames, kept = BoardFinder(board), 0, list[View]()
     previous: View | None = None
-    with Frames(source) as device:
-        for frame in device:
+    with source:
+        for frame in source:
             frames += 1
             if frame.shape != (lens.height, lens.width):
                 got = f"{frame.shape[1]} x {frame.shape[0]}"
-                raise InvalidInput(f"{source}: the lens is calibrated for {lens.width} x {lens.height} px, the image has {got}")
+                raise InvalidInput(
+                    f"{source.name}: the lens is calibrated for {lens.width} x {lens.height} px, the image has {got}"
+                )
             view = finder.view(frame)
             last, previous = previous, view
             if view is None:
                 if frames == 1:
                     progress("board not found yet")
                 continue
-            at_rest = device.pictures or (last is not None and moved(view, last) <= STILL_PX)
+            at_rest = source.pictures or (last is not None and moved(view, last) <= STILL_PX)
             if not at_rest or not all(moved(view, other) > NOVEL * lens.width for other in kept):
                 continue
             kept.append(view)
             missing = ""
-            if device.live:
+            if source.live:
                 try:
                     return calibrate_table(lens, list(map(_placement, kept)))
                 except InvalidInput as error:
                     missing = f"; {error}"
             progress(f"place {len(kept)}: {len(view.ids)} corners{missing}")
     if not kept:
-        raise InvalidInput(f"{source}: board not found in {frames} pictures")
+        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
     try:
         return calibrate_table(lens, list(map(_placement, kept)))
     except InvalidInput as error:
-        raise InvalidInput(f"{source}: {error}") from error
+        raise InvalidInput(f"{source.name}: {error}") from error
 
 
 def read_table_points(path: pathlib.Path) -> Placement:

@@ -1,0 +1,111 @@
+"""Frames of whatever a cell's file names as camera.source: a device, files, or a topic."""
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image as ImageMsg
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.node_kit.visit import Visit, visit
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
+from pushfric_ros.vision.camera import Image, picture_from
+from pushfric_ros.vision.frame_source import ACCEPTED, DeviceFrames, Frames
+
+ACCEPTED_WITH_TOPICS = f"{ACCEPTED}; or {' or '.join(TOPICS)}, for a camera whose driver is a node"
+"""What a source may be."""
+
+PATIENCE = 10.0
+"""How long to wait for the next frame of a topic [s]."""
+
+
+def frames_from(source: str, namespace: str, size: tuple[int, int] | None = None) -> Frames:
+    """The frames of a source, which is opened as a context manager.
+
+    Args:
+        source: as `camera.source` of a cell's file.
+        namespace: of the cell whose topic it is, if it is one.
+        size: width and height to ask of a device [px]; None: its default.
+    Raises:
+        InvalidInput: there is nothing to read at `source`.
+    """
+    if source in TOPICS:
+        return TopicFrames(source, namespace)
+    try:
+        return DeviceFrames(source, size)
+    except InvalidInput as error:
+        raise InvalidInput(f"{error}; or {' or '.join(TOPICS)}, for a camera whose driver is a node") from error
+
+
+def message_type(source: str) -> type[Any]:
+    """The type of the messages of a topic, which is one of `TOPICS`."""
+    return ImageMsg if source == "topic" else CompressedImage
+
+
+def image_from_msg(msg: Any) -> Image:
+    """The image (height, width) in grey levels of a message of such a type.
+
+    Raises:
+        ValueError: it holds no picture.
+    """
+    if isinstance(msg, ImageMsg):
+        return grey_from_msg(msg)
+    return picture_from(np.frombuffer(msg.data, np.uint8), msg.format)
+
+
+class TopicFrames:
+    """The frames of a topic; see Frames.
+
+    Args:
+        source: one of `TOPICS`.
+        namespace: of the cell.
+    """
+
+    pictures, live = False, True
+
+    def __init__(self, source: str, namespace: str) -> None:
+        self.name = f"{namespace.rstrip('/')}/{TOPICS[source]}"
+        self._source, self._namespace = source, namespace
+        self._frames: deque[Image] = deque()
+        self._problem: str | None = None
+        self._here: Visit[Any] | None = None
+
+    def __enter__(self) -> "TopicFrames":
+        self._here = visit("frames", self._namespace)
+        self._here.node.create_subscription(message_type(self._source), TOPICS[self._source], self._take, IMAGE_QUEUE)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        assert self._here is not None
+        self._here.close()
+
+    def __iter__(self) -> Iterator[Image]:
+        """Raises InvalidInput where no frame comes, or one that is no picture."""
+        assert self._here is not None
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            self._here.spin_once(0.1)
+            if self._problem is not None:
+                raise InvalidInput(f"{self.name}: {self._problem}")
+            if self._frames:
+                yield self._frames.popleft()
+                deadline = time.monotonic() + PATIENCE
+        raise InvalidInput(f"no frames from {self.name}: does its driver run, in this namespace?")
+
+    def forget(self) -> None:
+        """See Frames."""
+        assert self._here is not None
+        before = -1
+        while before < len(self._frames):  # until no message waits any more
+            before = len(self._frames)
+            self._here.spin_once(0.0)
+        self._frames.clear()
+
+    def _take(self, msg: Any) -> None:
+        try:
+            self._frames.append(image_from_msg(msg))
+        except ValueError as error:
+            self._problem = str(error)
