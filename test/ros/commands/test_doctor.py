@@ -26,6 +26,7 @@ from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.qos import SENSOR_DATA
 from pushfric_ros.pushers import grbl_checks
 from pushfric_ros.pushers.grbl_config import GrblConfig
@@ -299,7 +300,16 @@ NOISE = [np.random.default_rng(i).integers(0, 200, (240, 320)).astype(np.uint8) 
     ],
 )
 def test_a_camera_gives_living_frames_fast_enough(seen, level, finding):
-    assert camera.check_camera(seen, "topic")[1:3] == (level, finding)
+    assert camera.check_camera(camera.Watched(seen), "topic")[1:3] == (level, finding)
+
+
+def test_images_lost_on_the_way_need_memory_and_not_light():
+    lossy = camera.check_camera(camera.Watched(frames(NOISE, period=0.2), lost=15, publishers=1), "topic")
+    finding = "image_raw: 320 x 240 px, 5.0 frames/s; 75 % of the images are lost on the way"
+    assert lossy[1:3] == (WARNING, finding)
+    none = camera.check_camera(camera.Watched([], publishers=1), "topic")
+    assert none[1:3] == (FAILED, "no frames from image_raw, though it has 1 publisher")
+    assert all(f"_DEFAULT_PROFILES_FILE={network.IMAGES}" in check.advice for check in (lossy, none))
 
 
 @pytest.mark.parametrize(
@@ -321,7 +331,12 @@ def test_exposure(table, thing, level, advice):
 
 def test_stamps_of_another_clock_or_out_of_order_fail():
     assert camera.check_stamps(frames(NOISE, age=0.08))[1:3] == (OK, "0.080 s old on arrival")
-    assert camera.check_stamps(frames(NOISE, age=-3600.0))[1:3] == (FAILED, "-3600.000 s old on arrival")
+    early = "-3600.000 s old on arrival, so not by this machine's clock"
+    assert camera.check_stamps(frames(NOISE, age=-3600.0))[1:3] == (FAILED, early)
+    assert camera.check_stamps(frames(NOISE, age=-0.02)).level is FAILED
+    slow = camera.check_stamps(frames(NOISE, age=0.3))
+    assert (slow.level, "a push at 20 mm/s would be seen 6 mm behind" in slow.finding) == (WARNING, True)
+    assert camera.check_stamps(frames(NOISE, age=0.6)).level is FAILED
     assert camera.check_stamps(frames(NOISE, age=5.0)).level is FAILED
     assert "not in order" in camera.check_stamps(frames(NOISE)[::-1]).finding
 
@@ -339,7 +354,7 @@ def test_frames_of_a_topic_are_judged_as_those_of_a_device(ros, encoding):
         out.publish(msg)
 
     node.create_timer(0.02, send)
-    seen = camera.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None)
+    seen = camera.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None).frames
     assert len(seen) == camera.FRAMES
     assert all(any(np.array_equal(frame.image, sent) for sent in NOISE) for frame in seen)
     assert camera.check_stamps(seen).level is FAILED
@@ -355,7 +370,7 @@ def test_a_topic_of_no_pictures_is_refused(ros):
 
 def test_a_topic_that_nobody_publishes_gives_no_frames(monkeypatch):
     monkeypatch.setattr(camera, "PATIENCE", 0.2)
-    assert camera.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None) == []
+    assert camera.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None) == ([], 0, 0)
 
 
 @pytest.mark.parametrize(
@@ -389,9 +404,11 @@ def test_an_object_too_small_for_the_camera_fails(tmp_path):
     assert "too small or thin for the tracker" in check.finding
 
 
-def test_an_object_need_not_lie_there_yet(tmp_path):
-    check = scene.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), np.zeros((240, 320), np.uint8))
-    assert check[1:3] == (OK, "rubber_rect4 is not seen now: saturated or empty frame")
+def test_an_object_that_is_not_seen_is_a_warning_with_numbers(tmp_path):
+    check = scene.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), np.full((240, 320), 40, np.uint8))
+    seen = "expected about 127 x 64 px; the picture has grey levels of 40 (median) to 40"
+    assert check[1:3] == (WARNING, f"rubber_rect4 is not seen now: no object; {seen}")
+    assert "./pushfric measure" in check.advice
 
 
 # The pusher

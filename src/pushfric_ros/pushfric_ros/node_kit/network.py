@@ -79,6 +79,13 @@ def asked_for(discovery: Discovery) -> dict[str, str]:
     return {RANGE: discovery.name}
 
 
+def for_camera_drivers() -> str | None:
+    """The command that gives a camera driver's process enough shared memory for its images; None: not with this middleware."""
+    if not get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
+        return None
+    return f"export {_file_variable()}={IMAGES}"
+
+
 @contextlib.contextmanager
 def configured(images: bool = False) -> Iterator[None]:
     """Within the context, the environment makes Fast DDS set up a process's first node as this module says.

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console
-from pushfric_ros.commands.doctor.camera import check_camera, check_exposure, check_stamps, watch
+from pushfric_ros.commands.doctor.camera import Watched, check_camera, check_exposure, check_stamps, watch
 from pushfric_ros.commands.doctor.discovery import check_discovery, check_multicast
 from pushfric_ros.commands.doctor.interfaces import check_build
 from pushfric_ros.commands.doctor.machine import check_clock, check_disk, check_packages, check_ros
@@ -90,16 +90,19 @@ def _examine_camera(
     try:
         camera = load_camera(source.calibration)
     except InvalidInput as error:
-        yield Check("calibration", Level.FAILED, str(error), "calibrate again: ./pushfric calibrate --help")
+        again = f"./pushfric calibrate lens {source.source} --out {source.calibration}"
+        again += f", then ./pushfric calibrate table {source.source} --camera {source.calibration}"
+        yield Check("calibration", Level.FAILED, str(error), again)
     progress("camera")
     try:
-        frames = watch(source, cell.namespace, (camera.width, camera.height) if camera is not None else None)
+        watched = watch(source, cell.namespace, (camera.width, camera.height) if camera is not None else None)
     except InvalidInput as error:
-        holder = "check that it is plugged in, that you may read /dev/video*, and that no other program holds it"
+        holder = "plug it in; `fuser -v /dev/video*` names who holds it; sudo usermod -aG video $USER, then log in again"
         yield Check("camera", Level.FAILED, str(error), holder)
-        frames = []
+        watched = Watched([])
     else:
-        yield check_camera(frames, source.source)
+        yield check_camera(watched, source.source)
+    frames = watched.frames
     if frames:
         yield check_exposure(frames[-1].image)
         if source.source in TOPICS:  # frames of a device get their stamps here

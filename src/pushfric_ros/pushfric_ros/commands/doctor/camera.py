@@ -7,16 +7,18 @@ import time
 from typing import Any, NamedTuple
 
 import numpy as np
-from sensor_msgs.msg import CompressedImage
-from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.files.node_settings import CameraConfig
+from pushfric_core.wording import counted
+from pushfric_ros.commands.frames import image_from_msg, message_type
+from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.messages.conversions import stamp_from_msg
+from pushfric_ros.node_kit import network
+from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.visit import visit
-from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS
 from pushfric_ros.pushers.check import Check, Level
-from pushfric_ros.vision.camera import Image, picture_from
+from pushfric_ros.vision.camera import Image
 from pushfric_ros.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_ros.vision.frame_source import Device
 
@@ -32,8 +34,12 @@ SLOWEST = 10.0
 BRIGHTEST, MOST_SATURATED = 235, 0.01
 """Grey level from which a pixel counts as saturated (the video range ends there), and the largest share of such pixels."""
 
-STALE = 1.0
-"""Frames older than this on arrival [s], or from the future, have stamps of another clock."""
+MOST_LOST = 0.02
+"""Share of the images of a topic that may be lost on the way."""
+
+EARLY, SLOW, STALE = 0.005, 0.2, 0.5
+"""Frames from the future by the first of these [s], or older than the last on arrival, have stamps of another clock. From the
+second on that may be so, or the driver is slow."""
 
 
 class Frame(NamedTuple):
@@ -44,8 +50,16 @@ class Frame(NamedTuple):
     image: Image
 
 
-def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> list[Frame]:
-    """The first frames of a camera, which is a device or a topic; empty if no frame comes in time.
+class Watched(NamedTuple):
+    """What was seen of a camera."""
+
+    frames: list[Frame]  # the first ones; empty if none came in time
+    lost: int = 0  # images of a topic that were published meanwhile and did not arrive
+    publishers: int = 0  # of the topic
+
+
+def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> Watched:
+    """The first frames of a camera, which is a device or a topic.
 
     Args:
         entry: the section `camera` of the cell's file.
@@ -72,39 +86,48 @@ def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> 
                 frames.append(Frame(stamp, time.time_ns(), image))
     finally:
         device.close()
-    return frames
+    return Watched(frames)
 
 
-def _watch_topic(source: str, namespace: str) -> list[Frame]:
+def _watch_topic(source: str, namespace: str) -> Watched:
     frames: list[Frame] = []
     problems: list[str] = []
+    losses = Losses()
 
-    def take(msg: Any) -> None:
+    def take(msg: Any, info: Any) -> None:
         arrival = time.time_ns()
+        losses.count(info.get("publication_sequence_number"), publishers)
         try:
-            image = grey_from_msg(msg) if source == "topic" else picture_from(np.frombuffer(msg.data, np.uint8), msg.format)
+            image = image_from_msg(msg)
         except ValueError as error:
             problems.append(str(error))
             return
         frames.append(Frame(stamp_from_msg(msg.header.stamp), arrival, image))
 
+    def publishers() -> int:
+        return subscription.get_publisher_count()
+
     with visit("doctor", namespace) as here:
-        here.node.create_subscription(ImageMsg if source == "topic" else CompressedImage, TOPICS[source], take, IMAGE_QUEUE)
+        subscription = here.node.create_subscription(message_type(source), TOPICS[source], take, IMAGE_QUEUE)
         deadline = time.monotonic() + PATIENCE
         while len(frames) < FRAMES and not problems and time.monotonic() < deadline:
             here.spin_once(0.1)
             if len(frames) == 1:
                 deadline = min(deadline, time.monotonic() + WATCHED)
+        watched = Watched(frames, losses.messages, publishers())
     if problems:
         raise InvalidInput(f"{TOPICS[source]}: {problems[0]}")
-    return frames
+    return watched
 
 
-def check_camera(frames: list[Frame], source: str) -> Check:
-    """Whether frames come, come fast enough, and change."""
-    what = TOPICS.get(source, source)
+def check_camera(watched: Watched, source: str) -> Check:
+    """Whether frames come, none is lost, they come fast enough, and change."""
+    what, frames, lost = TOPICS.get(source, source), watched.frames, watched.lost
+    if not frames and watched.publishers:
+        finding = f"no frames from {what}, though it has {counted(watched.publishers, 'publisher')}"
+        return Check("camera", Level.FAILED, finding, f"{room()}; or its driver has no picture to publish")
     if not frames:
-        advice = "check that its driver runs and publishes in the cell's namespace" if source in TOPICS else "plug it in again"
+        advice = "start its driver in the cell's namespace" if source in TOPICS else "plug it in again"
         return Check("camera", Level.FAILED, f"no frames from {what}", advice)
     height, width = frames[0].image.shape
     seconds = (frames[-1].arrival - frames[0].arrival) / 1e9
@@ -112,10 +135,21 @@ def check_camera(frames: list[Frame], source: str) -> Check:
     finding = f"{what}: {width} x {height} px, {rate:.1f} frames/s"
     if len(frames) > 2 and all(np.array_equal(frame.image, frames[0].image) for frame in frames):
         return Check("camera", Level.FAILED, f"{finding}, all of them equal", "it hangs: unplug it and plug it in again")
+    if lost > MOST_LOST * (lost + len(frames)):
+        finding += f"; {100 * lost / (lost + len(frames)):.0f} % of the images are lost on the way"
+        return Check("camera", Level.WARNING, finding, room())
     if not rate >= SLOWEST:
         advice = f"{SLOWEST:g} frames/s or more are needed: shorter exposure with more light, or another port or format"
         return Check("camera", Level.WARNING, finding, advice)
     return Check("camera", Level.OK, finding)
+
+
+def room() -> str:
+    """What to do where images do not arrive."""
+    command = network.for_camera_drivers()
+    if command is None:
+        return "give the middleware of the driver's process more memory for messages of this size"
+    return f"the driver's process has too little shared memory for its images; in its terminal: {command}, then start it again"
 
 
 def check_exposure(image: Image) -> Check:
@@ -140,8 +174,14 @@ def check_stamps(frames: list[Frame]) -> Check:
     ages = [(frame.arrival - frame.stamp) / 1e9 for frame in frames]
     finding = f"{np.median(ages):.3f} s old on arrival"
     backwards = any(b.stamp <= a.stamp for a, b in itertools.pairwise(frames))
-    if not -STALE / 10 <= np.median(ages) <= STALE or backwards:
-        finding += ", not in order" if backwards else ""
-        advice = "the driver's clock is not this one: synchronise them; small constant offsets go into camera.time_offset"
+    age = float(np.median(ages))
+    if not -EARLY <= age <= STALE or backwards:
+        finding += ", not in order" if backwards else ", so not by this machine's clock"
+        advice = "sudo timedatectl set-ntp true on both machines, or chrony; small constant offsets go into camera.time_offset"
         return Check("stamps", Level.FAILED, finding, advice)
+    if age > SLOW:
+        speed = PlanConfig.speed
+        finding += f"; by another clock, a push at {1e3 * speed:g} mm/s would be seen {1e3 * speed * age:.0f} mm behind"
+        advice = "compare the clocks, with `date +%s.%N` on both machines; a driver on this one is slow: fewer pixels, no queue"
+        return Check("stamps", Level.WARNING, finding, advice)
     return Check("stamps", Level.OK, finding)

@@ -28,7 +28,7 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     corners = np.array([(u, v) for u in (0, camera.width - 1) for v in (0, camera.height - 1)], dtype=float)
     off = np.abs(camera.project(camera.unproject(corners)) - corners).max()
     if not off < LENS_ERROR_PX:
-        advice = "calibrate the lens again, with the board in the corners of the picture"
+        advice = "`./pushfric calibrate lens` again, with the board in the corners of the picture"
         return Check("calibration", Level.FAILED, "the lens model fails in the corners of the picture", advice)
     direction = np.asarray(pusher.line_direction) / np.hypot(*pusher.line_direction)
     line = np.asarray(pusher.line_origin) + np.linspace(0, pusher.stroke, 50)[:, None] * direction
@@ -37,7 +37,7 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     pixel = camera.metres_per_pixel()
     finding = f"a pixel is {1e3 * pixel:.2f} mm, {100 * seen:.0f} % of the pushing line are in the picture"
     if not seen:
-        advice = "check table_homography, line_origin and line_direction: they must mean the same table frame"
+        advice = "`./pushfric measure CELL --only tip` finds the line, `./pushfric calibrate table` the table frame it is in"
         return Check("calibration", Level.FAILED, finding, advice)
     if pixel > COARSEST:
         advice = f"{1e3 * COARSEST:g} mm or less are needed: a camera nearer to the table, or with more pixels"
@@ -46,7 +46,7 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
 
 
 def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Image | None) -> Check:
-    """Whether the tracker can find such an object, and whether it sees it now; the object need not lie there yet."""
+    """Whether the tracker can find such an object, and whether it sees it now; it may not lie there yet, which is a warning."""
     try:
         tracker: Tracker = cell.tracker.open_tracker(camera, model, (cell.camera and cell.camera.object_height) or model.height)
     except InvalidInput as error:
@@ -56,7 +56,14 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
     try:
         sighting = tracker.track(image)
     except NotSeen as reason:
-        return Check("object", Level.OK, f"{model.name} is not seen now: {reason}")
+        size = " x ".join(f"{side / camera.metres_per_pixel(model.height):.0f}" for side in model.outline.size)
+        table, brightest = np.percentile(image, (50, 99.9))
+        finding = (
+            f"{model.name} is not seen now: {reason}; expected about {size} px;"
+            f" the picture has grey levels of {table:.0f} (median) to {brightest:.0f}"
+        )
+        advice = "lay it in the picture, alone; `./pushfric measure CELL --only object` shows what the camera sees of it"
+        return Check("object", Level.WARNING, finding, advice)
     x, y = 1e3 * sighting.pose.x, 1e3 * sighting.pose.y
     return Check(
         "object", Level.OK, f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
