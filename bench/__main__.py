@@ -6,12 +6,14 @@ import pathlib
 import platform
 import sys
 import time
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
 import typer.core
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
@@ -29,6 +31,7 @@ from bench import (
     soak,
     tracker,
     updates,
+    view_cost,
 )
 from bench.data_points import GRIDS
 from bench.verdict import verdicts, with_best_of_highs
@@ -93,6 +96,14 @@ def bench(
             help="Measure only the cost of a data point in the estimator when there are up to a million: 20 minutes.",
         ),
     ] = False,
+    view_only: Annotated[
+        bool,
+        typer.Option(
+            "--view",
+            help="Measure only image to estimate, without a live view, with one that nobody looks at, and with a visitor:"
+            " 8 minutes.",
+        ),
+    ] = False,
     planning_only: Annotated[
         bool,
         typer.Option(
@@ -143,7 +154,9 @@ def bench(
     if not plot.parent.is_dir() and plot != DEFAULT_PLOT:
         raise typer.BadParameter(f"{plot}: its folder does not exist")
     if footprint_only:
-        return _measure_footprint(json)
+        return _measure_alone("footprint", footprint, display.footprint_table, json)
+    if view_only:
+        return _measure_alone("view", view_cost, display.view_table, json)
     if planning_only:
         return _measure_planning(json)
     plot.parent.mkdir(exist_ok=True)
@@ -222,15 +235,16 @@ def _measure_growth(json: str | None) -> int:
     return 0
 
 
-def _measure_footprint(json: str | None) -> int:
+def _measure_alone(name: str, section: Any, table: Callable[[Any], Table], json: str | None) -> int:
+    """One section with targets of its own."""
     with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=footprint.STEPS, completed=-1)
-        figures = footprint.measure(lambda what: bar.update(task, description=what, advance=1))
+        task = bar.add_task("", total=section.STEPS, completed=-1)
+        figures = section.measure(lambda what: bar.update(task, description=what, advance=1))
         bar.update(task, description="done", advance=1)
-    targets = list(footprint.verdicts(figures))
-    Console(stderr=json == STDOUT).print(display.footprint_table(figures), display.verdict_table(targets), sep="\n")
+    targets = list(section.verdicts(figures))
+    Console(stderr=json == STDOUT).print(table(figures), display.verdict_table(targets), sep="\n")
     if json is not None:
-        report = {"footprint": figures, "targets": [target._asdict() for target in targets]}
+        report = {name: figures, "targets": [target._asdict() for target in targets]}
         write_json(jsons.dumps(report, indent=1), json)
     return 0
 

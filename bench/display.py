@@ -174,6 +174,15 @@ def live_table(figures: Figures) -> Table:
     return table
 
 
+def view_table(figures: Figures) -> Table:
+    """What the live view costs."""
+    table = Table("", "image to estimate, median", "99th percentile", "cores", "estimates", title="The live view")
+    for way, row in figures.items():
+        times = (f"{row[key]:.1f} ms" for key in ("p50_ms", "p99_ms"))
+        table.add_row(way, *times, f"{row['cores']:.2f}", str(row["estimates"]))
+    return table
+
+
 def footprint_table(figures: Figures) -> Table:
     """Memory of the demo's processes, and all other figures that are compared with a bare rclpy node."""
     table = Table("figure", "pushfric", "bare rclpy node", title="Footprint of the processes")

@@ -36,6 +36,7 @@ from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, PusherState
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
+from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE
@@ -68,7 +69,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
         nodes over wall time.
     """
     progress("live graph, 14 frames/s")
-    at_camera_rate, at_high_rate = _Listener(), _Listener()
+    at_camera_rate, at_high_rate = LatencyListener(), LatencyListener()
     run(at_camera_rate, CAMERA_RATE)
     progress("live graph, more than 60 frames/s")
     run(at_high_rate, HIGH_RATE, HIGH_RATE_SECONDS)
@@ -94,7 +95,7 @@ class Listener(Protocol):
         """Images so far."""
 
 
-class _Listener:
+class LatencyListener:
     """Records when messages of the cell were published [ns], by their stamps [ns]."""
 
     def __init__(self) -> None:
@@ -188,8 +189,22 @@ class _Listener:
                 self._tracked.append((info["source_timestamp"], taken))
 
 
-def run(listener: Listener, frame_rate: float, seconds: float = math.inf) -> None:
-    """Run the cell in real time until its plan is finished, or until frames have come for this many seconds."""
+def run(
+    listener: Listener,
+    frame_rate: float,
+    seconds: float = math.inf,
+    changed: Callable[[list[NodeSpec]], list[NodeSpec]] = list,
+    heard: Callable[[str, str], None] = lambda name, line: None,
+) -> None:
+    """Run the cell in real time until its plan is finished, or until frames have come for this many seconds.
+
+    Args:
+        listener: hears of the run.
+        frame_rate: of the camera [Hz].
+        seconds: infinite: until the plan is finished.
+        changed: makes other nodes of the cell's.
+        heard: called from threads with what the nodes print.
+    """
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, _executor() as (executor, node):
         cell = demo_cell(OBJECT, Path(folder))
         specs = [
@@ -198,8 +213,13 @@ def run(listener: Listener, frame_rate: float, seconds: float = math.inf) -> Non
         ]
         listener.subscribe(node)
         said: list[str] = []
+
+        def say(name: str, line: str) -> None:
+            said.append(f"{name}: {line}")
+            heard(name, line)
+
         begin, cpu_before = time.monotonic(), _cpu_of_ended_children()
-        with Supervisor(specs, graph.NAMESPACE, lambda name, line: said.append(f"{name}: {line}")) as supervisor:
+        with Supervisor(changed(specs), graph.NAMESPACE, say) as supervisor:
             listener.started = time.time_ns()
             until = None
             while until is None or time.monotonic() < until:

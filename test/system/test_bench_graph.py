@@ -29,7 +29,7 @@ def test_latency_runs_from_the_newest_image_needed(pipeline):
 
     One pusher state is lost, so the second estimate waits for the next.
     """
-    listener = pipeline._Listener()
+    listener = pipeline.LatencyListener()
     for frame in range(10):
         stamp, wall = 100 * frame * MS, (5000 + 100 * frame) * MS
         listener._ticks[stamp] = wall
@@ -58,7 +58,7 @@ def test_latency_runs_from_the_newest_image_needed(pipeline):
 
 @pytest.mark.parametrize("dropped", [0, 3])
 def test_a_frame_on_its_way_is_not_dropped(pipeline, dropped):
-    listener = pipeline._Listener()
+    listener = pipeline.LatencyListener()
     listener.seconds, listener.cpu_seconds = 10.0, 5.0
     # numbered from 21: the first ones came before the listener
     listener._frames = [(50 * number * MS, 21 + number) for number in range(201)]
@@ -76,3 +76,18 @@ def test_images_are_recorded_and_a_bag_is_estimated(recording, monkeypatch):
     assert 0 < images["recorded"] <= 30
     assert images["megabytes"] == pytest.approx(0.9216 * images["recorded"], rel=0.01)
     assert offline["times_real_time"] == pytest.approx(offline["seconds_recorded"] / offline["cpu_seconds"])
+
+
+def test_the_cost_of_the_view_is_measured_side_by_side(pipeline, monkeypatch):
+    from bench import view_cost
+
+    monkeypatch.setattr(view_cost, "_run", lambda way: {"estimates": 9, "p50_ms": len(way), "p99_ms": 50.0, "cores": 0.5})
+    said: list[str] = []
+    figures = view_cost.measure(said.append)
+    assert len(said) == view_cost.STEPS
+    assert [way["p50_ms"] for way in figures.values()] == [len(way) for way in figures]
+    (verdict,) = view_cost.verdicts(figures)
+    assert not verdict.met
+    figures[view_cost.NOBODY]["p50_ms"] = 14.0
+    (verdict,) = view_cost.verdicts(figures)
+    assert verdict.met

@@ -16,12 +16,15 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from pushfric_msgs.msg import PusherState
+from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PusherState, RejectedPush
+from pushfric_msgs.srv import ExcludePush
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.files.node_settings import PlanConfig, ViewConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import Supervisor
-from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.parameters import overrides
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
+from pushfric_ros.nodes.view import ViewNode
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PATIENCE = 120.0  # [s]
@@ -135,7 +138,7 @@ def test_the_page_shows_the_run(browser, url):
         expect(page.locator("#points")).to_contain_text("data point")
         expect(page.locator("#center")).to_contain_text("mm")
         expect(page.locator("#overlay")).to_be_visible()
-        assert page.locator("#overlay").evaluate("image => image.decode().then(() => image.naturalWidth)") == 640
+        expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
         expect(page.locator("#drawing .weight")).not_to_have_count(0)
         expect(page.locator("#drawing .tip")).to_have_count(1)
         for node in ("tracker", "actuator", "estimator", "experiment", "recorder", "view"):
@@ -193,6 +196,38 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
             expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
             with page.expect_response("**/next"):
                 page.locator("#next").click()
+
+
+def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
+    kept = []
+
+    def keep(request, response):
+        kept.append(request.push_id)
+        response.success, response.message = True, "kept: 4 data points of 2 pushes are in"
+        return response
+
+    estimator = ros.node("estimator", namespace="/left_out")
+    observations = estimator.create_publisher(Observation, "observation", RELIABLE)
+    estimates = estimator.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
+    estimator.create_service(ExcludePush, "estimator/keep_push", keep)
+    view = ros.compose(ViewNode(namespace="/left_out", parameter_overrides=overrides({"object": OBJECT})))
+    for out in (observations, estimates):
+        ros.wait_for(out.get_subscription_count, PATIENCE, f"the view's subscription to {out.topic_name}")
+    observations.publish(Observation(push_id=0))
+    observations.publish(Observation(push_id=1))
+    reason = "it moves otherwise than the others say"
+    left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, rejected=[RejectedPush(push_id=1, reason=reason)])
+    left.header.stamp.sec = 1
+    left.change = [ObjectChange(since_push=1)]
+    estimates.publish(left)
+    with visit(browser, view.url) as page:
+        row = page.locator('#rows tr[data-push="1"]')
+        expect(row).to_contain_text(f"left out: {reason}")
+        expect(page.locator("#trust")).to_contain_text("another one since push 2")
+        row.get_by_role("button", name="Keep push 2").click()
+        expect(page.locator("#answer")).to_have_text("Keep push 2: kept: 4 data points of 2 pushes are in")
+        assert kept == [1]
+        expect(page.locator('#rows tr[data-push="0"]').get_by_role("button")).to_have_text("Exclude")
 
 
 @pytest.mark.skipif("PUSHFRIC_PICTURES" not in os.environ, reason="PUSHFRIC_PICTURES names no folder for the docs' pictures")

@@ -521,7 +521,7 @@ class EstimatorNode(Node):
         self._settings = dataclasses.replace(self._settings, kept=kept)
         self._publish_settings()
         response.success = True
-        response.message = f"{estimate.data_points} data points of {estimate.pushes} pushes are in"
+        response.message = f"kept: {data_of(estimate.data_points, estimate.pushes)} are in"
         if estimate.data_points:
             self._estimate = estimate
             self._narrow_again()

@@ -55,7 +55,8 @@ class ViewNode(Node):
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
         triggers = {"stop": "actuator/stop", "reset": "actuator/reset", "next": "experiment/next"}
         self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
-        self._services_of["exclude"] = self.create_client(ExcludePush, "estimator/exclude_push")
+        pushes = {"exclude": "estimator/exclude_push", "keep": "estimator/keep_push"}
+        self._services_of |= {what: self.create_client(ExcludePush, name) for what, name in pushes.items()}
         self._diagnostics = topics = Diagnostics(self, self._health)
         story = self._story
         # from the start, even if nobody looks: a visitor who comes late is told all of it
@@ -132,7 +133,7 @@ class ViewNode(Node):
             name = self.resolve_service_name(client.srv_name)
             request.answer(Answer(False, f"no service {name}: nobody there can do it"))
             return
-        question = ExcludePush.Request(push_id=request.push) if request.action == "exclude" else Trigger.Request()
+        question = Trigger.Request() if request.push is None else ExcludePush.Request(push_id=request.push)
 
         def answered(future: Future) -> None:
             response = future.result()

@@ -27,7 +27,7 @@ from pushfric_ros.view.story import Change
 PAGE = pathlib.Path(__file__).parent / "page"
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
-ACTIONS = ("stop", "reset", "next", "exclude")
+ACTIONS = ("stop", "reset", "next", "exclude", "keep")
 """What a visitor may ask for."""
 
 FREE_FOR_ALL = "stop"
@@ -68,7 +68,7 @@ class Request(NamedTuple):
     """Something that a visitor asks for."""
 
     action: str  # one of ACTIONS
-    push: int | None  # to exclude
+    push: int | None  # to exclude or keep
     answer: Callable[[Answer], None]  # from any thread; only the first answer counts
 
 
@@ -175,7 +175,7 @@ class Server:
             [
                 (r"/live", Visitor, for_all),
                 (r"/(stop|reset|next)", Action, for_all),
-                (r"/(exclude)/(-?\d{1,10})", Action, for_all),
+                (r"/(exclude|keep)/(-?\d{1,10})", Action, for_all),
                 (r"/([a-z.]*)", Page, for_all),
             ],
             log_function=lambda _: None,

@@ -185,7 +185,10 @@ function drawTable() {
         if (label) cell.dataset.label = label;
       }
       const button = document.createElement("button");
-      button.addEventListener("click", () => ask(`exclude/${row.push}`, `exclude push ${row.push + 1}`));
+      button.addEventListener("click", () => {
+        const what = rejectionOf(row) ? "keep" : "exclude";
+        ask(`${what}/${row.push}`, `${what} push ${row.push + 1}`);
+      });
       line.lastChild.append(button);
       body.insertBefore(line, body.children[index] ?? null);
     }
@@ -194,17 +197,23 @@ function drawTable() {
     const texts = [row.push + 1, row.contacts.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
     texts.forEach((text, column) => { line.cells[column].textContent = text; });
     line.cells[6].className = bad ? "bad" : "";
-    line.className = row.excluded ? "out" : "";
+    const left = Boolean(rejectionOf(row));
+    line.className = row.excluded || left ? "out" : "";
     const button = line.lastChild.firstChild;
-    button.textContent = row.excluded ? "Excluded" : "Exclude";
-    button.ariaLabel = `Exclude push ${row.push + 1}`;
+    button.textContent = row.excluded ? "Excluded" : left ? "Keep" : "Exclude";
+    button.ariaLabel = `${left ? "Keep" : "Exclude"} push ${row.push + 1}`;
     button.disabled = row.excluded || connection !== "live" || !row.contacts.length;
   });
 }
 
+// Why the estimator leaves a push out by itself, as the last estimate says; undefined if it does not
+function rejectionOf(row) {
+  return row.excluded ? undefined : story.estimate?.rejected?.find((one) => one.push === row.push);
+}
+
 function judged(row) {
   if (row.excluded) return ["excluded", false];
-  const rejected = story.estimate?.rejected?.find((one) => (one.push_id ?? one.push) === row.push);
+  const rejected = rejectionOf(row);
   if (rejected) return [`✗ left out: ${rejected.reason}`, true];
   if (row.aborted) return ["✗ aborted", true];
   if (!row.contacts.length) return ["no data point yet", false];
