@@ -17,6 +17,7 @@ from pyarrow import parquet
 from pushfric_core.support import Support
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.model_file import load_model
+from pushfric_ros.offline.many import model_names
 from pushfric_ros.offline.outliers import differing
 
 BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
@@ -151,6 +152,18 @@ def test_a_folder_that_cannot_be_written_is_named(inputs, tmp_path):
     run = estimate(inputs, "--object", NAME, "--out", tmp_path / "file")
     assert run.returncode == 2
     assert f"{tmp_path / 'file'}: cannot be written" in run.stderr
+
+
+def test_every_input_has_a_model_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").touch()
+    for name in ("a", "bag_1.0", "bag_1.5", "x/y", "x-y"):
+        (tmp_path / name).mkdir(parents=True)
+    inputs = [tmp_path / name for name in ("a", "a.csv", "bag_1.0", "bag_1.5", "x/y", "x-y")]
+    names = [path.name for path in model_names(inputs).values()]
+    assert len(set(names)) == len(inputs)
+    assert names[2:4] == ["bag_1.0.yaml", "bag_1.5.yaml"]
+    assert list(model_names(inputs[1:3]).values()) == [pathlib.Path("models/a.yaml"), pathlib.Path("models/bag_1.0.yaml")]
 
 
 def test_few_estimates_do_not_tell_outliers():

@@ -9,6 +9,7 @@ import json
 import os
 import pathlib
 import traceback
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
@@ -55,7 +56,7 @@ def estimate_many(
         dask: address of the scheduler of a Dask cluster, whose workers see the same files; None: this machine.
         finished: called with each line as it comes, first with those of an earlier run.
     Raises:
-        InvalidInput: the folder cannot be written, two inputs have one model, or no cluster answers.
+        InvalidInput: the folder cannot be written, or no cluster answers.
         WorkerKilled: a process was killed; the lines up to then are in the folder.
     """
     models = model_names(inputs)
@@ -83,20 +84,21 @@ def estimate_many(
 def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
     """Where the model of each input goes, in the folder of the results; the name follows from the input's path alone.
 
-    Raises:
-        InvalidInput: two inputs have the same name.
+    Where several inputs would have one name, as a bag and a CSV next to it, a few digits of the path tell them apart.
     """
-    names: dict[pathlib.Path, pathlib.Path] = {}
-    taken: dict[str, pathlib.Path] = {}
-    for path in inputs:
-        name = "-".join(part for part in pathlib.Path(os.path.relpath(path)).with_suffix("").parts if part.strip("./"))
-        if name in taken:
-            raise InvalidInput(
-                f"{taken[name]} and {path} would both be the model {name}.yaml; rename one, or estimate it alone"
-            )
-        taken[name] = path
-        names[path] = pathlib.Path(MODELS) / f"{name}.yaml"
-    return names
+    named = {path: _name_of(path) for path in inputs}
+    times = Counter(named.values())
+    for path, name in named.items():
+        if times[name] > 1:
+            named[path] = f"{name}-{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    return {path: pathlib.Path(MODELS) / f"{name}.yaml" for path, name in named.items()}
+
+
+def _name_of(path: pathlib.Path) -> str:
+    """The parts of a path, without the suffix of a file; a folder's name may have dots of its own."""
+    relative = pathlib.Path(os.path.relpath(path))
+    whole = relative if path.is_dir() else relative.with_suffix("")
+    return "-".join(part for part in whole.parts if part.strip("./"))
 
 
 def fingerprint(path: pathlib.Path, choices: Choices) -> str:
@@ -117,12 +119,13 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
     if not file.exists():
         return
     lines: dict[str, Line] = {}
-    for text in file.read_text(encoding="utf-8").splitlines():
+    for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             line = json.loads(text)
         except ValueError:
             continue  # an interrupted run leaves half a line
-        if isinstance(line, dict) and wanted.get(line.get("input", "")) == line.get("fingerprint"):
+        known = isinstance(line, dict) and isinstance(line.get("input"), str)
+        if known and wanted.get(line["input"], "") == line.get("fingerprint"):
             lines[line["input"]] = line
     yield from lines.values()
 
