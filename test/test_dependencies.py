@@ -3,6 +3,7 @@
 import ast
 import configparser
 import importlib.machinery
+import importlib.metadata
 import importlib.util
 import os
 import pathlib
@@ -113,8 +114,11 @@ def test_a_package_has_what_a_release_needs(name):
     assert root.find("url").text.startswith("https://")
     title = f"Changelog for package {name}"
     assert (folder / "CHANGELOG.rst").read_text().splitlines()[:3] == ["^" * len(title), title, "^" * len(title)]
+    version = root.find("version").text
+    assert version == package("pushfric_core").find("version").text
+    assert (folder / "CHANGELOG.rst").read_text().splitlines()[4].startswith(f"{version} (")
     if name in PYTHON_PACKAGES:
-        assert f'version="{root.find("version").text}"' in (folder / "setup.py").read_text()
+        assert importlib.metadata.version(name) == version  # setup.py reads package.xml
         # by these `colcon test` knows that there are tests, and where
         needed = options(name)["options.extras_require"]["test"].split()
         assert {f"python3-{package}" for package in needed} <= set(keys(name, "test_depend"))

@@ -51,3 +51,39 @@ def test_the_citation_is_of_this_version():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["version"] == pushfric_core.__version__
     assert f"version = {{{pushfric_core.__version__}}}" in (ROOT / "README.md").read_text()
+
+
+def instructions(file: pathlib.Path) -> list[tuple[str, str]]:
+    """The instructions of a container file with their arguments, continued lines joined."""
+    lines = "\n".join(line for line in file.read_text().splitlines() if not line.startswith("#")).replace("\\\n", " ")
+    return [tuple(line.split(maxsplit=1)) for line in lines.splitlines() if line.strip()]
+
+
+KNOWN = {"ARG", "FROM", "ENV", "RUN", "COPY", "USER", "WORKDIR", "ENTRYPOINT", "CMD"}
+
+
+@pytest.mark.parametrize("name", ["wheels", "ros"])
+def test_the_container_files_run_what_the_readme_says(name):
+    made = instructions(ROOT / f"containers/{name}.Dockerfile")
+    assert {what for what, _ in made} <= KNOWN
+    runs = [argument for what, argument in made if what == "RUN"]
+    for run in runs:  # each is one line of a shell
+        subprocess.run(["sh", "-n", "-c", run], check=True, timeout=60)
+    for what, argument in made:
+        if what in ("ENTRYPOINT", "CMD"):
+            assert all(isinstance(word, str) for word in yaml.safe_load(argument))
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    wanted = {"wheels": ["./pushfric setup"], "ros": ["rosdep install --from-paths src --ignore-src -y", "colcon build"]}[name]
+    if name == "ros":
+        wanted += re.findall(r"python3 -m pip install osqp .*?'typer[^']*'", readme)
+        assert len(wanted) == 3
+    for command in wanted:
+        assert command in readme
+        assert any(command in run for run in runs)
+
+
+def test_the_container_without_ros_has_every_system_package():
+    text = (ROOT / "pushfric").read_text()
+    (packages,) = re.findall(r"^SYSTEM_PACKAGES = (\{.*\})", text, re.MULTILINE)
+    (run,) = [one for what, one in instructions(ROOT / "containers/wheels.Dockerfile") if what == "RUN" and "apt-get" in one]
+    assert set(yaml.safe_load(packages).values()) <= set(run.split())

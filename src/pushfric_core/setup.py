@@ -1,8 +1,10 @@
+from xml.etree import ElementTree
+
 from setuptools import find_packages, setup
 
 setup(
     name="pushfric_core",
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),  # written there alone
     description="Friction parameters of pushed objects: mechanics of pushing and the incremental program.",
     maintainer="pushfric maintainers",
     maintainer_email="pushfric@users.noreply.github.com",

@@ -1,4 +1,5 @@
 from glob import glob
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -17,7 +18,7 @@ NODES = (
 
 setup(
     name="pushfric_ros",
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),  # written there alone
     description="Robot cell that estimates the friction parameters of pushed objects.",
     maintainer="pushfric maintainers",
     maintainer_email="pushfric@users.noreply.github.com",

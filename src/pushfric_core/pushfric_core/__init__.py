@@ -50,7 +50,8 @@ if TYPE_CHECKING:
 
 # isort: on
 
-__version__ = "0.1.0"
+__version__: str
+"""That of the installed package: package.xml has it."""
 
 _MODULES = {  # the same as above: a test compares them
     "constraint_rows": ["ConstraintRows"],
@@ -81,6 +82,10 @@ __all__ = sorted(_HOMES)  # noqa: PLE0605 - computed, so that no name is written
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version(__name__)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
@@ -88,4 +93,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *_HOMES, "__version__"})
