@@ -32,6 +32,7 @@ COMMANDS = {
     "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",
     "rehearse": "Cause every fault of docs/safety.md on a real controller without an object; measure how the pusher stops.",
     "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
+    "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the pusher's entries.",
     "bag": "Check and recover bags.",
     "stop": "Stop the pusher of a running cell; nothing moves before ./pushfric reset.",
     "reset": "After a stop, fault or alarm: home, or if the cell does not home, confirm the reported position.",

@@ -136,6 +136,19 @@ def _movers(file: CellFile, frames: Mapping[str, Any], bag: str, start: int) -> 
     ]
 
 
+def pusher_alone(file: CellFile) -> list[NodeSpec]:
+    """The node that moves the pusher of a cell, without those that a push needs.
+
+    Raises:
+        InvalidInput: the cell follows a robot that others move.
+    """
+    if file.pusher is None:
+        raise InvalidInput("others move this cell's robot, expected the section pusher")
+    pusher = replace(file.pusher, requires=())
+    parameters = {**plain(file.frames), **plain(pusher), **plain(file.driver)}
+    return [NodeSpec("actuator", parameters, environment=network.asked_for(file.discovery))]
+
+
 def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int = 1) -> list[NodeSpec]:
     """The nodes of a cell whose camera and serial port are simulated.
 

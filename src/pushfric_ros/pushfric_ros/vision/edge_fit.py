@@ -121,6 +121,23 @@ class EdgeFit:
         seen = self._stretches[found]
         return bool(np.linalg.eigvalsh(seen.T @ seen)[0] >= MIN_PROOF)
 
+    def offsets(self, image: Image, pose: Pose) -> Array:
+        """How far beyond its place each edge lies, each by itself, at this pose (n,) [m]; NaN where it is not clear.
+
+        Args:
+            image: (height, width) mono8 frame.
+            pose: in the table frame; edges farther off than `slack_px` and half a reach are not found.
+        """
+        profiles = self._profiles(image, pose)
+        farthest = self._slack * _PER_PIXEL
+        rough = _edges(profiles, self._whole)
+        moved = np.clip(np.rint(rough.distances * _PER_PIXEL), -farthest, farthest).astype(int)
+        edges = _edges(profiles[self._rows + moved, self._columns], self._near)
+        clear = (edges.contrasts > max(MIN_CONTRAST, _MIN_EDGE_CONTRAST * float(np.median(edges.contrasts)))) & (
+            edges.unevenness < _MAX_UNEVENNESS * edges.contrasts
+        )
+        return np.where(clear, (edges.distances + moved / _PER_PIXEL) * self._pixel, np.nan)
+
     def _profiles(self, image: Image, pose: Pose) -> npt.NDArray[np.float32]:
         """Grey levels (m, n) across each of n edges at `pose`, from its bright side to its dark one."""
         places = self._camera.project(transform(pose, self._places), self._height)

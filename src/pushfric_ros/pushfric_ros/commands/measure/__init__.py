@@ -1,0 +1,261 @@
+"""The command `measure`."""
+
+import enum
+import os
+import pathlib
+import sys
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+import yaml
+from rich.console import Console
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.commands.console import console, warn
+from pushfric_ros.commands.frames import frames_from
+from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_ros.commands.measure.stroke import along_the_stroke, pictures
+from pushfric_ros.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, object_text, permit, write
+from pushfric_ros.files.cell_file import CellFile, load_cell
+from pushfric_ros.files.object_file import ObjectModel, load_object
+from pushfric_ros.files.yaml_edit import Value
+from pushfric_ros.node_kit import network
+from pushfric_ros.pushers.pusher import PusherConfig
+from pushfric_ros.report.measurement import (
+    object_figures,
+    object_findings,
+    object_picture,
+    size_of,
+    tip_figures,
+    tip_findings,
+    tip_picture,
+)
+from pushfric_ros.report.report import to_json
+from pushfric_ros.vision.camera import Camera, load_camera
+from pushfric_ros.vision.frame_source import Frames
+from pushfric_ros.vision.outline_measurement import height_of, measured_object, places_from
+from pushfric_ros.vision.tip_measurement import measure_tip
+from pushfric_ros.vision.tracker_settings import ContourConfig
+
+app = typer.Typer(add_completion=False)
+
+STROKES = 13
+"""Positions along the stroke, from one end to the other."""
+
+
+class Part(enum.StrEnum):
+    """What is measured."""
+
+    OBJECT = "object"
+    TIP = "tip"
+
+
+@app.command()
+def measure(
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
+    only: Annotated[
+        Part | None, typer.Option(help="Measure this alone.", show_default="first the object, then the tip")
+    ] = None,
+    source: Annotated[
+        str,
+        typer.Option(help="Where the pictures come from, in the words of camera.source.", show_default="camera.source of CELL"),
+    ] = "",
+    height: Annotated[
+        float | None,
+        typer.Option(
+            help="Height of the object's bright face over the table, by a caliper [m].", min=0.0, max=1.0, show_default=False
+        ),
+    ] = None,
+    moved: Annotated[
+        float | None,
+        typer.Option(
+            help="Measure the height instead: the object lies in two places, and was slid by this from one to the other,"
+            " along a ruler [m].",
+            min=0.01,
+            max=10.0,
+            show_default=False,
+        ),
+    ] = None,
+    tip_height: Annotated[
+        float | None,
+        typer.Option(
+            help="Height of what the camera sees of the tip over the table [m].",
+            min=0.0,
+            max=1.0,
+            show_default="from the length that the stroke seems to have",
+        ),
+    ] = None,
+    positions: Annotated[
+        str,
+        typer.Option(
+            help="Nothing moves: the pictures of the source show the tip at these stroke positions, in this order [m].",
+            metavar="NUMBER,...",
+            show_default=False,
+        ),
+    ] = "",
+    speed: Annotated[float, typer.Option(help="Of the pusher between two pictures [m/s].", min=0.0001, max=1.0)] = 0.01,
+    out: Annotated[pathlib.Path | None, typer.Option(help="Folder to write to.", show_default="the folder of CELL")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there, without asking.")] = False,
+    json: JsonOption = None,
+) -> None:
+    """The object lies anywhere in the picture, alone. Its outline, and its height if --moved is given, go into object.yaml,
+    next to what that file already says of it. Then, with the object away, the pusher goes along its stroke and back, slowly,
+    and rests for each picture; where its tip is seen gives line_origin, line_direction and tip_radius of the cell's file.
+
+    What disagrees with the files is said in a sentence. measured_object.png and measured_tip.png show what was found.
+    """
+    file, folder = load_cell(cell), out or cell.parent
+    if file.camera is None:
+        raise InvalidInput(f"{cell}: a camera is measured with, expected the section camera")
+    parts = [only] if only is not None else [Part.OBJECT, *[Part.TIP] * (file.pusher is not None)]
+    if height is not None and moved is not None:
+        raise InvalidInput("give --height or --moved, not both")
+    if len(parts) > 1 and not sys.stdin.isatty():
+        raise InvalidInput("give --only object or --only tip: without a terminal, nobody can be asked to take the object away")
+    camera = load_camera(file.camera.calibration)
+    source = source or file.camera.source
+    # as the nodes will, this process looks for others where the cell's file says
+    os.environ.update(network.asked_for(file.discovery))
+    figures: dict[str, Any] = {"findings": [], "files": []}
+    output = Console(stderr=json == STDOUT, highlight=False, markup=False, soft_wrap=True)
+
+    def frames() -> Frames:
+        return frames_from(source, file.namespace, (camera.width, camera.height))
+
+    for part in parts:
+        if part is Part.OBJECT:
+            target = object_target(file, cell, folder)
+            permit(target, force)
+            figures["object"] = _measure_object(file, camera, frames(), height, moved, target, figures, output)
+        else:
+            target = folder / PUSHER_FILE if out is not None else cell
+            permit(target, force)
+            at = _numbers(positions)
+            figures["pusher"] = _measure_tip(file, cell, camera, frames(), at, speed, tip_height, target, figures, output)
+    for finding in figures["findings"]:
+        warn(finding)
+    write_json(to_json(figures), json)
+
+
+def _measure_object(
+    cell: CellFile,
+    camera: Camera,
+    source: Frames,
+    height: float | None,
+    moved: float | None,
+    target: pathlib.Path,
+    figures: dict[str, Any],
+    output: Console,
+) -> dict[str, Any]:
+    known = _known(cell)
+    assert cell.camera is not None
+    height_in_file = cell.camera.object_height or (known.height if known is not None else None)
+    if height is None and moved is None and height_in_file is None:
+        raise InvalidInput(
+            f"{cell.object}: no such object yet: give the height of its face, --height, or the distance by which you slide it"
+            " along a ruler, --moved"
+        )
+    if source.live:
+        slide = (
+            f"; then slide it by {1e3 * moved:g} mm along a ruler, and take your hand away again" if moved is not None else ""
+        )
+        _say(f"lay the object on the table, alone, and take your hand away{slide}")
+    threshold = cell.tracker.threshold or None if isinstance(cell.tracker, ContourConfig) else None
+    places = places_from(source, camera, 1 if moved is None else 2, _say, threshold)
+    if moved is not None:
+        if len(places) > 2:
+            raise InvalidInput(f"{source.name}: {len(places)} places of the object, expected two, {1e3 * moved:g} mm apart")
+        height = height_of(camera, places, moved)
+    at = height if height is not None else height_in_file
+    assert at is not None
+    measured = measured_object(camera, places, at)
+    found = object_findings(camera, places, measured, at, known, height is not None)
+    figures["findings"] += [f"{cell.object}: {finding}" for finding in found.findings]
+    corners = [[round(value, 5) for value in corner] for corner in found.outline.vertices.tolist()]
+    values: dict[str, Value] = {"outline": corners, "height": round(max(at, 0.0), 5)}
+    picture = target.parent / "measured_object.png"
+    write(target, object_text(target, known, values))
+    draw(picture, object_picture(camera, places[-1], found))
+    figures["files"] += [str(target), str(picture)]
+    spread = f", the same in {len(places)} places to {1e3 * measured.spread:.2f} mm (rms)" if len(places) > 1 else ""
+    how = "measured" if moved is not None else "given" if height is not None else "as in the file"
+    output.print(f"object: {size_of(found.outline)} mm, {len(corners)} corners{spread}; height {1e3 * at:.1f} mm, {how}")
+    output.print(f"wrote {target}, {picture}")
+    return object_figures(found, measured)
+
+
+def _measure_tip(
+    cell: CellFile,
+    path: pathlib.Path,
+    camera: Camera,
+    source: Frames,
+    positions: list[float],
+    speed: float,
+    tip_height: float | None,
+    target: pathlib.Path,
+    figures: dict[str, Any],
+    output: Console,
+) -> dict[str, Any]:
+    if cell.pusher is None:
+        raise InvalidInput(f"{path}: others move this cell's robot, expected the section pusher")
+    if positions:
+        images = pictures(source, camera)
+        if len(images) != len(positions):
+            raise InvalidInput(f"{source.name}: {len(images)} pictures, but --positions names {len(positions)}")
+    elif not source.live:
+        raise InvalidInput(
+            f"{source.name} shows no live camera: give --positions, the stroke positions that it shows the tip at"
+        )
+    else:
+        positions = np.linspace(0.0, cell.pusher.stroke, STROKES).tolist()
+        _consent(cell.pusher, speed)
+        images = along_the_stroke(cell, source, positions, min(speed, cell.pusher.max_speed), _say)
+    tip = measure_tip(camera, positions, images, cell.pusher.tip_radius, tip_height)
+    figures["findings"] += [f"{path}: {finding}" for finding in tip_findings(tip, cell.pusher, tip_height is not None)]
+    values: dict[str, Value] = {
+        "line_origin": [round(value, 5) for value in tip.origin.tolist()],
+        "line_direction": [round(value, 6) for value in tip.direction.tolist()],
+        "tip_radius": round(tip.radius, 5),
+    }
+    picture = target.parent / "measured_tip.png"
+    write(target, cell_text(path, values) if target == path else yaml.safe_dump({"pusher": values}, default_flow_style=None))
+    draw(picture, tip_picture(camera, images[-1], tip, cell.pusher.stroke))
+    figures["files"] += [str(target), str(picture)]
+    x, y = 1e3 * tip.origin
+    u, v = tip.direction
+    output.print(f"pushing line: from ({x:.2f}, {y:.2f}) mm along ({u:.5f}, {v:.5f}), seen to {1e3 * tip.rms:.2f} mm (rms)")
+    length = "" if tip_height is None else f"; the stroke is {tip.scale:.4f} times as long as the controller says"
+    output.print(f"tip: radius {1e3 * tip.radius:.2f} mm, {1e3 * tip.height:.1f} mm over the table{length}")
+    output.print(f"wrote {target}, {picture}")
+    return tip_figures(tip)
+
+
+def _known(cell: CellFile) -> ObjectModel | None:
+    """The object as its file has it; None where there is none yet. A file that is wrong is wrong."""
+    if cell.object.endswith((".yaml", ".yml")) and not pathlib.Path(cell.object).exists():
+        return None
+    return load_object(cell.object)
+
+
+def _consent(pusher: PusherConfig, speed: float) -> None:
+    """Ask before the pusher moves; without a terminal, --only tip has asked for it."""
+    way = f"from 0 to {1e3 * pusher.stroke:g} mm and back, at {1e3 * speed:g} mm/s"
+    if not sys.stdin.isatty():
+        _say(f"the pusher goes {way}")
+        return
+    home = " It homes first." if pusher.home else ""
+    typer.confirm(
+        f"The pusher will go {way}.{home} Take the object away, keep a hand on the emergency stop. Go on?", abort=True, err=True
+    )
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(one) for one in text.split(",")] if text else []
+    except ValueError as error:
+        raise InvalidInput(f"--positions must be numbers with commas between them, got {text!r}") from error
+
+
+def _say(line: str) -> None:
+    console.print(line, highlight=False, markup=False)

@@ -1,0 +1,110 @@
+"""Pictures of the tip at known places of its stroke: the pusher goes there, slowly, and rests for each."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.files.cell_file import CellFile
+from pushfric_ros.graph.graph import COMMAND_LINE, enclave, pusher_alone
+from pushfric_ros.graph.supervisor import Supervisor
+from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.vision.camera import Camera, Image
+from pushfric_ros.vision.frame_source import Frames
+
+STALE, AVERAGED = 3, 8
+"""After a motion, this many frames may still show it; then the mean of so many is taken."""
+READY = 30.0
+"""How long the pusher may take to be ready [s]; one that homes takes as long as it needs."""
+HERE = 1e-5
+"""The pusher is where it is wanted if it is this near [m]."""
+
+
+class NotMeasured(PushfricError):
+    """The pusher does not do what is needed."""
+
+
+def along_the_stroke(
+    cell: CellFile, source: Frames, positions: Sequence[float], speed: float, say: Callable[[str], None]
+) -> list[Image]:
+    """Pictures of the tip at these positions; the pusher is back at the first in the end.
+
+    It moves through the cell's actuator, with all that this node watches over. Ctrl-C stops it.
+
+    Args:
+        cell: with a pusher.
+        source: a camera, not opened yet.
+        positions: along the stroke [m].
+        speed: between them [m/s].
+        say: called with a line for each picture, and for what the actuator prints.
+    Raises:
+        NotMeasured: the pusher is not ready, or the actuator ends.
+        NoAnswer: a motion did not arrive.
+        InvalidInput: no frames come.
+    """
+    images: list[Image] = []
+    with _supervised(cell, lambda name, line: say(f"{name}: {line}")) as person, source:
+        for position in positions:
+            _go(person, position, speed)
+            images.append(_still(source))
+            say(f"picture at {1e3 * position:.1f} mm")
+        _go(person, positions[0], speed)
+    return images
+
+
+@contextlib.contextmanager
+def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[Person]:
+    """A person at the cell's actuator, which is ready; it is watched whenever the person waits."""
+    with (
+        Supervisor(pusher_alone(cell), cell.namespace, say) as supervisor,
+        Person(cell.namespace, enclave(cell.namespace, COMMAND_LINE)) as person,
+    ):
+
+        def watch(_: PusherState) -> None:
+            ended = supervisor.poll()
+            if ended is not None:
+                raise NotMeasured(ended.reason)
+
+        person.on_state = watch
+        deadline = time.monotonic() + READY
+        while True:
+            watch(PusherState())
+            with contextlib.suppress(NoAnswer):  # nothing is published before the controller answers
+                state = person.state(new=True)
+                if state.mode == PusherState.MODE_IDLE:
+                    break
+                if state.mode == PusherState.MODE_HOMING:
+                    deadline = time.monotonic() + READY
+            if time.monotonic() > deadline:
+                raise NotMeasured(f"the pusher is not ready: {person.health()['message']}; ./pushfric doctor says more")
+        yield person
+
+
+def _go(person: Person, position: float, speed: float) -> None:
+    way = position - person.state(new=True).position
+    if abs(way) > HERE:
+        person.jog(way, speed)
+
+
+def _still(source: Frames) -> Image:
+    """The mean of some frames of a camera, from now on."""
+    source.forget()
+    frames = iter(source)
+    taken = [frame for _, frame in zip(range(STALE + AVERAGED), frames, strict=False)]
+    if len(taken) < STALE + AVERAGED:
+        raise InvalidInput(f"{source.name} has ended")
+    return np.asarray(np.rint(np.mean(taken[STALE:], axis=0)), dtype=np.uint8)
+
+
+def pictures(source: Frames, camera: Camera) -> list[Image]:
+    """All pictures of a source that ends. Raises InvalidInput where one has another size than the camera's."""
+    with source:
+        images = list(source)
+    for image in images:
+        if image.shape != (camera.height, camera.width):
+            got = f"{image.shape[1]} x {image.shape[0]}"
+            raise InvalidInput(f"{source.name}: calibrated for {camera.width} x {camera.height} px, a picture has {got}")
+    return images

@@ -1,0 +1,230 @@
+"""`./pushfric measure` on rendered pictures, and on a topic with a controller on a pseudo-terminal."""
+
+import contextlib
+import json
+import math
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import cv2
+import numpy as np
+import pytest
+from sensor_msgs.msg import Image
+from typer.testing import CliRunner
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Pose
+from pushfric_ros.commands import frames
+from pushfric_ros.commands.cli import app
+from pushfric_ros.files.cell_file import load_cell
+from pushfric_ros.files.object_file import load_object
+from pushfric_ros.node_kit.qos import SENSOR_DATA
+from pushfric_ros.simulated.camera import SimulatedCamera
+from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_ros.vision.camera import Camera, save_camera
+
+CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.0006)
+BOX = np.array(((-0.05, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.05, 0.03)))
+HEIGHT, RADIUS = 0.012, 0.004
+ANGLES = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+TIP = RADIUS * np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))
+ORIGIN, DIRECTION = np.array((0.08, 0.02)), np.array((math.cos(0.3), math.sin(0.3)))
+STROKE = 0.05
+DOCS = pathlib.Path(__file__).parents[3] / "docs/files.md"
+
+OBJECT = f"""\
+name: box   # a block of wood
+outline: {(1.006 * BOX).tolist()}
+support: {{grid: [5, 3]}}
+height: {HEIGHT}
+"""
+CELL = """\
+object: box.yaml
+camera: {{source: "{source}", calibration: camera.yaml}}
+pusher:
+  port: {port}
+  line_origin: [0.0, 0.0]   # not measured yet
+  line_direction: [1.0, 0.0]
+  tip_radius: 0.003
+  stroke: 0.05
+  max_speed: 0.1
+  silence: 5.0
+  owner_timeout: 5.0
+"""
+
+
+@pytest.fixture
+def cell(tmp_path):
+    """A cell whose camera is a folder of pictures of the object in two places, 10 cm apart."""
+    (tmp_path / "pictures").mkdir()
+    save_camera(CAMERA, tmp_path / "camera.yaml")
+    (tmp_path / "box.yaml").write_text(OBJECT)
+    (tmp_path / "cell.yaml").write_text(CELL.format(source=tmp_path / "pictures", port="/dev/pushfric-none"))
+    camera = SimulatedCamera(CAMERA, BOX, HEIGHT, np.random.default_rng(0))
+    for number, x in enumerate((0.05, 0.15)):
+        cv2.imwrite(str(tmp_path / f"pictures/{number}.png"), camera.render(Pose(x, 0.05, 0.4)))
+    return tmp_path / "cell.yaml"
+
+
+def measured(*arguments):
+    return CliRunner().invoke(app, ["measure", *map(str, arguments)])
+
+
+def tip_pictures(folder, positions):
+    folder.mkdir()
+    camera = SimulatedCamera(CAMERA, TIP, 0.01, np.random.default_rng(1), foreground=80, background=20)
+    for number, position in enumerate(positions):
+        x, y = ORIGIN + position * DIRECTION
+        cv2.imwrite(str(folder / f"{number:02}.png"), camera.render(Pose(x, y, 0.0)))
+
+
+def test_the_object_is_written_into_its_file(cell):
+    run = measured(cell, "--only", "object", "--moved", 0.1, "--force", "--json", cell.parent / "told.json")
+    assert run.exit_code == 0, run.output
+    assert "0.6 % too large: 100.6 x 60.4 mm, measured 100.0 x 60.0 mm" in run.stderr
+    text = (cell.parent / "box.yaml").read_text()
+    assert text.startswith("name: box   # a block of wood\n")
+    model = load_object(str(cell.parent / "box.yaml"))
+    np.testing.assert_allclose(model.outline.vertices, BOX, atol=0.2e-3)
+    assert model.height == pytest.approx(HEIGHT, abs=1e-3)
+    assert len(model.support_points) == 15
+    told = json.loads((cell.parent / "told.json").read_text())
+    assert told["object"]["places"] == 2
+    assert told["files"] == [str(cell.parent / "box.yaml"), str(cell.parent / "measured_object.png")]
+    assert cv2.imread(told["files"][1]).shape == (480, 640, 3)
+
+
+def test_nothing_is_overwritten_unasked(cell):
+    before = (cell.parent / "box.yaml").read_text()
+    run = measured(cell, "--only", "object", "--height", HEIGHT)
+    assert isinstance(run.exception, InvalidInput)
+    assert str(run.exception) == f"{cell.parent / 'box.yaml'} exists: give --force, or --out FOLDER to write elsewhere"
+    assert (cell.parent / "box.yaml").read_text() == before
+    (cell.parent / "new").mkdir()
+    assert measured(cell, "--only", "object", "--height", HEIGHT, "--out", cell.parent / "new").exit_code == 0
+    assert (cell.parent / "box.yaml").read_text() == before
+    assert load_object(str(cell.parent / "new/box.yaml")).name == "box"
+
+
+def test_an_object_that_has_no_file_yet_gets_one(cell):
+    (cell.parent / "box.yaml").unlink()
+    run = measured(cell, "--only", "object")
+    assert "give the height of its face, --height" in str(run.exception)
+    assert measured(cell, "--only", "object", "--height", HEIGHT).exit_code == 0
+    model = load_object(str(cell.parent / "box.yaml"))
+    assert (model.name, model.height) == ("box", HEIGHT)
+    np.testing.assert_allclose(sorted(model.outline.lengths), (0.06, 0.06, 0.1, 0.1), atol=0.3e-3)
+
+
+def test_the_tip_is_written_into_the_cells_file(cell):
+    positions = np.linspace(0, STROKE, 8)
+    tip_pictures(cell.parent / "tip", positions)
+    listed = ",".join(map(str, positions))
+    run = measured(cell, "--only", "tip", "--source", cell.parent / "tip", "--positions", listed, "--force")
+    assert run.exit_code == 0, run.output
+    assert "cell.yaml: line_origin is " in run.stderr
+    assert "# not measured yet" in cell.read_text()
+    pusher = load_cell(cell).pusher
+    np.testing.assert_allclose(pusher.line_origin, ORIGIN, atol=0.3e-3)
+    assert abs(math.degrees(math.atan2(*pusher.line_direction[::-1]) - 0.3)) < 0.2
+    assert pusher.tip_radius == pytest.approx(RADIUS, abs=0.15e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "give --only object or --only tip: without a terminal"),
+        (["--only", "object", "--height", 0.01, "--moved", 0.1], "give --height or --moved, not both"),
+        (["--only", "tip", "--force"], "shows no live camera: give --positions"),
+        (["--only", "tip", "--force", "--positions", "0,a"], "--positions must be numbers with commas between them, got '0,a'"),
+        (["--only", "tip", "--force", "--positions", "0"], "2 pictures, but --positions names 1"),
+        (["--only", "object", "--out", "none"], "none: no such folder"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(cell, arguments, said):
+    run = measured(cell, *arguments)
+    assert isinstance(run.exception, InvalidInput)
+    assert said in str(run.exception)
+
+
+@contextlib.contextmanager
+def live_cell(cell, ros):
+    """A driver that shows the tip where the controller has it, and the cell's files for both."""
+    camera = SimulatedCamera(CAMERA, TIP, 0.01, np.random.default_rng(1), foreground=80, background=20)
+    with SimulatedGrbl(time.monotonic, travel=0.1) as controller:
+        cell.write_text(CELL.format(source="topic", port=controller.port))
+        out = ros.node("driver", namespace="/cell").create_publisher(Image, "image_raw", SENSOR_DATA)
+        over = threading.Event()
+
+        def show() -> None:
+            while not over.wait(0.04):
+                x, y = ORIGIN + controller.position() * DIRECTION
+                image = camera.render(Pose(x, y, 0.0))
+                out.publish(Image(height=480, width=640, encoding="mono8", step=640, data=image.tobytes()))
+
+        driver = threading.Thread(target=show)
+        driver.start()
+        try:
+            yield controller
+        finally:
+            over.set()
+            driver.join()
+
+
+def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):
+    with live_cell(cell, ros) as controller:
+        command = [sys.executable, "-m", "pushfric_ros", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.05"]
+        run = subprocess.run(command, capture_output=True, text=True, timeout=280, stdin=subprocess.DEVNULL, env=os.environ)
+        assert run.returncode == 0, run.stderr
+        assert controller.position() == pytest.approx(0.0, abs=1e-6)
+    pusher = load_cell(cell).pusher
+    np.testing.assert_allclose(pusher.line_origin, ORIGIN, atol=0.3e-3)
+    np.testing.assert_allclose(pusher.line_direction, DIRECTION, atol=math.radians(0.2))
+
+
+def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
+    with live_cell(cell, ros) as controller:
+        before = cell.read_text()
+        command = [sys.executable, "-m", "pushfric_ros", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.001"]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL) as run:
+            deadline = time.monotonic() + 120
+            while controller.position() < 1e-3:
+                assert time.monotonic() < deadline
+                assert run.poll() is None, run.communicate()
+                time.sleep(0.01)
+            run.send_signal(signal.SIGINT)
+            _, said = run.communicate(timeout=120)
+        assert run.returncode == 130, said
+        assert "Traceback" not in said
+        assert controller.position() < STROKE / 2
+        assert controller._motion is None
+        assert cell.read_text() == before
+
+
+def test_a_topic_without_frames_says_so(monkeypatch):
+    monkeypatch.setattr(frames, "PATIENCE", 0.2)
+    with (
+        frames.frames_from("topic", "/nobody") as source,
+        pytest.raises(InvalidInput, match="no frames from /nobody/image_raw"),
+    ):
+        next(iter(source))
+
+
+def test_the_keys_of_its_json_are_documented(cell):
+    positions = np.linspace(0, STROKE, 8)
+    tip_pictures(cell.parent / "tip", positions)
+    told = {}
+    for arguments in (
+        ["--only", "object"],
+        ["--only", "tip", "--source", cell.parent / "tip", "--positions", ",".join(map(str, positions))],
+    ):
+        told |= json.loads(measured(cell, *arguments, "--force", "--json").stdout)
+    keys = {f"{part}.{key}" for part in ("object", "pusher") for key in told[part]} | {"findings", "files"}
+    table = DOCS.read_text().split("\n`measure`:\n\n")[1].split("\n\n")[0]
+    assert keys == set(re.findall(r"^\| `(.*?)` \|", table, re.MULTILINE))
