@@ -42,6 +42,8 @@ app = typer.Typer(add_completion=False)
 
 STROKES = 13
 """Positions along the stroke, from one end to the other."""
+SHORT_OF_THE_END = 1e-4
+"""The stroke is not quite used up, because controllers round positions [m]."""
 
 
 class Part(enum.StrEnum):
@@ -208,9 +210,9 @@ def _measure_tip(
             f"{source.name} shows no live camera: give --positions, the stroke positions that it shows the tip at"
         )
     else:
-        positions = np.linspace(0.0, cell.pusher.stroke, STROKES).tolist()
+        wanted = np.linspace(0.0, cell.pusher.stroke - SHORT_OF_THE_END, STROKES).tolist()
         _consent(cell.pusher, speed)
-        images = along_the_stroke(cell, source, positions, min(speed, cell.pusher.max_speed), _say)
+        positions, images = along_the_stroke(cell, source, wanted, min(speed, cell.pusher.max_speed), _say)
     tip = measure_tip(camera, positions, images, cell.pusher.tip_radius, tip_height)
     figures["findings"] += [f"{path}: {finding}" for finding in tip_findings(tip, cell.pusher, tip_height is not None)]
     values: dict[str, Value] = {

@@ -29,8 +29,8 @@ class NotMeasured(PushfricError):
 
 def along_the_stroke(
     cell: CellFile, source: Frames, positions: Sequence[float], speed: float, say: Callable[[str], None]
-) -> list[Image]:
-    """Pictures of the tip at these positions; the pusher is back at the first in the end.
+) -> tuple[list[float], list[Image]]:
+    """Where the pusher rested [m], and a picture of the tip there; in the end it is back at the first position.
 
     It moves through the cell's actuator, with all that this node watches over. Ctrl-C stops it.
 
@@ -45,14 +45,16 @@ def along_the_stroke(
         NoAnswer: a motion did not arrive.
         InvalidInput: no frames come.
     """
+    places: list[float] = []
     images: list[Image] = []
     with _supervised(cell, lambda name, line: say(f"{name}: {line}")) as person, source:
         for position in positions:
             _go(person, position, speed)
+            places.append(person.state(new=True).position)
             images.append(_still(source))
             say(f"picture at {1e3 * position:.1f} mm")
         _go(person, positions[0], speed)
-    return images
+    return places, images
 
 
 @contextlib.contextmanager
@@ -84,7 +86,7 @@ def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[Per
 
 
 def _go(person: Person, position: float, speed: float) -> None:
-    way = position - person.state(new=True).position
+    way = position - person.state(new=True).position  # rounded by the controller
     if abs(way) > HERE:
         person.jog(way, speed)
 
