@@ -42,6 +42,7 @@ NOT_RUN = {
     "rosdep": "the network",
     "python3 -m pip install": "the network; test_forge_files.py compares it with the workflow's",
     "colcon build": "minutes; ./pushfric runs it",
+    "docker": "a container tool; test_forge_files.py reads the files",
     "source": "an environment that is built",
     "ros2 run": "an installed ROS 2",
     "ros2 security": "an installed ROS 2; test_security.py checks the policy",
