@@ -92,7 +92,7 @@ def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> 
 def _watch_topic(source: str, namespace: str) -> Watched:
     frames: list[Frame] = []
     problems: list[str] = []
-    losses = Losses()
+    losses = Losses(IMAGE_QUEUE)
 
     def take(msg: Any, info: Any) -> None:
         arrival = time.time_ns()
