@@ -19,8 +19,8 @@ STALE, AVERAGED = 3, 8
 """After a motion, this many frames may still show it; then the mean of so many is taken."""
 READY = 30.0
 """How long the pusher may take to be ready [s]; one that homes takes as long as it needs."""
-HERE = 1e-5
-"""The pusher is where it is wanted if it is this near [m]."""
+HERE, ARRIVED = 1e-5, 2e-4
+"""A pusher this near to where it is wanted need not move, or has arrived [m]."""
 
 
 class NotMeasured(PushfricError):
@@ -47,19 +47,20 @@ def along_the_stroke(
     """
     places: list[float] = []
     images: list[Image] = []
-    with _supervised(cell, lambda name, line: say(f"{name}: {line}")) as person, source:
+    with _supervised(cell, lambda name, line: say(f"{name}: {line}")) as (person, start), source:
+        here = start
         for position in positions:
-            _go(person, position, speed)
-            places.append(person.state(new=True).position)
+            here = _go(person, here, position, speed)
+            places.append(here)
             images.append(_still(source))
-            say(f"picture at {1e3 * position:.1f} mm")
-        _go(person, positions[0], speed)
+            say(f"picture at {1e3 * here:.1f} mm")
+        _go(person, here, positions[0], speed)
     return places, images
 
 
 @contextlib.contextmanager
-def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[Person]:
-    """A person at the cell's actuator, which is ready; it is watched whenever the person waits."""
+def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[tuple[Person, float]]:
+    """A person at the cell's actuator, which is ready, and where the pusher rests [m]; it is watched whenever the person waits."""
     with (
         Supervisor(pusher_alone(cell), cell.namespace, say) as supervisor,
         Person(cell.namespace, enclave(cell.namespace, COMMAND_LINE)) as person,
@@ -82,13 +83,21 @@ def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[Per
                     deadline = time.monotonic() + READY
             if time.monotonic() > deadline:
                 raise NotMeasured(f"the pusher is not ready: {person.health()['message']}; ./pushfric doctor says more")
-        yield person
+        yield person, state.position
 
 
-def _go(person: Person, position: float, speed: float) -> None:
-    way = position - person.state(new=True).position  # rounded by the controller
-    if abs(way) > HERE:
-        person.jog(way, speed)
+def _go(person: Person, here: float, position: float, speed: float) -> float:
+    """Move from where the pusher rests; returns where it rests then, as the controller rounds it [m]."""
+    if abs(position - here) < HERE:
+        return here
+    person.jog(position - here, speed)
+    deadline = time.monotonic() + READY
+    while True:
+        state = person.state(new=True)  # the first ones may have been sent during the motion
+        if state.mode == PusherState.MODE_IDLE and abs(state.position - position) < ARRIVED:
+            return float(state.position)
+        if time.monotonic() > deadline:
+            raise NotMeasured(f"the pusher rests at {1e3 * state.position:.2f} mm, was sent to {1e3 * position:.2f} mm")
 
 
 def _still(source: Frames) -> Image:
