@@ -71,6 +71,7 @@ class TopicFrames:
         self._source, self._namespace = source, namespace
         self._frames: deque[Image] = deque()
         self._problem: str | None = None
+        self._since = 0  # frames that arrived earlier are left out [ns]
         self._here: Visit[Any] | None = None
 
     def __enter__(self) -> "TopicFrames":
@@ -97,14 +98,12 @@ class TopicFrames:
 
     def forget(self) -> None:
         """See Frames."""
-        assert self._here is not None
-        before = -1
-        while before < len(self._frames):  # until no message waits any more
-            before = len(self._frames)
-            self._here.spin_once(0.0)
+        self._since = time.time_ns()
         self._frames.clear()
 
-    def _take(self, msg: Any) -> None:
+    def _take(self, msg: Any, info: dict[str, Any]) -> None:
+        if info["received_timestamp"] < self._since:  # it has waited in the middleware's queue
+            return
         try:
             self._frames.append(image_from_msg(msg))
         except ValueError as error:

@@ -60,7 +60,7 @@ def along_the_stroke(
 
 @contextlib.contextmanager
 def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[tuple[Person, float]]:
-    """A person at the cell's actuator, which is ready, and where the pusher rests [m]; it is watched whenever the person waits."""
+    """A person at the cell's actuator, which is ready and is watched whenever they wait; and where the pusher rests [m]."""
     with (
         Supervisor(pusher_alone(cell), cell.namespace, say) as supervisor,
         Person(cell.namespace, enclave(cell.namespace, COMMAND_LINE)) as person,
