@@ -81,7 +81,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
 
 
 class Listener(Protocol):
-    """What hears of a run."""
+    """A listener to a run."""
 
     started: float  # when the nodes were started [ns]
     seconds: float  # of the whole run
@@ -92,7 +92,7 @@ class Listener(Protocol):
 
     @property
     def frame_count(self) -> int:
-        """Images so far."""
+        """Number of images so far."""
 
 
 class LatencyListener:

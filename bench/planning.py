@@ -26,7 +26,7 @@ SEEDS, STROKES = 3, 12
 OBJECTS = tuple(TABLE_1)
 
 PUSHES = 14
-"""Pushes that an estimate is made from."""
+"""Number of pushes from which an estimate is made."""
 
 STROKE = 0.05  # [m]
 APPROACH = 0.01  # [m]
@@ -95,13 +95,13 @@ def _strokes(name: str) -> Figures:
 
 
 def learned(name: str, plan: list[PlannedPush], seed: int) -> tuple[FrictionModel, str]:
-    """The model that the estimator makes of some pushes, and what its mu_c rests on."""
+    """The model that the estimator makes from some pushes, and what its mu_c rests on."""
     estimator = Estimator(TABLE_1[name].support_points)
     for observation in experiments.watch(name, experiments.motions(name, plan, seed), seed):
         try:
             estimator.add(observation)
         except PushfricError:
-            continue  # a data point that the estimator refuses, as in a live run
+            continue  # the estimator refuses this data point, as in a live run
     estimate = estimator.estimate()
     kind = "none" if estimate.mu_c is None else estimate.mu_c.kind.value
     return model_of(estimate, estimator.observations), kind

@@ -1,4 +1,4 @@
-"""What a planner that asks costs the estimates, and how soon it is answered, side by side in one run of the live graph.
+"""How a planner's questions delay estimates, and how soon they are answered, measured in one run of the live graph.
 
 A client asks `estimator/predict_push` at RATE during every second push. So estimates with and without questions come from the
 same run, under the same load. An estimate's delay runs from the publication of the last message that it needs (the newest pose

@@ -112,7 +112,7 @@ class Observation:
 
 
 def check_planned_contact(outline: Outline, point: Vector, normal: Vector) -> None:
-    """Refuse a contact that is asked about, unless it is on the object and its normal points away from it.
+    """Refuse a contact in a question unless it lies on the object and its normal points away from the object.
 
     Raises:
         ValueError: it is farther than OFF_OUTLINE from the outline, or the normal is not unit, or points inward.

@@ -21,16 +21,16 @@ SHARE = 0.9
 """The truth lies within a spread this often."""
 
 WITNESSES = 50
-"""A model is judged by this many data points, evenly spread over all, so that its cost does not grow with their number."""
+"""A model is judged by at most this many data points, spread evenly over all: its cost does not grow with their number."""
 
 LEAST_SHARE = 0.01
-"""Samples that weigh less are left out."""
+"""Samples with a smaller weight are left out."""
 
 STICKING = 1e6
 """A contact friction coefficient with which no tip slides."""
 
 COEFFICIENTS = 0.05 * 2 ** (np.arange(11) / 2)
-"""Contact friction coefficients that are tried, as far as the estimate's interval holds them; 1.6 is that of rubber on wood."""
+"""Contact friction coefficients to try, as far as they lie in the estimate's interval; 1.6 is that of rubber on wood."""
 
 EXACT = 1e-6
 """Mean angles below this are those of exact data [rad]."""
@@ -89,7 +89,7 @@ class FrictionModel:
 
     @property
     def with_mean(self) -> tuple[Array, Array]:
-        """w (s + 1, n) and mu_c (s + 1,) of the samples, and last of their mean; of a single sample, that alone."""
+        """w (s + 1, n) and mu_c (s + 1,) of the samples, the last ones of their mean; of a single sample, only its own."""
         if len(self.w) == 1:
             return self.w, self.mu_c
         return np.vstack((self.w, self.support.weights)), np.append(self.mu_c, self.mean_mu_c)
