@@ -1,7 +1,7 @@
 """What the live view costs: image to estimate without it, with it while nobody looks, and with a visitor, in one run.
 
-The three take turns, so that whatever else the machine does affects all alike. The visitor is a WebSocket client in a process
-of its own that reads everything, as a page in the foreground does; it draws nothing.
+The three take turns, so that other work of the machine affects all alike. The visitor is a WebSocket client in a process of its
+own that reads everything, as a page in the foreground does; it draws nothing.
 """
 
 import pathlib
@@ -78,7 +78,7 @@ def _run(way: str) -> Figures:
 
 @contextmanager
 def _visitors() -> Iterator[Callable[[str], None]]:
-    """A function that sends a visitor to an address; they leave in the end."""
+    """A function that sends a visitor to an address; all visitors leave at the end."""
     visitors: list[subprocess.Popen[bytes]] = []
     try:
         yield lambda url: visitors.append(subprocess.Popen([sys.executable, READER, url]))

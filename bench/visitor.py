@@ -1,4 +1,4 @@
-"""A visitor of the live view at the address given: reads what a page is sent, until the run ends. In a process of its own."""
+"""A visitor of the live view: reads what a page at the given address is sent, until the run ends, in a process of its own."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Frames of whatever a cell's file names as camera.source: a device, files, or a topic."""
+"""The frames of the camera.source of a cell's file: a device, files, or a topic."""
 
 import time
 from collections import deque
@@ -27,7 +27,7 @@ def frames_from(source: str, namespace: str, size: tuple[int, int] | None = None
 
     Args:
         source: as `camera.source` of a cell's file.
-        namespace: of the cell whose topic it is, if it is one.
+        namespace: of the cell, if the source is a topic.
         size: width and height to ask of a device [px]; None: its default.
     Raises:
         InvalidInput: there is nothing to read at `source`.
@@ -46,10 +46,10 @@ def message_type(source: str) -> type[Any]:
 
 
 def image_from_msg(msg: Any) -> Image:
-    """The image (height, width) in grey levels of a message of such a type.
+    """The image (height, width) in grey levels of a message of one of these types.
 
     Raises:
-        ValueError: it holds no picture.
+        ValueError: the message holds no picture.
     """
     if isinstance(msg, ImageMsg):
         return grey_from_msg(msg)
@@ -84,7 +84,11 @@ class TopicFrames:
         self._here.close()
 
     def __iter__(self) -> Iterator[Image]:
-        """Raises InvalidInput where no frame comes, or one that is no picture."""
+        """The frames as they come.
+
+        Raises:
+            InvalidInput: no frame comes, or a frame is not a picture.
+        """
         assert self._here is not None
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:

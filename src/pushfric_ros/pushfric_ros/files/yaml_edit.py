@@ -1,4 +1,4 @@
-"""Replaces values in a YAML text and leaves the rest of it, comments too, as its author wrote it."""
+"""Replaces values in a YAML text; everything else, comments included, stays as its author wrote it."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -14,14 +14,14 @@ Value = float | Sequence[Any]
 
 
 def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> str:
-    """A YAML text with other values of some keys.
+    """A YAML text with new values for some keys.
 
     Args:
         text: keys with values.
-        section: key of the part that they are in; None: the whole.
-        values: by key; a key that the whole lacks is added at its end.
+        section: key of the part that holds them; None: the whole text.
+        values: by key; a key that is missing from the whole text is added at its end.
     Raises:
-        ValueError: it is not YAML, there is no such part or no such key in it, or the value stands for others, too.
+        ValueError: the text is not YAML, has no such part or key, or an alias makes a value stand for several keys.
     """
     wanted = copy.deepcopy(load_yaml(text))
     part = wanted if section is None else wanted.get(section) if isinstance(wanted, dict) else None
@@ -53,7 +53,7 @@ def _nodes(mapping: Any) -> dict[str, Any]:
 
 
 def _end(node: Any) -> int:
-    """Where a value ends; the parser lets a list of lines end only where the next key begins, after comments."""
+    """Where a value ends; for the parser, a list in several lines ends only where the next key begins, after comments."""
     lines = isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value
     return _end(node.value[-1] if isinstance(node, yaml.SequenceNode) else node.value[-1][1]) if lines else node.end_mark.index
 

@@ -1,4 +1,4 @@
-"""What was measured of a cell, compared with what its files say, in sentences; and pictures of it."""
+"""Measurements of a cell, compared with its files in sentences, and pictures of what was measured."""
 
 import math
 from collections.abc import Sequence
@@ -16,19 +16,19 @@ from pushfric_ros.vision.outline_measurement import Measured, Place, fitting_hei
 from pushfric_ros.vision.tip_measurement import TipMeasurement
 
 SIZE_ERROR = 0.002
-"""An outline that is larger or smaller by this share is named."""
+"""An outline that is larger or smaller by more than this share is reported."""
 CORNER_ERROR, HEIGHT_ERROR = 0.5e-3, 0.5e-3
-"""A corner or a height that is off by this is named [m]."""
+"""A corner or a height that differs by more than this is reported [m]."""
 LINE_ERROR, ANGLE_ERROR, RADIUS_ERROR = 0.3e-3, math.radians(0.2), 0.15e-3
-"""The same of the pushing line [m, rad] and of the tip's radius [m]."""
+"""The same for the pushing line [m, rad] and the tip's radius [m]."""
 SCALE_ERROR = 0.005
-"""A stroke that is longer or shorter by this share than the controller says is named."""
+"""A stroke that differs from what the controller says by more than this share is reported."""
 
 GREEN, ORANGE = (0, 200, 0), (0, 140, 255)  # BGR
 
 
 class ObjectFindings(NamedTuple):
-    """A measured object, in the frame of the object that the file describes, if it describes one like it."""
+    """A measured object, in the frame of the object in the file if that has the same shape."""
 
     outline: Outline
     height: float  # of its face over the table [m]
@@ -42,11 +42,11 @@ def object_findings(
 
     Args:
         camera: lens and table.
-        places: the object was measured in.
-        measured: its outline at `height`.
+        places: where the object was measured.
+        measured: the object's outline at `height`.
         height: of its face over the table [m].
         known: the object as its file has it; None: there is no file.
-        height_is_known: it was measured; otherwise it is what the file says.
+        height_is_known: the height was measured; otherwise it comes from the file.
     """
     if known is None:
         return ObjectFindings(measured.outline, height, [])
@@ -98,7 +98,7 @@ def tip_findings(tip: TipMeasurement, stage: StageConfig, height_is_given: bool)
 
 
 def object_figures(found: ObjectFindings, measured: Measured) -> dict[str, Any]:
-    """The same for programs."""
+    """The measured object for programs, as the command's JSON has it."""
     return {
         "outline": found.outline.vertices.tolist(),
         "height": found.height,
@@ -108,7 +108,7 @@ def object_figures(found: ObjectFindings, measured: Measured) -> dict[str, Any]:
 
 
 def tip_figures(tip: TipMeasurement) -> dict[str, Any]:
-    """The same for programs."""
+    """The measured line and tip for programs, as the command's JSON has them."""
     return {
         "line_origin": tip.origin.tolist(),
         "line_direction": tip.direction.tolist(),

@@ -117,7 +117,7 @@ class Frames(Protocol):
     """What the source is, for people."""
 
     pictures: bool
-    """Whether each frame is a picture of its own, so that nothing is to be seen of what happened between two."""
+    """Whether each frame is a separate picture, which shows nothing of what happened between two pictures."""
 
     live: bool
     """Whether the source is a camera, which does not end."""
@@ -129,7 +129,7 @@ class Frames(Protocol):
     def __iter__(self) -> Iterator[Image]: ...
 
     def forget(self) -> None:
-        """Of a camera, leave out the frames that came until now; the next one then shows what is there now."""
+        """Leave out a camera's frames up to now, so that the next one shows the present."""
 
 
 class DeviceFrames:

@@ -1,8 +1,8 @@
-"""Measures an object that lies still on the table: its outline, and with two places of known distance also its height.
+"""Measures an object that lies still on the table: its outline; and its height, from two places of known distance.
 
-All that a camera sees of a flat face could as well be a smaller face nearer to it: the two differ by a scaling about the
-camera's foot on the table, wherever the object lies and however it is turned. So pictures of unknown places say nothing about
-the height; only a known length does. Here it is the distance by which the object was moved.
+A flat face looks exactly like a smaller face nearer to the camera: the two differ by a scaling about the camera's foot on the
+table, wherever the object lies and however it is turned. So pictures of unknown places say nothing about the height; only a
+known length does. Here, this is the distance by which the object was moved.
 """
 
 import math
@@ -22,21 +22,21 @@ from pushfric_ros.vision.frame_source import Frames
 from pushfric_ros.vision.sighting import NotSeen
 
 STILL_FRAMES = 5
-"""An object that rests for this many frames is measured in their mean."""
+"""An object that rests for this many frames is measured in the mean of these frames."""
 STILL_PX = 0.5
 """From one frame to the next, the middle of an object at rest moves less than this."""
 NEW_PLACE_PX = 20.0
-"""An object that has moved less than this has no new place."""
+"""An object that has moved by less than this is still in the same place."""
 LEAST_AREA_PX = 400.0
-"""A smaller bright blob is no object [px^2]."""
+"""A bright blob smaller than this is not an object [px^2]."""
 OTHER_OBJECT = 0.3
-"""A second blob of this share of the largest one's area leaves open which is the object."""
+"""If a second blob has this share of the area of the largest one, nobody can tell which is the object."""
 SYMMETRIC = 0.01
-"""Two ways in which a shape fits, as a share of its size, are equally good if they differ by less."""
+"""Two ways to match a shape are equally good if their errors differ by less than this share of its size."""
 OTHER_SHAPE = 0.1
-"""Shapes whose corners lie farther apart (rms), as a share of their size, are not the same."""
+"""Shapes whose corners lie farther apart (rms) than this share of their size are different."""
 MOST_TURNED = math.radians(1.0)
-"""An object that is slid along a ruler turns less than this [rad]."""
+"""An object that is slid along a ruler turns by less than this [rad]."""
 
 _CORNER_PX = 1.5  # a contour that stays this near to a straight line follows it
 _STRAIGHT = math.radians(4.0)  # edges whose directions differ by less are one
@@ -54,7 +54,7 @@ class Place(NamedTuple):
     """The object as it lies in one place."""
 
     corners: Array  # (n, 2) counter-clockwise, as if the face lay on the table [m]
-    image: Image  # that it was measured in
+    image: Image  # the image in which it was measured
 
     @property
     def middle(self) -> Array:
@@ -63,7 +63,7 @@ class Place(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What the pictures say of an object."""
+    """An object as the pictures show it."""
 
     outline: Outline  # about its centroid, x along its longest edge
     poses: tuple[Pose, ...]  # of that frame in the table frame, in each place
@@ -81,10 +81,10 @@ def places_from(
         source: not opened yet.
         camera: lens and table.
         wanted: at least 1.
-        progress: called with a line of text for each place, and when the reason why there is none yet changes.
+        progress: called with a line of text for each place, and whenever the reason why no place was found yet changes.
         threshold: grey level between table and object; None: found in each frame (Otsu).
     Raises:
-        InvalidInput: images of another size than the camera's, or too few places.
+        InvalidInput: an image does not have the camera's size, or there are too few places.
     """
     found: list[Place] = []
     resting: list[tuple[Array, Image]] = []  # middle of the blob [px] and frame
@@ -128,11 +128,11 @@ def places_from(
 def measured_place(camera: Camera, image: Image, threshold: float | None = None) -> Place:
     """The outline of the one bright object in an image, as if it lay on the table.
 
-    Lines are fitted to its edges, each edge found where the area under its grey levels puts it, whatever the blur. A curved
+    Lines are fitted to its edges. The area under the grey levels across an edge gives its position, whatever the blur. A curved
     outline becomes a polygon that stays within a pixel or two of it.
 
     Raises:
-        NotSeen: there is no such object, or it is not sharp enough.
+        NotSeen: there is not exactly one such object, or it is not sharp enough.
     """
     pixel = camera.metres_per_pixel()
     contour = camera.unproject(_blob(image, threshold)[:, 0].astype(float))
@@ -149,11 +149,12 @@ def measured_place(camera: Camera, image: Image, threshold: float | None = None)
 
 
 def height_of(camera: Camera, places: Sequence[Place], moved: float) -> float:
-    """How high over the table the face is [m]: so high that the object was moved by that much.
+    """The height of the face over the table [m], at which the object was moved by the given distance.
 
     Args:
+        camera: lens and table.
         places: two.
-        moved: by which it was slid from one to the other, along a straight line [m].
+        moved: the distance by which the object was slid from one place to the other, along a straight line [m].
     Raises:
         InvalidInput: the object was turned, or no height fits.
     """
@@ -203,7 +204,7 @@ def measured_object(camera: Camera, places: Sequence[Place], height: float) -> M
 
 
 def fitting_height(camera: Camera, places: Sequence[Place], outline: Outline) -> float:
-    """The height over the table at which the object, as it was seen, has the size of an outline [m]."""
+    """The height over the table at which the object, as the camera saw it, has the size of an outline [m]."""
     flat, risen = (
         float(np.mean([math.sqrt(Outline(_at(camera, place.corners, h)).polygon.area) for place in places]))
         for h in (0.0, _RISE)
@@ -273,7 +274,7 @@ def _simple(corners: Array, pixel: float) -> Array:
         cut, depth = _shallowest_cut(corners, edges, turns)
         if abs(turns[straight]) < _STRAIGHT:
             corners = np.delete(corners, (straight + 1) % len(corners), axis=0)
-        elif depth < _CUT_PX * pixel:  # blur rounds a corner: the edges beside it meet beyond
+        elif depth < _CUT_PX * pixel:  # blur rounds a corner: its neighbouring edges meet beyond it
             before, after = cut - 1, (cut + 1) % len(corners)
             corners[cut] = _meeting(corners[before], edges[before], corners[after], edges[after])
             corners = np.delete(corners, after, axis=0)
@@ -287,7 +288,7 @@ def _simple(corners: Array, pixel: float) -> Array:
 
 
 def _shallowest_cut(corners: Array, edges: Array, turns: Array) -> tuple[int, float]:
-    """The edge that cuts off the least of a corner: its index, and how far beyond it the edges beside it meet [m]."""
+    """The edge that cuts off the least of a corner: its index, and how far beyond it its neighbours meet [m]."""
     depths = np.full(len(corners), np.inf)
     for edge, whole in enumerate(turns + np.roll(turns, 1)):
         before, after = edge - 1, (edge + 1) % len(corners)
@@ -344,7 +345,7 @@ def _headings(edges: Array) -> Array:
 
 
 def _at(camera: Camera, points: Array, height: float) -> Array:
-    """Where points that look as if they lay on the table are, if they are at `height` [m]."""
+    """Where points at `height` [m] are, given where they seem to lie on the table."""
     return camera.unproject(camera.project(np.atleast_2d(points)), height).reshape(np.shape(points))
 
 
@@ -356,7 +357,7 @@ def _into(pose: Pose, points: Array) -> Array:
 class _Motion(NamedTuple):
     pose: Pose  # takes the one shape nearest to the other
     rms: float  # distance that remains [m]
-    shift: int  # by so many places the other's corners come later
+    shift: int  # the other's corners come later by this many places
 
 
 def _motions(shape: Array, other: Array) -> list[_Motion]:

@@ -16,22 +16,22 @@ from pushfric_core.planar import Array
 from pushfric_ros.vision.camera import Camera, Image
 
 LEAST_PICTURES = 4
-"""With fewer there is nothing to see errors by."""
+"""Fewer positions would not show errors."""
 LEAST_CHANGE = 12.0
-"""What moves must differ from the table by this [grey levels]; a strip of paper under a dark tip helps."""
+"""The tip must differ from the table by this [grey levels]; a strip of paper under a dark tip helps."""
 LEAST_STROKE = 4.0
 """The first and the last position must be this many radii apart."""
 NOT_ROUND_PX = 0.5
 """A front that deviates from a circle by more than this (rms) is not round."""
 LEAST_POINTS, ROUND_SHARE = 6, 0.7
-"""Points on a front, and which share of all that lies ahead of the circle's centre must be on the circle."""
+"""Least number of points on a front, and the share of the points ahead of the circle's centre that must lie on the circle."""
 NOT_ROUND = "the front of what moves is not round, or too small in the image: expected the tip alone, without an object"
 OFF_LINE = 0.5e-3
 """Centres that deviate from a line by more than this (rms) [m] do not move along one."""
 HEIGHTS = (-0.002, 0.1)
-"""Between these a tip can be over the table [m]; beyond them it is the stroke that has another length."""
+"""Range of the tip's height over the table [m]; beyond it, the length of the stroke is wrong."""
 
-_BLUR_PX = 0.7  # against the noise; a circle's centre stays where it is
+_BLUR_PX = 0.7  # against the noise; it does not move a circle's centre
 _NOISE_SHARE = 0.5  # of the change, at which the edge is
 _FRONT = 0.35  # of the circle, points this share of the radius before its centre belong to the front
 _BAND = 0.25  # and those that are off the circle by less than this share
@@ -44,7 +44,7 @@ class TipMeasurement(NamedTuple):
     origin: Array  # (2,) centre of the tip at stroke position 0, in the table frame [m]
     direction: Array  # (2,) unit, of the forward stroke
     radius: float  # [m]
-    height: float  # of what is seen of the tip, over the table [m]
+    height: float  # of the visible part of the tip, over the table [m]
     scale: float  # the stroke's length as seen at this height, divided by what the controller says
     rms: float  # distance of the tip's centres from the line and from their places on it [m]
     centers: Array  # (n, 2) where the tip was seen, as if it were on the table [m]
@@ -58,12 +58,13 @@ def measure_tip(
     Args:
         camera: lens and table.
         positions: along the stroke, ascending [m].
-        images: one of each position (height, width); the pictures show the same but for the pusher.
-        radius: of the tip, roughly: to a factor of two [m].
-        height: of what is seen of the tip, over the table [m]; None: from the parallax, by which the stroke looks longer than
-            the controller says.
+        images: one for each position (height, width); only the pusher differs between them.
+        radius: approximate radius of the tip, within a factor of two [m].
+        height: of the visible part of the tip, over the table [m]; None: from the parallax, which makes the stroke look longer
+            than the controller says.
     Raises:
-        InvalidInput: too few pictures, too little to be seen, or no line that explains it; the text says what to do.
+        InvalidInput: there are too few pictures, the tip is not seen well enough, or no line explains what is seen; the text
+            says what to do.
     """
     at = np.asarray(positions, dtype=float)
     if len(at) < LEAST_PICTURES or len(images) != len(at) or not (np.diff(at) > 0).all():
@@ -120,7 +121,7 @@ def _fitted(positions: Array, centers: Array) -> _Line:
 
 
 def _height(camera: Camera, line: _Line) -> float:
-    """How high the tip is if the stroke is as long as the controller says: apparent lengths are linear in the height."""
+    """The tip's height at which the stroke is as long as the controller says: apparent lengths are linear in the height."""
     ends = np.array((line.origin, line.origin + line.velocity))
     flat, risen = (float(np.hypot(*np.diff(_at(camera, ends, h), axis=0)[0])) for h in (0.0, 0.01))
     return 0.01 * (flat - 1.0) / (flat - risen)
@@ -129,7 +130,8 @@ def _height(camera: Camera, line: _Line) -> float:
 def _ahead(camera: Camera, early: Array, late: Array) -> Array:
     """The direction of the stroke (2,), roughly, from what changed in its first and its second half (height, width).
 
-    What was covered and what was bared both move ahead; of the two, the one is taken that the picture's border cuts off less.
+    The area that was covered and the area that was uncovered both move ahead; the one that the picture's border cuts off less
+    is used.
     """
     strong = max(float(np.abs(change).max()) for change in (early, late))
     if strong < LEAST_CHANGE:
@@ -220,5 +222,5 @@ def _level_points(image: Array, level: float) -> Array:
 
 
 def _at(camera: Camera, points: Array, height: float) -> Array:
-    """Where points that look as if they lay on the table are, if they are at `height` [m]."""
+    """Where points at `height` [m] are, given where they seem to lie on the table."""
     return camera.unproject(camera.project(points), height)

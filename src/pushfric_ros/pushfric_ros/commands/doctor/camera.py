@@ -38,8 +38,8 @@ MOST_LOST = 0.02
 """Share of the images of a topic that may be lost on the way."""
 
 EARLY, SLOW, STALE = 0.005, 0.2, 0.5
-"""Frames from the future by the first of these [s], or older than the last on arrival, have stamps of another clock. From the
-second on that may be so, or the driver is slow."""
+"""Frames that are more than the first time [s] in the future, or older than the last on arrival, have stamps of another clock.
+From the second time on, they may have such stamps, or the driver is slow."""
 
 
 class Frame(NamedTuple):
@@ -51,7 +51,7 @@ class Frame(NamedTuple):
 
 
 class Watched(NamedTuple):
-    """What was seen of a camera."""
+    """The frames that came from a camera, and those that did not."""
 
     frames: list[Frame]  # the first ones; empty if none came in time
     lost: int = 0  # images of a topic that were published meanwhile and did not arrive
@@ -145,7 +145,7 @@ def check_camera(watched: Watched, source: str) -> Check:
 
 
 def room() -> str:
-    """What to do where images do not arrive."""
+    """What to do if images do not arrive."""
     command = network.for_camera_drivers()
     if command is None:
         return "give the middleware of the driver's process more memory for messages of this size"

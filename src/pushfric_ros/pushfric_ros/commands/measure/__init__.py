@@ -47,7 +47,7 @@ SHORT_OF_THE_END = 1e-4
 
 
 class Part(enum.StrEnum):
-    """What is measured."""
+    """The parts of a cell that can be measured."""
 
     OBJECT = "object"
     TIP = "tip"
@@ -56,24 +56,25 @@ class Part(enum.StrEnum):
 @app.command()
 def measure(
     cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
-    only: Annotated[
-        Part | None, typer.Option(help="Measure this alone.", show_default="first the object, then the tip")
-    ] = None,
+    only: Annotated[Part | None, typer.Option(help="Measure only this.", show_default="first the object, then the tip")] = None,
     source: Annotated[
         str,
-        typer.Option(help="Where the pictures come from, in the words of camera.source.", show_default="camera.source of CELL"),
+        typer.Option(help="Source of the pictures, as for camera.source.", show_default="camera.source of CELL"),
     ] = "",
     height: Annotated[
         float | None,
         typer.Option(
-            help="Height of the object's bright face over the table, by a caliper [m].", min=0.0, max=1.0, show_default=False
+            help="Height of the object's bright face over the table, measured with a caliper [m].",
+            min=0.0,
+            max=1.0,
+            show_default=False,
         ),
     ] = None,
     moved: Annotated[
         float | None,
         typer.Option(
-            help="Measure the height instead: the object lies in two places, and was slid by this from one to the other,"
-            " along a ruler [m].",
+            help="Measure the height instead: the pictures show the object in two places, between which it was slid along a"
+            " ruler by this distance [m].",
             min=0.01,
             max=10.0,
             show_default=False,
@@ -82,7 +83,7 @@ def measure(
     tip_height: Annotated[
         float | None,
         typer.Option(
-            help="Height of what the camera sees of the tip over the table [m].",
+            help="Height over the table of the part of the tip that the camera sees [m].",
             min=0.0,
             max=1.0,
             show_default="from the length that the stroke seems to have",
@@ -96,16 +97,16 @@ def measure(
             show_default=False,
         ),
     ] = "",
-    speed: Annotated[float, typer.Option(help="Of the pusher between two pictures [m/s].", min=0.0001, max=1.0)] = 0.01,
+    speed: Annotated[float, typer.Option(help="Speed of the pusher between two pictures [m/s].", min=0.0001, max=1.0)] = 0.01,
     out: Annotated[pathlib.Path | None, typer.Option(help="Folder to write to.", show_default="the folder of CELL")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there, without asking.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files without asking.")] = False,
     json: JsonOption = None,
 ) -> None:
-    """The object lies anywhere in the picture, alone. Its outline, and its height if --moved is given, go into object.yaml,
-    next to what that file already says of it. Then, with the object away, the pusher goes along its stroke and back, slowly,
-    and rests for each picture; where its tip is seen gives line_origin, line_direction and tip_radius of the cell's file.
+    """Lay the object anywhere in the picture, alone. Its outline, and its height if --moved is given, go into object.yaml; the
+    rest of that file stays as it is. Then take the object away. The pusher goes slowly along its stroke and back, and rests for
+    each picture; the places of its tip give line_origin, line_direction and tip_radius in the cell's file.
 
-    What disagrees with the files is said in a sentence. measured_object.png and measured_tip.png show what was found.
+    A sentence names each disagreement with the files. measured_object.png and measured_tip.png show what was found.
     """
     file, folder = load_cell(cell), out or cell.parent
     if file.camera is None:
@@ -117,7 +118,7 @@ def measure(
         raise InvalidInput("give --only object or --only tip: without a terminal, nobody can be asked to take the object away")
     camera = load_camera(file.camera.calibration)
     source = source or file.camera.source
-    # as the nodes will, this process looks for others where the cell's file says
+    # like the nodes, this process looks for others where the cell's file says
     os.environ.update(network.asked_for(file.discovery))
     figures: dict[str, Any] = {"findings": [], "files": []}
     output = Console(stderr=json == STDOUT, highlight=False, markup=False, soft_wrap=True)
@@ -234,7 +235,7 @@ def _measure_tip(
 
 
 def _known(cell: CellFile) -> ObjectModel | None:
-    """The object as its file has it; None where there is none yet. A file that is wrong is wrong."""
+    """The object as its file describes it; None if there is no file yet. A wrong file is refused."""
     if cell.object.endswith((".yaml", ".yml")) and not pathlib.Path(cell.object).exists():
         return None
     return load_object(cell.object)

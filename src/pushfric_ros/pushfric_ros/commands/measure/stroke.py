@@ -1,4 +1,4 @@
-"""Pictures of the tip at known places of its stroke: the pusher goes there, slowly, and rests for each."""
+"""Pictures of the tip at known stroke positions: the pusher goes there slowly, and rests for each picture."""
 
 import contextlib
 import time
@@ -16,7 +16,7 @@ from pushfric_ros.vision.camera import Camera, Image
 from pushfric_ros.vision.frame_source import Frames
 
 STALE, AVERAGED = 3, 8
-"""After a motion, this many frames may still show it; then the mean of so many is taken."""
+"""After a motion, the first number of frames may still show it; then the mean of the second number of frames is taken."""
 READY = 30.0
 """How long the pusher may take to be ready [s]; one that homes takes as long as it needs."""
 HERE, ARRIVED = 1e-5, 2e-4
@@ -24,7 +24,7 @@ HERE, ARRIVED = 1e-5, 2e-4
 
 
 class NotMeasured(PushfricError):
-    """The pusher does not do what is needed."""
+    """The pusher cannot be moved as a measurement needs it."""
 
 
 def along_the_stroke(
@@ -38,8 +38,8 @@ def along_the_stroke(
         cell: with a pusher.
         source: a camera, not opened yet.
         positions: along the stroke [m].
-        speed: between them [m/s].
-        say: called with a line for each picture, and for what the actuator prints.
+        speed: between the positions [m/s].
+        say: called with a line for each picture, and with each line that the actuator prints.
     Raises:
         NotMeasured: the pusher is not ready, or the actuator ends.
         NoAnswer: a motion did not arrive.
@@ -111,7 +111,11 @@ def _still(source: Frames) -> Image:
 
 
 def pictures(source: Frames, camera: Camera) -> list[Image]:
-    """All pictures of a source that ends. Raises InvalidInput where one has another size than the camera's."""
+    """All pictures of a source that ends.
+
+    Raises:
+        InvalidInput: a picture does not have the camera's size.
+    """
     with source:
         images = list(source)
     for image in images:

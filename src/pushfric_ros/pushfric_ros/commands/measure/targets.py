@@ -18,14 +18,14 @@ from pushfric_ros.files.yaml_edit import Value, with_values
 from pushfric_ros.vision.camera import Image
 
 PUSHER_FILE = "pusher.yaml"
-"""Where the pusher's entries go if not into the cell's file."""
+"""Name of the file for the pusher's entries if they do not go into the cell's file."""
 
 
 def object_target(cell: CellFile, path: pathlib.Path, folder: pathlib.Path) -> pathlib.Path:
     """The file that a measured object goes into.
 
     Args:
-        cell: whose object it is.
+        cell: the cell, which names the object.
         path: of the cell's file.
         folder: to write to.
     """
@@ -36,14 +36,14 @@ def object_target(cell: CellFile, path: pathlib.Path, folder: pathlib.Path) -> p
 
 
 def object_text(target: pathlib.Path, known: ObjectModel | None, values: Mapping[str, Value]) -> str:
-    """The object's file with what was measured; what else it says stays.
+    """The text of the object's file with the measured values; everything else in it stays.
 
     Args:
         target: the file, which need not exist.
-        known: the object until now, for a new file; None: there is none.
+        known: the object as it was known so far, for a new file; None if it was not.
         values: by key.
     Raises:
-        InvalidInput: the file cannot be read, or what it says does not fit what was measured, such as support points outside.
+        InvalidInput: the file cannot be read, or does not fit what was measured; for example, support points lie outside.
     """
     if target.exists():
         with reading(target):
@@ -62,7 +62,11 @@ def object_text(target: pathlib.Path, known: ObjectModel | None, values: Mapping
 
 
 def cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
-    """The cell's file with other entries of the section `pusher`. Raises InvalidInput where that cannot be done."""
+    """The text of the cell's file with new entries in the section `pusher`.
+
+    Raises:
+        InvalidInput: the file cannot be read, or its entries cannot be replaced.
+    """
     with reading(path):
         text = path.read_text(encoding="utf-8")
     try:
@@ -72,7 +76,11 @@ def cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
 
 
 def permit(target: pathlib.Path, force: bool) -> None:
-    """Ask before a file is overwritten, and before anything is measured."""
+    """Ask before a file is overwritten; this comes before anything is measured.
+
+    Raises:
+        InvalidInput: the folder does not exist; or the file exists, and there is no terminal to ask.
+    """
     if not target.parent.is_dir():
         raise InvalidInput(f"{target.parent}: no such folder")
     if force or not target.exists():
@@ -83,7 +91,11 @@ def permit(target: pathlib.Path, force: bool) -> None:
 
 
 def write(path: pathlib.Path, text: str) -> None:
-    """Write a file. Raises InvalidInput."""
+    """Write a file.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -91,6 +103,10 @@ def write(path: pathlib.Path, text: str) -> None:
 
 
 def draw(path: pathlib.Path, picture: Image) -> None:
-    """Write a picture. Raises InvalidInput."""
+    """Write a picture.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
     if not cv2.imwrite(str(path), picture):
         raise InvalidInput(f"{path}: cannot be written")
