@@ -116,3 +116,19 @@ def test_a_chosen_distribution_stays_chosen(workspace):
     (workspace / ".colcon/distro").write_text("kilted")
     after = subprocess.run(run, cwd=workspace, capture_output=True, text=True, check=True, timeout=60).stdout
     assert (before, after) == ("jazzy .venv\n", "kilted .venv-kilted\n")
+
+
+def test_uv_is_told_what_pip_is_configured_to(tmp_path, monkeypatch):
+    loader = importlib.machinery.SourceFileLoader("pushfric_script", str(ROOT / "pushfric"))
+    script = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(script)
+    (tmp_path / "pip.conf").write_text(
+        "[global]\nindex-url = https://own.example/simple\nfind-links =\n    /a\n    /b\ncert = /c.pem\n"
+    )
+    for name in [name for name in os.environ if name.startswith("PIP_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("PIP_CONFIG_FILE", str(tmp_path / "pip.conf"))
+    told = script.uv_settings(pathlib.Path(sys.executable))
+    assert told["UV_DEFAULT_INDEX"].endswith("https://own.example/simple")
+    assert told["UV_FIND_LINKS"].split(",")[-2:] == ["/a", "/b"]
+    assert told["SSL_CERT_FILE"] == "/c.pem"
