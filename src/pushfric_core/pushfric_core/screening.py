@@ -130,10 +130,7 @@ class Screening:
             UninformativePush: it rotates exactly about a support point.
         """
         motion = self._motion(observation)
-        mismatch = tip_at(observation)[1]
         jump = poses = math.nan
-        if self._last is None or self._last[0].push_id != observation.push_id:
-            mismatch = math.copysign(max(abs(mismatch) - STARTING, 0.0), mismatch)
         if self._last is not None and self._last[0].push_id == observation.push_id:
             before, moved = self._last
             jump = float(np.linalg.norm(motion - moved))
@@ -145,7 +142,7 @@ class Screening:
         # a force anywhere in a disc: half the radius is its standard deviation along any direction
         doubt = float((np.hypot(arms[:, 0], arms[:, 1]) * forces.free) @ self._program.solve().w) / 2
         weight = 1 / math.hypot(1.0, doubt / (USUAL * self._radius))
-        self._table.append(np.concatenate(((mismatch, jump, poses, weight), moments)), observation.push_id)
+        self._table.append(np.concatenate(((tip_at(observation)[1], jump, poses, weight), moments)), observation.push_id)
         if observation.push_id not in self._bad:
             self._put(observation.push_id, moments, weight)
 
@@ -175,14 +172,16 @@ class Screening:
         """The pushes whose motion was measured wrongly."""
         k = len(pushes)
         wider = _wider(k)
-        values = np.abs(self._table.rows[:, :3])
-        known = np.isfinite(values)
+        values = self._table.rows[:, :3].copy()
+        mismatch = values[:, 0].copy()
+        starts = np.unique(place, return_index=True)[1]
+        values[starts, 0] -= np.clip(mismatch[starts], -STARTING, STARTING)
         worst = np.full((k, 3), np.nan)
-        np.fmax.at(worst, place, values)
-        drift = np.abs(np.bincount(place, weights=np.where(known[:, 0], self._table.rows[:, 0], 0.0), minlength=k))
+        np.fmax.at(worst, place, np.abs(values))
+        seen, drift = (np.abs(np.bincount(place, weights=np.nan_to_num(one))) for one in (mismatch, values[:, 0]))
         measured = {
-            "mismatch": (worst[:, 0], NORMAL * _median(values[:, 0])),
-            "drift": (drift, NORMAL * _median(np.where(np.isfinite(worst[:, 0]), drift, np.nan))),
+            "mismatch": (worst[:, 0], NORMAL * _median(np.abs(mismatch))),
+            "drift": (drift, NORMAL * _median(np.where(np.isfinite(worst[:, 0]), seen, np.nan))),
             "jump": (worst[:, 1], _median(worst[:, 1])),
             "poses": (worst[:, 2], _median(worst[:, 2])),
         }
