@@ -103,7 +103,11 @@ class EstimatorConfig:
         True, "of equally good w, take the one nearest to equal weights; only with simplex and l1, and without the term force"
     )
     confidence: bool = setting(True, "compute how far p_CF can be trusted; only with simplex and l1, and not if p_CF is given")
-    screening: bool = setting(False, "leave pushes out that are unlike the others, and look for a change of the object")
+    screening: bool = setting(
+        False,
+        "leave pushes out that are unlike the others, and look for a change of the object; only with simplex and l1, and not "
+        "if p_CF is given",
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -176,6 +180,7 @@ class Estimator:
         self._size = float(np.ptp(self.support_points, axis=0).max())
         exact = (self.config.loss, self.config.solver) == (Loss.L1, Solver.SIMPLEX)
         self._open = self.config.confidence and exact and not self._center_given
+        self._screens = self.config.screening and exact and not self._center_given
         config = self.config
         self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
         self._tilts = DIRECTIONS @ (self.support_points - self.support_points.mean(axis=0)).T
@@ -196,7 +201,7 @@ class Estimator:
         self._contacts = _Contacts(len(self.support_points))
         self._next = 0
         self._seen: list[Observation] = []  # all data points, also those of rejected pushes, in order of arrival
-        self._screening = Screening(self.support_points) if self.config.screening and not self._center_given else None
+        self._screening = Screening(self.support_points) if self._screens else None
         self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
         self._screened = 0  # number of data points at the last screening
         self._forget()
@@ -232,7 +237,7 @@ class Estimator:
     def take(self, observation: Observation) -> Estimate:
         """As `add`; but a push that turns out to be unlike the others is left out, until it no longer is.
 
-        Only with the setting `screening`, and not if p_CF is given.
+        Only with the setting `screening` on.
 
         Raises:
             UninformativePush: as `add`.

@@ -80,6 +80,9 @@ STEPS = 10
 TINY = 1e-9
 """Keeps the direction of a wholly free support defined; its weight is next to nothing."""
 
+SMALLEST = 1e-200
+"""Keeps the division by a determinant of zero defined: data points without slopes ask for no shift."""
+
 REASONS = {
     "mismatch": "the contact moves at another speed than the tip: contact was lost, or tracking jumped",
     "drift": "the object moves into or off the tip over the whole push: tracking wandered, or another outline was touched",
@@ -234,19 +237,17 @@ class Screening:
         optimum = self._program.solve()
         weights, errors = rows[:, 3], rows[:, 4:] @ optimum.w
         slopes = rows[:, 4:] @ self._shift(optimum.w)
+        lasts = np.arange(1, min(LATEST, k - BEFORE) + 1)
+        after = rank >= (k - lasts)[:, None]
+        before_it, after_it = (_shifts_that_fit(errors, slopes, weights, parts) for parts in (~after, after))
+        left = weights * np.abs(errors + np.where(after, after_it @ slopes.T, before_it @ slopes.T))
         found = []
-        for last in range(1, LATEST + 1):
-            if k - last < BEFORE:
-                break
-            after = rank >= k - last
-            before_it, after_it = (_shift_that_fits(errors[part], slopes[part], weights[part]) for part in (~after, after))
-            left = weights * np.abs(errors + np.einsum("ij,ij->i", slopes, np.where(after[:, None], after_it, before_it)))
-            scale = max(float(left.sum()) / _freedom(len(errors) - 4, optimum.w), LEAST_ERROR * self._radius)
-            gains = np.bincount(rank, weights=weights * np.abs(errors) - left, minlength=k) / scale
+        for last, remaining, shift in zip(lasts.tolist(), left, after_it - before_it, strict=True):
+            scale = max(float(remaining.sum()) / _freedom(len(errors) - 4, optimum.w), LEAST_ERROR * self._radius)
+            gains = np.bincount(rank, weights=weights * np.abs(errors) - remaining, minlength=k) / scale
             # a single bad push is not a change
             ratio = float(gains.sum() - gains[k - last :].max())
-            dx, dy = (after_it - before_it).tolist()
-            found.append((ratio, Change(int(pushes[inside][k - last]), (dx, dy))))
+            found.append((ratio, Change(int(pushes[inside][k - last]), (float(shift[0]), float(shift[1])))))
         if max(ratio for ratio, _ in found[AGREEING - 1 :]) <= UNCHANGED:
             return None
         return max(found, key=lambda one: one[0])[1]
@@ -333,12 +334,19 @@ def _freedom(count: int, w: Array) -> int:
     return max(count - int(np.count_nonzero(w > 1e-9)) + 1, 1)
 
 
-def _shift_that_fits(errors: Array, slopes: Array, weights: Array) -> Array:
-    """The d (2,) of the least sum of weights * |errors + slopes d|: least squares, reweighted."""
-    d: Array = np.zeros(2)
-    smallest = 0.1 * float(np.abs(errors).mean()) + TINY
+def _shifts_that_fit(errors: Array, slopes: Array, weights: Array, parts: npt.NDArray[np.bool_]) -> Array:
+    """The d (s, 2) of the least sum of weights * |errors + slopes d| over each of s parts (s, m): least squares, reweighted."""
+    d: Array = np.zeros((len(parts), 2))
+    counted = parts * weights
+    smallest = 0.1 * (parts @ np.abs(errors)) / parts.sum(axis=1) + TINY
+    (x, y), products = slopes.T, slopes * errors[:, None]
+    squares = np.column_stack((x * x, x * y, y * y))
     for _ in range(STEPS):
-        share = weights / np.maximum(np.abs(errors + slopes @ d), smallest)
-        weighted = slopes * share[:, None]
-        d = np.asarray(-np.linalg.lstsq(weighted.T @ slopes, weighted.T @ errors, rcond=None)[0])
+        share = counted / np.maximum(np.abs(errors + d @ slopes.T), smallest[:, None])
+        xx, xy, yy = (share @ squares).T
+        bx, by = (share @ products).T
+        ridge = TINY * (xx + yy)
+        xx, yy = xx + ridge, yy + ridge
+        determinant = np.maximum(xx * yy - xy * xy, SMALLEST)
+        d = -np.column_stack((yy * bx - xy * by, xx * by - xy * bx)) / determinant[:, None]
     return d

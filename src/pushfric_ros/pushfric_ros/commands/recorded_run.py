@@ -4,9 +4,8 @@ import contextlib
 import pathlib
 from collections.abc import Collection, Iterator
 
-from pushfric_core.errors import PushfricError, UninformativePush
+from pushfric_core.errors import PushfricError
 from pushfric_core.estimate import Estimate
-from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
 from pushfric_msgs.msg import FrictionEstimate
@@ -59,8 +58,10 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Coll
     if empty := sorted(set(pushed) - {point.push_id for point in data} - {*settings.excluded}):
         said.append(f"no data point came from push {', '.join(str(push_id + 1) for push_id in empty)}")
     estimator = settings.new_estimator(model.support_points)
-    usable = [point for point in data if _is_usable(estimator, point)]
-    counts = len(usable), len({point.push_id for point in usable})
+    # the node has told of the data points that it refused
+    counts = (0, 0)
+    for estimate in data_points.taken(estimator.take, data, lambda _: None):
+        counts = estimate.data_points, estimate.pushes
     live_counts = (0, 0) if live is None else (live.data_points, live.pushes)
     if counts != live_counts or {*map(_content, made)} != {*map(_content, data)}:
         said.append(
@@ -68,14 +69,6 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Coll
             "pushes, the bag {} of {}; read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
         )
     return said
-
-
-def _is_usable(estimator: Estimator, point: Observation) -> bool:
-    try:
-        estimator.check(point)
-    except UninformativePush:
-        return False
-    return True
 
 
 def _content(point: Observation) -> tuple[int, int, Twist]:

@@ -302,11 +302,11 @@ def _cost() -> Numbers:
     data = _watched(outline, _moved(studied, pushes, rng), FEET, rng)
     found: Numbers = {"data_points": len(data)}
     for name, confidence in (("plain", False), ("with_spread_and_verdict", True)):
-        estimator = Estimator(points, EstimatorConfig(confidence=confidence))
+        estimator = Estimator(points, EstimatorConfig(confidence=confidence, screening=confidence))
         times = []
         for observation in data:
             start = time.process_time()
-            estimate = estimator.add(observation)
+            estimate = estimator.take(observation)
             if confidence:
                 estimator.verdict(estimate)
             times.append(time.process_time() - start)
