@@ -88,6 +88,7 @@ def test_files_that_cannot_be_are_refused(tmp_path):
         with pytest.raises(InvalidInput, match=r"cannot be read: (File name too long|embedded null byte)"):
             Bag(name)
     fuzz.attempt("cell", 100483, tmp_path)  # names a calibration of 5000 characters
+    fuzz.attempt("model", 33253, tmp_path)  # weights whose sum is off by just what is allowed
     with pytest.raises(InvalidInput, match="cannot be read: embedded null byte"):
         yaml_content(tmp_path / "a\0b")
     with pytest.raises(InvalidInput, match="expected at most"):

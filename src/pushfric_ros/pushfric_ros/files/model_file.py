@@ -18,6 +18,7 @@ from pushfric_core.estimate import Estimate
 from pushfric_core.observation import PUSH_IDS, Observation
 from pushfric_core.planar import Array, Pose, Twist
 from pushfric_core.prediction import FrictionModel, model_of
+from pushfric_core.quasi_static import SUM
 from pushfric_core.recognition import Hypothesis
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml
@@ -95,9 +96,9 @@ class ModelFile(Strict):
             raise ValueError("expected the support of the object as points")
         n = len(self.object.support.points)
         for name, w in [("w", self.w)] + [(f"ensemble.{k}.w", sample.w) for k, sample in enumerate(self.ensemble)]:
-            if len(w) != n or abs(sum(w) - 1) > 1e-6:
+            if len(w) != n or abs(sum(w) - 1) > SUM / 2:  # stricter than FrictionModel, in whatever order it adds
                 raise ValueError(f"expected {name} of {n} weights with sum 1, got {len(w)} with sum {sum(w):g}")
-        if self.ensemble and abs(sum(sample.weight for sample in self.ensemble) - 1) > 1e-6:
+        if self.ensemble and abs(sum(sample.weight for sample in self.ensemble) - 1) > SUM / 2:
             raise ValueError("expected the weights of the ensemble to have the sum 1")
         return self
 
