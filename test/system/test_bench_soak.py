@@ -31,7 +31,7 @@ def test_what_grows_is_told_from_what_is_flat(rng):
 
 
 def test_every_node_of_a_running_cell_is_followed():
-    figures = soak.measure(0.5, lambda _: None)
+    figures = soak.measure(0.1, lambda _: None)
     assert {(one.node, one.kind) for one in figures["growth"]} == {
         (node, kind)
         for node in ("simulated_cell", "recorder", "estimator", "tracker", "actuator", "experiment")
