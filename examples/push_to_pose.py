@@ -36,7 +36,7 @@ from pushfric_core.trajectory import PoseSample, PusherSample
 GOAL = Pose(0.0, 0.0, 0.0)
 NAME = "wood_rect3"
 STROKES, ROUNDS, FEWEST = 5, 3, 4
-CANDIDATES, GOOD, REFINEMENTS = 40, 4, (0.1, 0.03, 0.01)
+CANDIDATES, GOOD, REFINEMENTS = 200, 10, (0.1, 0.03, 0.01, 0.003)
 TIP_RADIUS, APPROACH, SPEED, FRAME_RATE = 0.003, 0.01, 0.02, 14.0  # [m], [m], [m/s], [Hz]
 LONGEST, STEEPEST = 0.05, math.radians(25)  # of a stroke [m], against the contact normal [rad]
 STEP = 0.004  # of the prediction [m]
@@ -93,12 +93,16 @@ def lines_of(outline: Outline, pose: Pose, strokes: np.ndarray) -> tuple[list[Pu
 def best_stroke(
     model: FrictionModel, outline: Outline, pose: Pose, rng: np.random.Generator
 ) -> tuple[PushingLine, float, float]:
-    """The stroke that leaves the object nearest to the goal, where it ends, and how near that is [m]: random, then refined."""
+    """The stroke that leaves the object nearest to the goal, where it ends, and how near that is [m]: random, then refined.
+
+    The mean friction of the model plans: the mean cost over its samples would hardly fall with a short stroke.
+    """
+    mean = FrictionModel.of(model.support, model.mean_mu_c)
     strokes = random_strokes(outline, rng)
     for share in (*REFINEMENTS, None):
         lines, ends = lines_of(outline, pose, strokes)
-        left = predict_strokes(model, outline, [pose] * len(lines), lines, ends, STEP).poses
-        costs = distance(left, arm()) @ model.share
+        left = predict_strokes(mean, outline, [pose] * len(lines), lines, ends, STEP).poses[:, 0]
+        costs = distance(left, arm())
         if share is not None:
             strokes = nearby(strokes[np.argsort(costs)[:GOOD]], share, rng)
     best = int(np.argmin(costs))

@@ -472,8 +472,8 @@ def test_the_work_offset_is_waited_for_and_remembered(peer):
     assert late.mode is Mode.DISCONNECTED
     peer.status = "<Idle|MPos:10.000,0.000,0.000|FS:0,0|WCO:10.000,0.000,0.000>"
     drive(late, lambda: not late.busy, peer)
-    peer.status = "<Idle|MPos:12.000,0.000,0.000|FS:0,0>"
-    assert report_now(late, peer).position == pytest.approx(0.002)
+    peer.status = "<Idle|MPos:10.000,0.000,0.000|FS:0,0>"
+    assert report_now(late, peer).position == pytest.approx(0.0)
 
 
 def test_reports_in_inches(peer):
