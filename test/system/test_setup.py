@@ -78,10 +78,16 @@ def test_a_folder_that_colcon_made_by_hand_is_kept(workspace):
     assert next((workspace / ".colcon").glob("*/install-before/mine")).read_text() == "mine"
 
 
-def test_the_set_up_compiles_every_function_of_the_solver():
+@pytest.fixture
+def script():
+    """The script `pushfric` as a module."""
     loader = importlib.machinery.SourceFileLoader("pushfric_script", str(ROOT / "pushfric"))
     script = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
     loader.exec_module(script)
+    return script
+
+
+def test_the_set_up_compiles_every_function_of_the_solver(script):
     folder = ROOT / "src/pushfric_core/pushfric_core/solvers"
     called = {name for file in folder.glob("*.py") for name in re.findall(r"\bpivoting\.([a-z_]+)\(", file.read_text())}
     assert len(called) > 8
@@ -118,10 +124,7 @@ def test_a_chosen_distribution_stays_chosen(workspace):
     assert (before, after) == ("jazzy .venv\n", "kilted .venv-kilted\n")
 
 
-def test_uv_is_told_what_pip_is_configured_to(tmp_path, monkeypatch):
-    loader = importlib.machinery.SourceFileLoader("pushfric_script", str(ROOT / "pushfric"))
-    script = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
-    loader.exec_module(script)
+def test_uv_is_told_what_pip_is_configured_to(script, tmp_path, monkeypatch):
     (tmp_path / "pip.conf").write_text(
         "[global]\nindex-url = https://own.example/simple\nfind-links =\n    /a\n    /b\ncert = /c.pem\n"
     )
@@ -132,3 +135,19 @@ def test_uv_is_told_what_pip_is_configured_to(tmp_path, monkeypatch):
     assert told["UV_DEFAULT_INDEX"].endswith("https://own.example/simple")
     assert told["UV_FIND_LINKS"].split(",")[-2:] == ["/a", "/b"]
     assert told["SSL_CERT_FILE"] == "/c.pem"
+
+
+def test_the_cache_of_uv_stays_as_it_is(script, tmp_path, monkeypatch):
+    """Files of an environment may be links into it; a second clone then built against headers of the first, long gone."""
+    cached, installed = tmp_path / "cached.cmake", tmp_path / "share/msgs/cmake/msgsExport.cmake"
+    theirs = "/opt/python/cp311/lib/python3.11/site-packages/numpy/core/include", "/opt/_internal/cp311/include/python3.11"
+    before = f'DIRECTORIES "{";".join(theirs)}"'
+    cached.write_text(before)
+    installed.parent.mkdir(parents=True)
+    installed.hardlink_to(cached)
+    monkeypatch.setattr(script, "VENV", tmp_path)
+    script.make_underlay(pathlib.Path(sys.executable))
+    assert cached.read_text() == before
+    _, numpy_headers, python_headers = re.findall(r'[^";]+', installed.read_text())
+    assert (pathlib.Path(numpy_headers) / "numpy/ndarrayobject.h").is_file()
+    assert (pathlib.Path(python_headers) / "Python.h").is_file()
