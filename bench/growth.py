@@ -19,7 +19,7 @@ from bench.data_points import observations, support_points
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_ros.messages.conversions import FrictionParts, estimate_to_msg, friction_to_msg
-from pushfric_ros.nodes.estimator import friction_is_due
+from pushfric_ros.nodes.estimator.publications import friction_is_due
 
 SUPPORTS = 15
 

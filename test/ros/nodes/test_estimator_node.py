@@ -40,7 +40,8 @@ from pushfric_ros.messages.conversions import (
 )
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes import estimator as estimator_module
-from pushfric_ros.nodes.estimator import EstimatorNode, friction_is_due
+from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_ros.nodes.estimator.publications import friction_is_due
 
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)

@@ -10,9 +10,9 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import FORCE_TERMS, Estimator
 from pushfric_core.observation import Observation
+from pushfric_core.observation_maker import ObservationMaker
 from pushfric_core.recognition import Ranking, Recognizer
-from pushfric_core.sensed_force import SensedForce
-from pushfric_core.trajectory import Trajectory, TrajectoryConfig
+from pushfric_core.trajectory import TrajectoryConfig
 from pushfric_ros.bags.bag import Bag
 from pushfric_ros.bags.contents import BagMessage
 from pushfric_ros.bags.rosbag2_metadata import METADATA
@@ -204,25 +204,20 @@ def recorded_observations(path: pathlib.Path, model: ObjectModel, settings: Esti
 
 
 def _from_poses(bag: Bag, source: Source, model: ObjectModel, config: TrajectoryConfig, warn: Warn) -> Iterator[Observation]:
-    trajectory = Trajectory(model.outline, config)
     pose_topic, pusher_topic, *force_topic = source.topics
-    forces = SensedForce() if force_topic else None
+    maker = ObservationMaker(model.outline, config, with_forces=bool(force_topic))
     for message in bag.messages(source.topics):
         try:
             if message.topic == pose_topic:
-                made = trajectory.add_pose(_content(bag, message, pose_sample_from_msg))
+                yield from maker.add_pose(_content(bag, message, pose_sample_from_msg))
             elif message.topic == pusher_topic:
-                made = trajectory.add_pusher(_content(bag, message, pusher_sample_from_msg))
+                yield from maker.add_pusher(_content(bag, message, pusher_sample_from_msg))
             else:
-                assert forces is not None
-                yield from forces.add_force(_content(bag, message, force_sample_from_msg))
-                continue
-            for observation in made:
-                yield from [observation] if forces is None else forces.add_observation(observation)
+                yield from maker.add_force(_content(bag, message, force_sample_from_msg))
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
-    if forces is not None and forces.waiting:
-        warn(f"{bag.path}: ends before the force of its last data points was measured; left out: {forces.waiting}")
+    if maker.waiting:
+        warn(f"{bag.path}: ends before the force of its last data points was measured; left out: {maker.waiting}")
 
 
 def _recorded(bag: Bag, source: Source, model: ObjectModel, warn: Warn) -> Iterator[Observation]:

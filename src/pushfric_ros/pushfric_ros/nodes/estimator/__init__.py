@@ -1,0 +1,420 @@
+"""The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
+
+import dataclasses
+import pathlib
+from typing import TYPE_CHECKING, Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimate import Estimate
+from pushfric_core.observation import Observation
+from pushfric_core.observation_maker import ObservationMaker
+from pushfric_core.online_estimation import OnlineEstimation
+from pushfric_core.recognition import Recognizer
+from pushfric_core.verdict import Verdict
+from pushfric_core.wording import data_of
+from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
+from pushfric_msgs.msg import Observation as ObservationMsg
+from pushfric_msgs.srv import ExcludePush, SelectObject
+from pushfric_ros.bags.contents import mcap_file
+from pushfric_ros.files.estimator_settings import START_TOPIC, EstimatorSettings
+from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_ros.files.model_file import check_name, make_model, prior, save_model
+from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
+from pushfric_ros.files.object_file import ObjectModel, load_object
+from pushfric_ros.messages.conversions import (
+    force_sample_from_msg,
+    observation_from_msg,
+    observation_to_msg,
+    pose_sample_from_msg,
+    pusher_sample_from_msg,
+    stamp_from_msg,
+    stamp_to_msg,
+)
+from pushfric_ros.messages.frames import OBJECT
+from pushfric_ros.node_kit.audience import Audience
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
+from pushfric_ros.nodes.estimator.planner_answers import PlannerAnswers
+from pushfric_ros.nodes.estimator.publications import Publications
+
+if TYPE_CHECKING:
+    from pushfric_ros.bags.handover import Handover
+
+PROGRESS_PERIOD = 0.05
+"""Time between reports of how far the estimator has come, in wall time [s]."""
+
+HANDOVER_PERIOD = 0.2
+"""While a restarted estimator catches up from the bag: time between two reads of the bag, in wall time [s]."""
+
+QUIET = 0.5
+"""What takes long is published when the estimate has not changed for this time, in wall time [s]."""
+
+
+class EstimatorNode(Node):
+    """Publishes an estimate after every data point; late subscribers get the last one."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("estimator", **kwargs)
+        model, config = declare(self, ObjectConfig), declare(self, EstimatorNodeConfig)
+        self._models = declare(self, ModelConfig)
+        prefix = declare(self, FrameConfig).within(self.get_namespace())
+        self._settings = EstimatorSettings.of(*[declare(self, part) for part in EstimatorSettings.PARTS])
+        if self._models.save:
+            check_name(pathlib.Path(self._models.save))
+        self._initial, self._bag = model.object, config.bag
+        self._prior = prior(pathlib.Path(self._models.model), load_object(model.object)) if self._models.model else []
+        self._handover, self._caught_up = self._interrupted(), False
+        self._diagnostics = topics = Diagnostics(self, self._health, prefix)
+        self._publications = Publications(topics, self._settings.slipping)
+        self._planner = PlannerAnswers(self, topics)
+        self._begin(model.object if self._handover is None else self._handover.start.object)
+        # the compiled solver is loaded now, not with the first data point
+        self._settings.new_estimator(self._object.support_points).estimate()
+        self._observations_out = self._told_to = None
+        Heartbeat(self)
+        if config.source is DataPointSource.OBSERVATIONS:
+            topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
+        else:
+            self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
+            self._told_to = Audience(self, self._observations_out, ["recorder"])
+            self._transforms = TransformBroadcaster(self, prefix)
+            topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
+            topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+            if self._settings.with_forces:
+                topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
+        self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
+        self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
+        self._told: tuple[int, int] | None = None  # what the last report said [ns]
+        self.create_timer(PROGRESS_PERIOD, self._publish_progress, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._start_out = topics.advertise(EstimationStart, START_TOPIC, LATCHED)
+        self._publish_start()
+        if self._handover is None:
+            self._publish_settings()
+        else:
+            self.get_logger().warning(f"goes on from {self._bag}")
+            self._look = self.create_timer(HANDOVER_PERIOD, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._publications.everything(self._judge())
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SelectObject, "~/select_object", self._on_select_object)
+        self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
+        self.create_service(ExcludePush, "~/keep_push", self._on_keep_push)
+        self._before: Estimate | None = None  # the estimate a moment ago
+        self._lasted: Estimate | None = None  # the last estimate that had not changed for a while
+        self.create_timer(QUIET, self._at_rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
+        backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
+
+    def destroy_node(self) -> None:
+        """Write the model that is to be kept, and destroy the node.
+
+        The model of another object than this one never takes the place of the one that the estimate went on from.
+
+        Raises:
+            InvalidInput: the model cannot be written.
+        """
+        try:
+            other = self._chosen != self._initial and self._models.save == self._models.model
+            if self._models.save and other:
+                self.get_logger().warning(f"{self._models.save} stays as it was: it is not the model of {self._object.name}")
+            elif self._models.save and self._online.usable:
+                assert self._online.estimate is not None
+                made_from = self._bag or self.get_fully_qualified_name()
+                settings = self._settings.without(self._excluded)
+                model = make_model(self._object, self._online.estimate, self._online.observations, made_from, settings)
+                save_model(model, pathlib.Path(self._models.save))
+        finally:
+            super().destroy_node()
+
+    def _interrupted(self) -> "Handover | None":
+        """What an estimator that died in this run has left behind; None if this is the run's first estimator."""
+        if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
+            return None
+        from pushfric_ros.bags.handover import Handover  # imported late: few estimators need to read bags
+
+        inputs = ("object_pose", "pusher_state", *["wrench"] * self._settings.with_forces)
+        try:
+            handover = Handover(pathlib.Path(self._bag), self.get_namespace(), inputs)
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
+        return None if handover.start is None else handover
+
+    def _go_on(self) -> None:
+        """Take the messages of the bag; once it holds all earlier ones, take those that came by topic meanwhile."""
+        assert self._handover is not None
+        if self._told_to is not None and self._told_to.missing:
+            return
+        try:
+            found = self._handover.read_on()
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
+        before = self._online.estimate
+        if found is None:
+            return
+        if not self._caught_up:  # with the earlier estimator, whose last messages are known only now
+            self._caught_up = True
+            self._begin(self._handover.start.object)
+            self._publish_settings()
+            self._publish_start()
+        for topic, msg, _ in found:
+            self._take_input(topic, msg)
+        held = self._handover.held
+        for topic, msg, _ in held or ():
+            self._take_input(topic, msg)
+        if self._online.estimate is not before:
+            self._publications.everything(self._judge())
+        if held is not None:
+            self._look.cancel()
+            self._handover = None
+            estimate = self._online.estimate
+            known = "no data points" if estimate is None else data_of(estimate.data_points, estimate.pushes)
+            self.get_logger().warning(f"has gone on from the bag with {known}; the topics lead from here")
+
+    def _begin(self, chosen: str) -> None:
+        """Start a new estimate of an object, given by its name or file."""
+        self._select(load_object(chosen))
+        self._chosen = chosen
+        for observation in self._prior if chosen == self._initial else ():
+            if observation.push_id not in self._excluded:
+                self._online.learn(observation)
+
+    def _select(self, model: ObjectModel) -> None:
+        settings = self._settings
+        self._object = model
+        last = self._handover.settings if self._handover is not None else None
+        self._excluded = set(settings.excluded if last is None else last.excluded)
+        self._maker = ObservationMaker(model.outline, settings.trajectory, settings.with_forces)
+        estimator = settings.new_estimator(model.support_points)
+        recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
+        self._online = OnlineEstimation(model.outline, estimator, settings.region.region_margin, recognizer, self._refuse)
+        self._publications.begin(model, self._online)
+        self._planner.begin(model, self._online)
+        self._verdict = Verdict()
+        self._problem: str | None = None
+        self._refused = 0
+
+    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        self._on_input("object_pose", msg)
+
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        self._on_input("pusher_state", msg)
+
+    def _on_wrench(self, msg: WrenchStamped) -> None:
+        self._on_input("wrench", msg)
+
+    def _on_input(self, topic: str, msg: Any) -> None:
+        if self._handover is not None:
+            self._handover.hold(topic, msg)
+        elif self._take_input(topic, msg) and topic == "object_pose":
+            self._transforms.broadcast(object_transform(msg))
+
+    def _take_input(self, topic: str, msg: Any) -> bool:
+        """Make data points from a message of a topic or of the bag; return whether the message was valid."""
+        try:
+            if topic == "wrench":
+                self._take(self._maker.add_force(force_sample_from_msg(msg)))
+            elif topic == "object_pose":
+                self._take(self._maker.add_pose(pose_sample_from_msg(msg)))
+            else:
+                self._take(self._maker.add_pusher(pusher_sample_from_msg(msg)))
+        except ValueError as error:
+            self._refuse(topic, error)
+            return False
+        return True
+
+    def _on_observation(self, msg: ObservationMsg) -> None:
+        try:
+            observation = observation_from_msg(msg)
+            observation.check_contact(self._object.outline)
+        except (ValueError, PushfricError) as error:
+            self._refuse("observation", error)
+        else:
+            self._take([observation])
+
+    def _take(self, observations: list[Observation]) -> None:
+        for observation in observations:
+            if self._handover is None or (observation.push_id, observation.stamp) not in self._handover.told:
+                self._tell(observation)
+            if observation.push_id in self._excluded:
+                continue
+            if self._handover is not None:
+                self._online.learn(observation)
+            elif self._online.take(observation):
+                self._show(observation)
+        if self._handover is None:
+            self._planner.prepare()
+
+    def _show(self, observation: Observation) -> None:
+        """Publish the estimate with a new data point first, and then what planners do not wait for."""
+        msg = self._publications.estimate(self._judge(), at_rest=False)
+        self._online.narrow(observation)
+        self._publications.region()
+        self._publications.draw(msg)
+        if self._online.recognize(observation):
+            self._publications.ranking()
+
+    def _tell(self, observation: Observation) -> None:
+        """Publish a data point that was made here."""
+        if self._observations_out is not None:
+            self._observations_out.publish(observation_to_msg(observation, self._object.name))
+
+    def _judge(self) -> Verdict:
+        """The verdict on the estimate; the log says once that data points contradict each other."""
+        contradiction = None if self._online.estimate is None else self._online.estimate.contradiction
+        if contradiction is not None and self._problem is None:
+            self.get_logger().error(contradiction)
+        self._problem = contradiction
+        self._verdict = self._online.verdict()
+        return self._verdict
+
+    def _publish_settings(self) -> None:
+        self._settings_out.publish(String(data=self._settings.without(self._excluded).to_text()))
+
+    def _publish_start(self) -> None:
+        msg = EstimationStart(object=self._chosen)
+        msg.header.stamp, msg.header.frame_id = self.get_clock().now().to_msg(), OBJECT
+        if self._handover is not None:
+            msg.header.stamp = stamp_to_msg(stamp_from_msg(self._handover.start.header.stamp))
+            msg.continuation = self._handover.continuation
+        self._start_out.publish(msg)
+
+    def _start_afresh(self, chosen: str) -> None:
+        load_object(chosen)  # what cannot be loaded changes nothing
+        if self._handover is not None:  # the rest of the bag no longer counts
+            self._look.cancel()
+            self._handover = None
+        self._begin(chosen)
+        self._publish_settings()
+        self._publish_start()
+        if self._online.estimate is None:
+            self._publications.nothing()
+        self._publications.everything(self._judge())
+
+    def _refuse(self, what: str, error: Exception) -> None:
+        """Log once, not at camera rate, that input was refused; the estimate stays as it was."""
+        self._refused += 1
+        if self._problem is None:
+            self.get_logger().error(f"{what} refused: {error}")
+        self._problem = str(error)
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._start_afresh(self._chosen)
+        response.success, response.message = True, f"estimation of {self._object.name} starts again"
+        return response
+
+    def _on_select_object(self, request: SelectObject.Request, response: SelectObject.Response) -> SelectObject.Response:
+        try:
+            self._start_afresh(request.object)
+        except InvalidInput as error:
+            response.message = str(error)
+        else:
+            response.success, response.message = True, f"estimation of {self._object.name} starts"
+            if self._prior:
+                model, of = self._models.model, load_object(self._initial).name
+                used = "goes on from" if self._chosen == self._initial else f"does not use the model of {of},"
+                response.message += f"; it {used} {model}"
+                self.get_logger().warning(response.message)
+        return response
+
+    def _on_exclude_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
+        ranking = self._online.ranking
+        try:
+            left = self._online.exclude(request.push_id)
+        except ValueError as error:
+            response.message = str(error)
+            return response
+        self._excluded.add(request.push_id)  # also its data points that are still to come
+        response.success = True
+        response.message = f"left: {data_of(left.data_points, left.pushes)}"
+        self._show_again()
+        if self._online.ranking is not ranking:
+            self._publications.ranking()
+        return response
+
+    def _on_keep_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
+        kept = self._online.keep(request.push_id)
+        ids = tuple(sorted({*self._settings.kept, request.push_id}))
+        self._settings = dataclasses.replace(self._settings, kept=ids)
+        response.success = True
+        response.message = f"kept: {data_of(kept.data_points, kept.pushes)} are in"
+        self._show_again()
+        return response
+
+    def _show_again(self) -> None:
+        """Publish what has changed because other pushes are left out."""
+        self._planner.forget()
+        self._publish_settings()
+        verdict = self._judge()
+        self._publications.region()
+        if self._online.estimate is None:
+            self._publications.nothing()
+        else:
+            self._publications.draw(self._publications.estimate(verdict))
+
+    def _at_rest(self) -> None:
+        """Publish what takes longer than a data point may wait, for an estimate that has lasted a while."""
+        estimate = self._online.estimate
+        lasts, self._before = self._before is estimate, estimate
+        if not lasts or self._lasted is estimate:
+            return
+        self._lasted = estimate
+        if not self._publications.complete:
+            self._publications.estimate(self._judge())
+        self._planner.publish_limit_surface()
+
+    def _on_clock_jump(self, jump: TimeJump) -> None:
+        self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
+        self._start_afresh(self._chosen)
+
+    def _publish_progress(self) -> None:
+        """Publish the time up to which all poses have become data points, if it has changed."""
+        settled = self._maker.settled
+        newest = self._online.estimate.stamp if self._online.estimate is not None else 0
+        if (settled, newest) != self._told:
+            self._told = settled, newest
+            msg = EstimatorProgress(settled_until=stamp_to_msg(settled))
+            msg.header.stamp, msg.header.frame_id = stamp_to_msg(newest), OBJECT
+            self._progress_out.publish(msg)
+
+    def _health(self) -> Health:
+        values = {"object": self._object.name, "refused": self._refused, "data points": 0}
+        if (estimate := self._online.estimate) is not None:
+            solution = estimate.solution
+            values |= {
+                "data points": estimate.data_points,
+                "fit error": solution.objective,
+                "fit error per data point": solution.objective / estimate.data_points,
+                "gap": solution.gap,
+                "status": estimate.status.value,
+            }
+        if self._maker.waiting is not None:
+            values["data points without their force yet"] = self._maker.waiting
+        if self._handover is not None:
+            return Health(Level.WARN, f"goes on from {self._bag}", values)
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        if self._problem is not None:
+            return Health(Level.ERROR, self._problem, values)
+        if self._maker.contradiction is not None:
+            return Health(Level.WARN, self._maker.contradiction, values)
+        if not self._verdict.use:
+            return Health(Level.WARN, "; ".join(self._verdict.reasons), values)
+        if self._verdict.rejected:
+            words = "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in self._verdict.rejected)
+            return Health(Level.OK, words, values)
+        return Health(Level.OK, "estimating" if estimate is not None else "waiting for data points", values)
+
+
+def main() -> None:
+    run_node(EstimatorNode)

@@ -1,0 +1,126 @@
+"""What the estimator node publishes of its results: each is latched, so that a late subscriber gets the last one."""
+
+from collections.abc import Collection
+
+from geometry_msgs.msg import PointStamped
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pushfric_core.online_estimation import OnlineEstimation
+from pushfric_core.verdict import Verdict
+from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, FrictionEstimate, Recognition, SupportFriction
+from pushfric_ros.files.object_file import ObjectModel
+from pushfric_ros.messages.conversions import (
+    FrictionParts,
+    estimate_to_msg,
+    friction_to_msg,
+    nothing_known,
+    recognition_to_msg,
+    region_to_msg,
+)
+from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
+from pushfric_ros.node_kit.diagnostics import Diagnostics
+from pushfric_ros.node_kit.qos import LATCHED
+
+RENEWED = 200
+"""mu_c rests on all data points. It is renewed after one more data point for each this many, so that its cost does not grow: up
+to 200 after each, then after every second, ...; and once no more data points come."""
+
+
+class Publications:
+    """The topics of an estimate, of an object whose estimation has begun.
+
+    Args:
+        topics: of the node.
+        slipping: pushes known to slip.
+    """
+
+    def __init__(self, topics: Diagnostics, slipping: Collection[int]) -> None:
+        self._slipping = slipping
+        self._estimate_out = topics.advertise(FrictionEstimate, "friction_estimate", LATCHED)
+        self._support_friction_out = topics.advertise(SupportFriction, "support_friction", LATCHED)
+        self._center_of_friction_out = topics.advertise(PointStamped, "center_of_friction", LATCHED)
+        self._contact_friction_out = topics.advertise(ContactFriction, "contact_friction", LATCHED)
+        self._recognition_out = topics.advertise(Recognition, "recognition", LATCHED)
+        self._markers_out = topics.advertise(MarkerArray, "markers", LATCHED)
+        self._region_out = topics.advertise(CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+
+    def begin(self, model: ObjectModel, online: OnlineEstimation) -> None:
+        """Publish the estimation of this object from now on; nothing is published yet."""
+        self._object, self._online = model, online
+        self._mu_c: FrictionParts | None = None  # what was last said of mu_c
+        self._region = CenterOfFrictionRegion()
+
+    @property
+    def complete(self) -> bool:
+        """Whether what was said of mu_c rests on all data points."""
+        estimate = self._online.estimate
+        return self._mu_c is None or estimate is None or self._mu_c.data_points == estimate.data_points
+
+    def everything(self, verdict: Verdict) -> None:
+        """Publish all that is known."""
+        self.region()
+        if self._online.estimate is not None:
+            self.draw(self.estimate(verdict))
+        if self._online.ranking is not None:
+            self.ranking()
+
+    def estimate(self, verdict: Verdict, at_rest: bool = True) -> FrictionEstimate:
+        """Publish w, p_CF and mu_c, and return the message with all of them.
+
+        Args:
+            verdict: on the estimate; there is one.
+            at_rest: no data point followed it at once.
+        """
+        estimate = self._online.estimate
+        assert estimate is not None
+        friction = self._mu_c
+        if friction is None or at_rest or friction_is_due(estimate.data_points, friction.data_points):
+            observations = self._online.observations if self._slipping else ()
+            slips = [observation.push_id in self._slipping for observation in observations]
+            friction = self._mu_c = friction_to_msg(estimate, self._object.name, slips)
+        msg = estimate_to_msg(estimate, self._object.name, verdict=verdict, friction=friction)
+        self._estimate_out.publish(msg)
+        # w, p_CF and mu_c have no status of their own
+        self._parts(msg if self._online.usable else nothing_known(self._object.name))
+        return msg
+
+    def nothing(self) -> None:
+        """Publish that nothing is known: without data points, nothing that was published before is valid any longer."""
+        msg = nothing_known(self._object.name)
+        self._estimate_out.publish(msg)
+        self._parts(msg)
+        self.draw(msg)
+        self._recognition_out.publish(Recognition())
+
+    def region(self) -> None:
+        """Publish where p_CF can lie by the half-planes, and what to push next."""
+        stamp = self._online.estimate.stamp if self._online.estimate is not None else 0
+        self._region = region_to_msg(self._online.region(), self._online.next_pushes(), stamp, self._object.name)
+        self._region_out.publish(self._region)
+
+    def ranking(self) -> None:
+        """Publish how well each hypothesis about the object fits."""
+        ranking = self._online.ranking
+        self._recognition_out.publish(
+            Recognition() if ranking is None or not ranking.data_points else recognition_to_msg(ranking)
+        )
+
+    def draw(self, msg: FrictionEstimate) -> None:
+        """Publish what RViz and the like draw of the estimate in a message, and of the region that was published last."""
+        if msg.status in (msg.STATUS_NO_DATA, msg.STATUS_INFEASIBLE):
+            self._markers_out.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            return
+        assert self._online.newest is not None
+        markers = estimate_to_markers(msg, self._object.outline, self._online.newest)
+        markers.markers += region_to_markers(self._region, self._object.outline)
+        self._markers_out.publish(markers)
+
+    def _parts(self, msg: FrictionEstimate) -> None:
+        self._support_friction_out.publish(msg.support_friction)
+        self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
+        self._contact_friction_out.publish(msg.contact_friction)
+
+
+def friction_is_due(data_points: int, said_of: int) -> bool:
+    """Whether mu_c, which rests on the first number of data points, must be renewed for the second."""
+    return not 0 <= data_points - said_of <= data_points // RENEWED

@@ -1,0 +1,89 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import observations_of
+
+from pushfric_core.errors import UninformativePush
+from pushfric_core.estimator import Estimator, EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.online_estimation import OnlineEstimation
+from pushfric_core.outline import Outline
+from pushfric_core.planar import Twist
+from pushfric_core.recognition import Hypothesis, Recognizer
+from pushfric_core.region import HalfPlanes, line_of_motion
+from pushfric_core.support import Support
+
+BAR = Outline.rectangle(0.12, 0.06)
+TRUTH = Support([(-0.05, -0.02), (0.05, -0.02), (0.05, 0.02), (-0.05, 0.02)], [0.1, 0.2, 0.3, 0.4])
+POINTS = BAR.grid(5, 3)
+DATA = [
+    replace(one, push_id=number // 20)
+    for number, one in enumerate(observations_of(BAR, TRUTH, 0.3, 40, np.random.default_rng(0)))
+]
+HERE, THERE = [Hypothesis(name, POINTS, TRUTH.center_of_friction + offset) for name, offset in (("here", 0.0), ("there", 0.01))]
+
+
+def started(refuse=pytest.fail, **config):
+    estimator = Estimator(POINTS, EstimatorConfig(**config))
+    return OnlineEstimation(BAR, estimator, 0.001, Recognizer([THERE, HERE]), refuse)
+
+
+def corners(data):
+    half_planes = HalfPlanes(BAR, 0.001)
+    for observation in data:
+        half_planes.add(line_of_motion(observation))
+    return half_planes.region().corners
+
+
+def test_before_the_first_data_point_nothing_is_known():
+    online = started()
+    assert online.estimate is online.ranking is online.newest is None
+    assert not online.usable
+    assert online.verdict().use
+    np.testing.assert_allclose(online.region().area, 0.12 * 0.06)
+
+
+def test_each_step_gives_what_its_part_gives_alone():
+    online, estimator, recognizer = started(), Estimator(POINTS), Recognizer([THERE, HERE])
+    for observation in DATA:
+        assert online.take(observation)
+        online.narrow(observation)
+        assert online.recognize(observation)
+        assert online.estimate == estimator.add(observation)
+        assert online.ranking == recognizer.add(observation)
+    assert online.usable
+    assert online.observations == tuple(DATA)
+    assert online.newest == DATA[-1]
+    assert online.ranking.best == "here"
+    np.testing.assert_array_equal(online.region().corners, corners(DATA))
+    assert online.next_pushes()
+
+
+def test_a_push_that_is_taken_out_leaves_everything():
+    online = started()
+    for observation in DATA:
+        online.learn(observation)
+    left = online.exclude(1)
+    rest = DATA[:20]
+    assert left is online.estimate
+    assert online.observations == tuple(rest)
+    assert online.ranking.data_points == 20
+    np.testing.assert_array_equal(online.region().corners, corners(rest))
+    assert online.exclude(0).data_points == 0
+    assert online.estimate is None
+    assert not online.usable
+    with pytest.raises(ValueError, match="push_id"):
+        online.exclude(0)
+
+
+def test_what_cannot_be_used_is_told_and_changes_nothing():
+    refused = []
+    online = started(lambda what, error: refused.append((what, type(error))))
+    online.learn(DATA[0])
+    before = online.estimate
+    about_a_support = Twist(*(0.1 * np.array((POINTS[0][1], -POINTS[0][0]))), 0.1)
+    online.learn(Observation(DATA[0].contact_point, DATA[0].contact_normal, about_a_support, 0))
+    assert refused == [("observation", UninformativePush)]
+    assert online.estimate is before
+    assert online.observations == (DATA[0],)
