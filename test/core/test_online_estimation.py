@@ -79,7 +79,7 @@ def test_a_push_that_is_taken_out_leaves_everything():
 
 def test_what_cannot_be_used_is_told_and_changes_nothing():
     refused = []
-    online = started(lambda what, error: refused.append((what, type(error))))
+    online = started(lambda what, error: refused.append((what, type(error))), cor_radius=0.0)
     online.learn(DATA[0])
     before = online.estimate
     about_a_support = Twist(*(0.1 * np.array((POINTS[0][1], -POINTS[0][0]))), 0.1)
