@@ -78,14 +78,30 @@ def pushfric(*arguments: object) -> subprocess.Popen:
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+def started(controller: SimulatedGrbl, **options) -> subprocess.Popen:
+    """A rehearsal in mid-push."""
+    process = pushfric("--port", controller.port, "--stroke", 40, "--silence", options.get("silence", PATIENT))
+    deadline = time.monotonic() + 120
+    while controller.position() < 0.003:
+        assert time.monotonic() < deadline, "nothing moves"
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    return process
+
+
+def test_a_plug_that_is_pulled_ends_the_rehearsal_with_a_line():
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
+        process = started(controller, silence=2.0)
+        controller.unplug()
+        out, err = process.communicate(timeout=120)
+        assert "Traceback" not in out + err
+        assert process.returncode == 1, err
+        assert f"error: the line to the controller at {controller.port} is broken: " in err
+
+
 def test_ctrl_c_stops_the_pusher():
     with SimulatedGrbl(time.monotonic, restarts=False) as controller:
-        process = pushfric("--port", controller.port, "--stroke", 40, "--silence", PATIENT)
-        deadline = time.monotonic() + 120
-        while controller.position() < 0.003:
-            assert time.monotonic() < deadline, "nothing moves"
-            assert process.poll() is None, process.communicate()
-            time.sleep(0.01)
+        process = started(controller)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120)
         assert process.returncode == 130, err

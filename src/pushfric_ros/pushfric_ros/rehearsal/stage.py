@@ -185,7 +185,13 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
                 self.line.tell_controller(RealTime.HOLD.value)
 
     def spin(self, seconds: float = 0.005) -> None:
-        """Let messages and reports come in for this long [s]; ask the controller for a report if nobody else does."""
+        """Let messages and reports come in for this long [s]; ask the controller for a report if nobody else does.
+
+        Raises:
+            NotRehearsed: the port can no longer be read or written.
+        """
+        if self.line.broken is not None:
+            raise NotRehearsed(f"the line to the controller at {self.given.port} is broken: {self.line.broken}")
         if time.monotonic() - self._heard_at > LISTENING:
             self.line.tell_controller(RealTime.ASK.value)
             self._heard_at = time.monotonic()
@@ -198,7 +204,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         """Wait until a condition holds.
 
         Raises:
-            NotRehearsed: it does not hold in time, or the pusher left its stroke.
+            NotRehearsed: it does not hold in time, the pusher left its stroke, or the line is broken.
         """
         deadline = time.monotonic() + seconds
         while not condition():

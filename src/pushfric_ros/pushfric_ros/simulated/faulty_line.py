@@ -43,6 +43,7 @@ class FaultyLine:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="line")
         self._lock = threading.Lock()
+        self.broken: OSError | None = None  # why the port can no longer be read or written, such as a plug that was pulled
 
     def __enter__(self) -> "FaultyLine":
         self._thread.start()
@@ -62,29 +63,39 @@ class FaultyLine:
         self.delay_to_controller = self.delay_to_host = 0.0
 
     def tell_controller(self, data: bytes) -> None:
-        """Write to the controller as another program on the line would."""
+        """Write to the controller as another program on the line would; whether that was possible, `broken` says."""
         with self._lock:
-            self._serial.write(data)
+            try:
+                self._serial.write(data)
+            except OSError as error:
+                self.broken = error
 
     def tell_host(self, data: bytes) -> None:
         """Write to the host as the controller would, after what it has already said."""
         self._for_host.append((time.monotonic() + self.delay_to_host, data))
 
     def _serve(self) -> None:
-        while not self._closing.is_set():
+        while not self._closing.is_set() and self.broken is None:
             ready, _, _ = select.select([self._master, self._serial.fd], [], [], TICK)
             if self._master in ready:
                 passed = self.to_controller(os.read(self._master, 4096))
                 self._for_controller.append((time.monotonic() + self.delay_to_controller, passed))
             if self._serial.fd in ready:
-                said = self._serial.read(4096)
-                self.heard(said)
-                self.tell_host(self.to_host(said))
+                self._hear()
             while self._for_controller and self._for_controller[0][0] <= time.monotonic():
                 self.tell_controller(self._for_controller.popleft()[1])
             while self._for_host and self._for_host[0][0] <= time.monotonic():
                 with contextlib.suppress(BlockingIOError):  # nobody reads, and a line does not wait
                     os.write(self._master, self._for_host.popleft()[1])
+
+    def _hear(self) -> None:
+        try:
+            said = self._serial.read(4096)
+        except OSError as error:
+            self.broken = error
+            return
+        self.heard(said)
+        self.tell_host(self.to_host(said))
 
 
 def once(old: bytes, new: bytes) -> Filter:
