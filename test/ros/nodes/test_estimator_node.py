@@ -39,8 +39,7 @@ from pushfric_ros.messages.conversions import (
     stamp_to_msg,
 )
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
-from pushfric_ros.nodes import estimator as estimator_module
-from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_ros.nodes.estimator import EstimatorNode, publications
 from pushfric_ros.nodes.estimator.publications import friction_is_due
 
 NAME = "rubber_rect4"
@@ -302,7 +301,7 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
 
 def test_what_is_said_of_mu_c_lags_behind_by_a_share_and_is_complete_at_rest(ros, monkeypatch):
     """Its cost must not grow with the number of data points; here, two data points already count as many."""
-    monkeypatch.setattr(estimator_module, "RENEWED", 2)
+    monkeypatch.setattr(publications, "RENEWED", 2)
     _, out, estimates = estimator_of_observations(ros)
     core = Estimator(load_object(NAME).support_points)
     for observation in DATA:
