@@ -2,7 +2,7 @@
 
 Each cell of the study is an object, a camera's noise and a plan of pushes. For each cell, the study measures how often the 90 %
 ellipse of p_CF contains the truth, its radius compared with the errors, the errors of the optimum and of the middle of the set,
-and mu_c.
+and mu_c. Further cells are about screening (module `spoilt`) and the choice of the next push (module `choice`).
 """
 
 import math
@@ -11,28 +11,27 @@ import pathlib
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
 from pushfric_core.contact import tangent
-from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.errors import InvalidInput
 from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Array, Pose, velocity_at, wrap
-from pushfric_core.push_plan import PlannedPush, even_pushes, placement
-from pushfric_core.simulation import PushedObject
+from pushfric_core.planar import Array, velocity_at
+from pushfric_core.push_plan import PlannedPush, even_pushes
 from pushfric_core.spread import ELLIPSE
 from pushfric_core.support import Support
-from pushfric_core.table_1 import FEET, FLAT, INSET, TABLE_1, PoseNoise
-from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
+from pushfric_core.table_1 import FEET, TABLE_1
 from pushfric_ros.bags.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_ros.offline.workers import results
-from pushfric_ros.paper.experiments import FRAME_RATE, LINE, PLACEMENT, SPEED, STROKE
+from pushfric_ros.paper import choice, spoilt
+from pushfric_ros.paper.trials import NOISES, Studied, estimated, moved, objects, of_table_1, watched
 from pushfric_ros.report.report import to_json
 
 SHARP = math.radians(55)
@@ -53,78 +52,43 @@ SLIPPED = 1e-3
 Numbers = dict[str, Any]
 
 
-class Studied(NamedTuple):
-    """An object of the study."""
-
-    outline: Outline
-    support: Support
-    mu_c: float
-    support_points: Array
-    plans: dict[str, tuple[int, ...]]  # pushes along each edge
-    longest_turn: float  # of a push [rad]
-
-
-def _objects() -> dict[str, Studied]:
-    right = TABLE_1["delrin_rect_right"]
-    rectangle = TABLE_1["wood_rect4"]
-    triangle = Outline(np.array(CORNERS))
-    feet = Support(np.array(((0.03, 0.03), (0.09, 0.03), (0.03, 0.09))), np.full(3, 1 / 3))
-    unequal = Support(rectangle.support.points, np.array((0.4, 0.3, 0.2, 0.1)))
-    return {
-        "unequal_feet": Studied(
-            rectangle.outline,
-            unequal,
-            0.3,
-            rectangle.outline.grid(5, 3, INSET),
-            {"all": (5, 2, 5, 2), "eight": (3, 1, 3, 1)},
-            math.inf,
-        ),
-        "triangle": Studied(
-            triangle, feet, 0.3, triangle.grid(10, 10, GRID.inset), {"all": (5, 5, 5), "eight": (3, 2, 3)}, math.inf
-        ),
-        "delrin_rect_right": Studied(
-            right.outline,
-            right.support,
-            right.mu_c,
-            right.support_points,
-            {"all": (5, 2, 5, 2), "eight": (3, 1, 3, 1)},
-            math.radians(25),
-        ),
-    }
-
-
-NOISES = {"FEET": FEET, "FLAT": FLAT}
-
-
 def run_seed(seed: int) -> dict[str, Any]:
-    """All simulated cells of one seed: `seed`, and under `cells` what was found in each, by its name."""
+    """All simulated cells of one seed.
+
+    Returns:
+        `seed`; under `cells` what was found in each, by its name; under `screened` what screening said of bad pushes and
+        changed objects; and under `choice` how many pushes each object took.
+    """
     cells: dict[str, Numbers] = {}
-    for number, (name, studied) in enumerate(_objects().items()):
+    screened: dict[str, Numbers] = {}
+    chosen: dict[str, Numbers] = {}
+    for number, (name, studied) in enumerate(objects().items()):
         rng = np.random.default_rng((seed, number))
         edge = int(rng.integers(len(studied.outline.vertices)))
         offset = float(rng.uniform(-0.3, 0.3) * studied.outline.lengths[edge])
         plans = {plan: even_pushes(studied.outline, counts) for plan, counts in studied.plans.items()}
         plans["one_place"] = [PlannedPush(edge, offset)] * 8
         for plan, pushes in plans.items():
-            moved = _moved(studied, pushes, rng)
+            pushed = moved(studied, pushes, rng)
             for noise, spread in NOISES.items():
-                data = _watched(studied.outline, moved, spread, rng)
+                data = watched(studied.outline, pushed, spread, rng)
                 cells[f"{name}/{plan}/{noise}"] = _found(data, studied.support_points, studied.support.center_of_friction)
+        verdicts = spoilt.verdicts(studied, np.random.default_rng((seed, 200 + number)))
+        screened |= {f"{name}/{case}": found for case, found in verdicts}
+        chosen[name] = choice.pushes_needed(studied, np.random.default_rng((seed, 300 + number)))
     for number, (name, known) in enumerate(TABLE_1.items()):
         rng = np.random.default_rng((seed, 100 + number))
-        turn = math.radians(25) if name.startswith("delrin_rect") else math.inf
-        studied = Studied(known.outline, known.support, known.mu_c, known.support_points, {}, turn)
+        studied = of_table_1(name)
         sharp = [
             PlannedPush(edge, side * 0.12 * float(known.outline.lengths[edge]), side * SHARP)
             for edge in (0, 2)
             for side in (-1, 1)
         ]
-        moved = _moved(studied, even_pushes(known.outline, known.pushes) + sharp, rng)
-        estimate = _estimate(_watched(known.outline, moved, known.noise, rng), known.support_points)
-        mu_c = estimate.mu_c
+        pushed = moved(studied, even_pushes(known.outline, known.pushes) + sharp, rng)
+        mu_c = _estimate(watched(known.outline, pushed, known.noise, rng), known.support_points).mu_c
         if mu_c is not None:
             cells[f"mu_c/{name}"] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}
-    return {"seed": seed, "cells": cells}
+    return {"seed": seed, "cells": cells, "screened": screened, "choice": chosen}
 
 
 def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int, dask: str | None, console: Console) -> Numbers:
@@ -156,6 +120,8 @@ def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int,
         "mu_c": {
             name: _within([one["cells"][f"mu_c/{name}"] for one in found if f"mu_c/{name}" in one["cells"]]) for name in TABLE_1
         },
+        "screened": spoilt.summary([one["screened"] for one in found]),
+        "choice": {name: choice.summary([one["choice"][name] for one in found]) for name in found[0]["choice"]},
         "real": _real(logs),
         "real_mu_c": {f"{log}/{terms}": _real_mu_c(data, terms) for log, data in logs.items() for terms in ("moment", "force")},
         "cost": _cost(),
@@ -167,48 +133,8 @@ def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int,
     return summary
 
 
-def _moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Generator) -> list[list[tuple[float, Pose]]]:
-    """Stroke position and true pose in each frame of each push; a push in which the tip wedges is left out."""
-    moved = []
-    for push in pushes:
-        x, y, theta = placement(studied.outline, push, LINE, 0.0)
-        dx, dy, turn = rng.normal(0.0, PLACEMENT, 3).tolist()
-        start = Pose(x + dx, y + dy, theta + turn / 0.02)
-        body = PushedObject(studied.outline, studied.support, studied.mu_c, start)
-        frames = []
-        try:
-            for frame in range(int(STROKE / SPEED * FRAME_RATE) + 1):
-                body.push(LINE, frame / FRAME_RATE * SPEED)
-                if abs(wrap(body.pose.theta - start.theta)) > studied.longest_turn:
-                    break
-                frames.append((frame / FRAME_RATE * SPEED, body.pose))
-        except PushfricError:
-            continue
-        moved.append(frames)
-    return moved
-
-
-def _watched(
-    outline: Outline, moved: list[list[tuple[float, Pose]]], noise: PoseNoise, rng: np.random.Generator
-) -> list[Observation]:
-    trajectory, data = Trajectory(outline), []
-    for push_id, frames in enumerate(moved):
-        for frame, (position, pose) in enumerate(frames):
-            stamp = round((3600 * push_id + frame / FRAME_RATE) * 1e9)
-            seen = np.asarray(pose) + rng.normal(0.0, 1.0, 3) * (noise.position, noise.position, noise.angle)
-            data += trajectory.add_pusher(PusherSample(stamp, position, SPEED, LINE, push_id))
-            data += trajectory.add_pose(PoseSample(stamp, Pose(*seen.tolist())))
-    return data
-
-
 def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...] = ("moment",)) -> Estimate:
-    estimator = Estimator(points, EstimatorConfig(terms=terms))
-    for observation in data:
-        try:
-            estimator.add(observation)
-        except PushfricError:
-            continue  # the estimator refuses this data point, as in a live run
-    return estimator.estimate()
+    return estimated(data, points, EstimatorConfig(terms=terms))[1]
 
 
 def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
@@ -299,7 +225,7 @@ def _cost() -> Numbers:
     pushes = [
         PlannedPush(int(rng.integers(4)), float(rng.uniform(-0.04, 0.04)), float(rng.uniform(-0.6, 0.6))) for _ in range(60)
     ]
-    data = _watched(outline, _moved(studied, pushes, rng), FEET, rng)
+    data = watched(outline, moved(studied, pushes, rng), FEET, rng)
     found: Numbers = {"data_points": len(data)}
     for name, confidence in (("plain", False), ("with_spread_and_verdict", True)):
         estimator = Estimator(points, EstimatorConfig(confidence=confidence, screening=confidence))
@@ -340,6 +266,7 @@ def _report(summary: Numbers) -> str:
     for name, cell in summary["real_mu_c"].items():
         value = "-" if cell["value"] is None else f"{cell['value']:.3f} ({cell['low']:.2f} to {cell['high']:.2f})"
         lines.append(f"| {name} | {cell['sensor']:.3f} (sensor) | {value} | | {cell.get('held', '-')} | |")
+    lines += ["", *spoilt.report(summary["screened"]), "", *choice.report(summary["choice"])]
     lines += [
         "",
         "Cost of a data point [ms]: " + ", ".join(f"{name} {value:.3g}" for name, value in summary["cost"].items()),

@@ -1,0 +1,145 @@
+"""Bad pushes and changed objects for the study: does screening find them, and does it leave the good pushes in?"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from pushfric_core.estimator import EstimatorConfig
+from pushfric_core.observation import Observation
+from pushfric_core.planar import Array, Pose
+from pushfric_core.push_plan import even_pushes
+from pushfric_core.support import Support
+from pushfric_ros.paper.trials import NOISES, Frames, Studied, estimated, moved, watched
+
+BAD = math.radians(25)
+"""The orientation of a bad push drifts or wanders by this much."""
+
+LEAP = (0.006, 0.010)
+"""... or its position jumps by between these distances [m]."""
+
+BEFORE, AFTER = 10, 3
+"""Pushes before a change of the object, and after it."""
+
+SHIFTS = (0.008, 0.004)
+"""By how much a load that is moved shifts p_CF [m]."""
+
+LEAST_WEIGHT = 0.02
+"""Share of its weight that each support keeps when the load is moved."""
+
+Numbers = dict[str, Any]
+
+
+def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, Numbers]]:
+    """What screening says of runs with a bad push of each kind and with none, and of loads that are moved; by noise.
+
+    `found` says whether the bad push was left out, or the change seen; `lost` how many of the `good` pushes were left out;
+    and `changed` whether an object that stayed the same was said to be another one.
+    """
+    plan = even_pushes(studied.outline, studied.plans["all"])
+    pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
+    before = moved(studied, pushes, rng)
+    after = {}
+    for shift in SHIFTS:
+        other = studied._replace(support=with_moved_load(studied.support, shift, rng))
+        after[shift] = moved(other, [pushes[index] for index in rng.permutation(len(pushes))[:AFTER].tolist()], rng)
+    for noise, spread in NOISES.items():
+        for kind, spoil in {"none": None, **SPOILT}.items():
+            seen, which = before, set()
+            if spoil is not None:
+                bad = int(rng.integers(len(before)))
+                seen, which = [spoil(frames, rng) if index == bad else frames for index, frames in enumerate(before)], {bad}
+            left_out, changed = _screened(watched(studied.outline, seen, spread, rng), studied.support_points)
+            lost = len(left_out - which)
+            numbers = {"found": which <= left_out, "lost": lost, "good": len(before) - len(which), "changed": changed}
+            yield f"{kind}/{noise}", numbers if which else numbers | {"found": None}
+        for shift, pushed in after.items():
+            data = watched(studied.outline, [*before[:BEFORE], *pushed], spread, rng)
+            _, changed = _screened(data, studied.support_points)
+            yield f"shift of {1e3 * shift:g} mm/{noise}", {"found": changed, "lost": 0, "good": 0, "changed": False}
+
+
+def summary(runs: Sequence[dict[str, Numbers]]) -> Numbers:
+    """Counts for each kind of bad push or change and each noise, of all objects together."""
+    cases: dict[str, list[Numbers]] = {}
+    for run in runs:
+        for name, numbers in run.items():
+            cases.setdefault(name.split("/", 1)[1], []).append(numbers)
+    return {
+        case: {
+            "runs": len(found),
+            "found": None if found[0]["found"] is None else sum(one["found"] for one in found),
+            **{key: sum(one[key] for one in found) for key in ("good", "lost", "changed")},
+        }
+        for case, found in cases.items()
+    }
+
+
+def report(cells: Numbers) -> list[str]:
+    """The summary as lines of Markdown."""
+    lines = ["| bad push, or change | runs | found | good pushes lost | said to be another object |", "|" + "---|" * 5]
+    for name, cell in cells.items():
+        found = "-" if cell["found"] is None else str(cell["found"])
+        lost = f"{cell['lost']} of {cell['good']}" if cell["good"] else "-"
+        lines.append(f"| {name} | {cell['runs']} | {found} | {lost} | {cell['changed'] if cell['good'] else '-'} |")
+    return lines
+
+
+def _screened(data: Iterable[Observation], points: Array) -> tuple[set[int], bool]:
+    """The pushes that are left out at the end, and whether the object is said to be another one."""
+    estimator, estimate = estimated(data, points, EstimatorConfig(confidence=False, screening=True))
+    return {one.push_id for one in estimator.rejected}, estimator.verdict(estimate).change is not None
+
+
+def with_moved_load(support: Support, shift: float, rng: np.random.Generator) -> Support:
+    """A support after a load was moved so that p_CF shifts by this much [m], in any direction.
+
+    It shifts less if a support would have to lose more than nearly all of its weight.
+    """
+    angle = float(rng.uniform(0.0, 2 * math.pi))
+    arms = support.points - support.center_of_friction
+    moments = (support.weights[:, None] * arms).T @ arms
+    tilt = np.linalg.solve(moments, shift * np.array((math.cos(angle), math.sin(angle))))
+    weights = support.weights * np.maximum(1 + arms @ tilt, LEAST_WEIGHT)
+    return Support(support.points, weights / weights.sum())
+
+
+def _drift(frames: Frames, rng: np.random.Generator) -> Frames:
+    """The tracked orientation drifts."""
+    turns = float(rng.choice((-BAD, BAD))) * np.linspace(0.0, 1.0, len(frames))
+    return [(position, pose._replace(theta=pose.theta + turn)) for (position, pose), turn in zip(frames, turns, strict=True)]
+
+
+def _wander(frames: Frames, rng: np.random.Generator) -> Frames:
+    """The tracked orientation walks at random."""
+    walk = np.cumsum(rng.normal(size=len(frames)))
+    turns = BAD * walk / np.abs(walk).max()
+    return [(position, pose._replace(theta=pose.theta + turn)) for (position, pose), turn in zip(frames, turns, strict=True)]
+
+
+def _jump(frames: Frames, rng: np.random.Generator) -> Frames:
+    """Somewhere in the middle third, the tracked position jumps and stays off."""
+    angle, length, start = float(rng.uniform(0.0, 2 * math.pi)), float(rng.uniform(*LEAP)), _middle(frames, rng)
+    x, y = length * math.cos(angle), length * math.sin(angle)
+    return frames[:start] + [(position, Pose(pose.x + x, pose.y + y, pose.theta)) for position, pose in frames[start:]]
+
+
+def _lost_contact(frames: Frames, rng: np.random.Generator) -> Frames:
+    """Somewhere in the middle third, the object stops while the tip goes on."""
+    start = _middle(frames, rng)
+    return frames[:start] + [(position, frames[start][1]) for position, _ in frames[start:]]
+
+
+def _middle(frames: Frames, rng: np.random.Generator) -> int:
+    third = len(frames) // 3
+    return int(rng.integers(third, max(2 * third, third + 1)))
+
+
+SPOILT: dict[str, Callable[[Frames, np.random.Generator], Frames]] = {
+    "drift": _drift,
+    "wander": _wander,
+    "jump": _jump,
+    "lost contact": _lost_contact,
+}
+"""What may go wrong in a push, as the camera sees it."""
