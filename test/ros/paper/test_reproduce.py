@@ -22,8 +22,9 @@ from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.offline import workers
 from pushfric_ros.paper import experiments as paper_experiments
 from pushfric_ros.paper import reproduce
+from pushfric_ros.paper.claims import agrees, claims
 from pushfric_ros.paper.experiments import CODE, SLIPPING, motions, observation_row, plan, rods, watch
-from pushfric_ros.paper.html_report import agrees, leaves, measured, number
+from pushfric_ros.paper.html_report import leaves, measured, number
 from pushfric_ros.paper.reproduce import WorkerDiffers
 from pushfric_ros.paper.tables import PAPER, REFERENCE, spread, tables
 
@@ -234,6 +235,13 @@ def test_the_report_holds_everything_and_needs_nothing_else(folder, summary):
     assert not any(outside in page for outside in ("<script", "<link", "src=", "@import", 'href="http'))
     assert "nan" not in {word.strip("<>/td") for word in page.split()}
     assert f"{summary['table4']['grid_9']['error_center']['median']:.2f}" in page
+    assert len(summary["claims"]) == 6
+    for claim in summary["claims"]:
+        low, high = claim["spread"]
+        assert claim["text"] in page
+        assert (
+            f"in {100 * low:.0f} to {100 * high:.0f} % of all seeds" if claim["about_seeds"] else f"seeds {low:.0f}"
+        ) in page
     assert CODE in page
 
 
@@ -262,6 +270,29 @@ def test_the_report_says_how_often_and_how_near():
     assert agrees(leaf(reference=1.04), absolute=0.05)
     assert not agrees(leaf(reference=1.06), absolute=0.05)
     assert [number(-0.001), number(-1.5, 1), number(None)] == ["0.00", "\N{MINUS SIGN}1.5", "\N{EN DASH}"]
+
+
+def test_a_claim_says_how_much_of_it_is_chance():
+    """Five seeds with the paper's numbers, except for three ratios that two seeds find twice as large."""
+    seeds = [json.loads(json.dumps(PAPER)) for _ in range(5)]
+    for index, numbers in enumerate(seeds):
+        for grid, ratio in (("grid_9", 2.0), ("grid_15", 2.5), ("grid_24", 2.9)):
+            numbers["table4"][grid] |= {"ratio_left": ratio * (1.0 if index < 3 else 2.0), "ratio_right": ratio}
+        numbers["table5"]["grid_24"] |= {"ratio_left": 4.5, "ratio_center": 2.3}
+        numbers["figure5"]["wood_rect4"]["corners_are_top_four"] = index > 0
+    found = {claim.text: claim for claim in claims(seeds)}
+    near = next(claim for text, claim in found.items() if text.endswith("of the reference") and "ratios" in text)
+    assert (near.held, near.of, near.reproduced) == (8, 8, True)
+    # the three ratios stand or fall together: P(at most 2 of 5 drawn seeds are close) = .317
+    assert near.spread == (5, 8)
+    feet = next(claim for text, claim in found.items() if "four feet" in text)
+    assert (feet.held, feet.of, feet.asked, feet.reproduced) == (4, 5, 5, False)
+    low, high = feet.spread
+    # Clopper-Pearson: 4 or more of 5 has a probability of 5 % at the lower end, 4 or fewer at the upper one
+    assert low**5 + 5 * low**4 * (1 - low) == pytest.approx(0.05)
+    assert high**5 == pytest.approx(0.95)
+    paper = next(claim for text, claim in found.items() if text.endswith("of the paper"))
+    assert (paper.asked, paper.of) == (None, 12)
 
 
 @pytest.fixture

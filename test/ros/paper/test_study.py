@@ -44,7 +44,7 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
 
 
 def test_a_moved_load_shifts_the_center_of_friction_as_asked(rng):
-    """Simulated without noise, the pushes after the move have the shifted p_CF."""
+    """In every direction that is drawn."""
     studied = trials.objects()["unequal_feet"]
     before = studied.support.center_of_friction
     for shift in spoilt.SHIFTS:

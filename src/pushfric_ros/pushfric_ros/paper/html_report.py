@@ -8,17 +8,9 @@ import jinja2
 import numpy as np
 
 from pushfric_core.table_1 import TABLE_1
+from pushfric_ros.paper.claims import CLOSE, CLOSE_MU, Claim, agrees
 from pushfric_ros.paper.experiments import CONDUCT, GRIDS
 from pushfric_ros.paper.tables import Nested
-
-CLOSE = 0.3
-"""A number agrees with the reference if it differs by at most this fraction."""
-
-CLOSE_MU = 0.05
-"""A friction coefficient of Table 3 agrees with the reference if it differs by at most this."""
-
-SURE = 0.95
-"""A claim counts as reproduced if it holds in this fraction of the seeds: 19 of 20."""
 
 NONE = "\N{EN DASH}"
 INFEASIBLE = "\N{INFINITY}"
@@ -33,6 +25,7 @@ class Cell(NamedTuple):
     text: str
     detail: str = ""  # quartiles, or the claim that the number is about
     tone: str = ""  # class in the style sheet
+    spread: str = ""  # of a claim
 
 
 class Table(NamedTuple):
@@ -52,11 +45,12 @@ class Section(NamedTuple):
     table: Table | None = None
 
 
-def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
+def html_report(summary: Nested, claims: Sequence[Claim], figures: Mapping[str, str]) -> str:
     """The page.
 
     Args:
         summary: the content of tables.json.
+        claims: as `claims.claims` gives them.
         figures: SVG files by key, as `figures.figures` gives them.
     """
     environment = jinja2.Environment(
@@ -69,7 +63,7 @@ def html_report(summary: Nested, figures: Mapping[str, str]) -> str:
     return environment.get_template("report.html.j2").render(
         seeds=summary["seeds"],
         code=summary["code"],
-        verdicts=_verdicts(summary),
+        verdicts=_verdicts(claims),
         sections=_sections(summary),
         figures={key: text[text.index("<svg") :] for key, text in figures.items()},
         misses=_misses(summary),
@@ -86,21 +80,6 @@ def number(value: float | None, digits: int = 2) -> str:
         return NONE
     # adding zero takes the sign off a zero
     return INFEASIBLE if math.isinf(value) else f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
-
-
-def agrees(leaf: Nested, absolute: float | None = None) -> bool | None:
-    """Whether a number is close enough to the reference; None if the reference has no such number.
-
-    Args:
-        leaf: of tables.json.
-        absolute: largest difference allowed; None: the fraction `CLOSE` of the reference.
-    """
-    if "held" in leaf:
-        return bool(leaf["held"] >= SURE * leaf["of"])
-    if "reference" not in leaf:
-        return None
-    allowed = CLOSE * abs(leaf["reference"]) if absolute is None else absolute
-    return bool(abs(leaf["median"] - leaf["reference"]) <= allowed)
 
 
 def measured(leaf: Nested, digits: int = 2, absolute: float | None = None, error: bool = False) -> Cell:
@@ -430,58 +409,19 @@ def leaves(nested: Nested, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[s
                 yield from leaves(value, (*path, key))
 
 
-def ratios(summary: Nested) -> list[Nested]:
-    """The ratios of the wrong hypotheses of Tables 4 and 5, on grids of 9 points and more."""
+def _verdicts(claims: Sequence[Claim]) -> list[Cell]:
+    """A card for each claim: how often it holds, with its spread."""
     return [
-        leaf
-        for table, truth in (("table4", "center"), ("table5", "right"))
-        for grid in ("grid_9", "grid_15", "grid_24")
-        for key, leaf in summary[table][grid].items()
-        if key.startswith("ratio") and key != f"ratio_{truth}"
+        Cell(f"{claim.held} of {claim.of}", claim.text, "good" if claim.reproduced else "off", _spread(claim))
+        for claim in claims
     ]
 
 
-def _verdicts(summary: Nested) -> list[Cell]:
-    """The claims of the paper, and whether they hold here, judged by the worst case of each."""
-
-    def worst(found: Sequence[Nested]) -> tuple[str, bool]:
-        leaf = min(found, key=lambda one: one["held"] / one["of"])
-        return measured(leaf).text, bool(agrees(leaf))
-
-    def near(found: Sequence[Nested], absolute: float | None = None) -> tuple[str, bool]:
-        close = [agrees(leaf, absolute) for leaf in found if "reference" in leaf]
-        return f"{sum(map(bool, close))} of {len(close)}", all(close)
-
-    flat_and_wood = [
-        leaf for name in ("delrin_rect_center", "delrin_rect_right", "wood_rect4") for leaf in summary["table3"][name].values()
-    ]
-    published = [leaf for leaf in ratios(summary) if abs(leaf["median"] / leaf["paper"] - 1) <= CLOSE]
-    found = (
-        (
-            "the right one of three look-alikes (Tables 4 and 5, each grid of 9 points and more)",
-            worst([summary[table][f"grid_{size}"]["correct"] for table in ("table4", "table5") for size in (9, 15, 24)]),
-        ),
-        (f"ratios of Tables 4 and 5 within {CLOSE:.0%} of the reference".replace("%", " %"), near(ratios(summary))),
-        (
-            f"the same within {CLOSE:.0%} of the paper".replace("%", " %"),
-            (f"{len(published)} of {len(ratios(summary))}", len(published) == len(ratios(summary))),
-        ),
-        (
-            "the four feet found among 15 points (Figure 5, each object)",
-            worst([figure["corners_are_top_four"] for figure in summary["figure5"].values()]),
-        ),
-        (
-            "the true orientation (Figures 9 and 10, each half-width)",
-            worst(
-                [leaf["correct"] for key in ("figure9", "figure10") for case in summary[key].values() for leaf in case.values()]
-            ),
-        ),
-        (
-            f"mu_c of wood_rect4 and the flat objects within {CLOSE_MU} of the reference (Table 3)",
-            near(flat_and_wood, CLOSE_MU),
-        ),
-    )
-    return [Cell(text, claim, "good" if holds else "off") for claim, (text, holds) in found]
+def _spread(claim: Claim) -> str:
+    low, high = claim.spread
+    if claim.about_seeds:
+        return f"in {100 * low:.0f} to {100 * high:.0f} % of all seeds"
+    return f"with other seeds {low:.0f}" + f" to {high:.0f}" * (low < high)
 
 
 def _misses(summary: Nested) -> list[tuple[str, str]]:

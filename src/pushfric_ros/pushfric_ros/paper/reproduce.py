@@ -10,6 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.offline import workers
+from pushfric_ros.paper.claims import claims
 from pushfric_ros.paper.experiments import CODE, rods, run_seed
 from pushfric_ros.paper.figures import figures
 from pushfric_ros.paper.html_report import html_report
@@ -56,15 +57,16 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
             results[result["seed"]] = result
             progress.advance(task)
     rod_numbers, rod_drawings = rods()
-    summary = tables([{**results[seed]["numbers"], "figure12": rod_numbers} for seed in range(seeds)])
-    summary = {"seeds": seeds, "code": CODE, **summary}
+    numbers = [{**results[seed]["numbers"], "figure12": rod_numbers} for seed in range(seeds)]
+    claimed = claims(numbers)
+    summary = {"seeds": seeds, "code": CODE, "claims": [claim._asdict() for claim in claimed], **tables(numbers)}
     _write(out / "tables.json", f"{to_json(summary)}\n".encode())
     drawn = figures(summary, [results[seed] for seed in range(seeds)], rod_drawings)
     for name, content in drawn.items():
         _write(out / "figures" / name, content)
     report = out / "report.html"
     shown = {name.removesuffix(".svg"): content.decode() for name, content in drawn.items() if name.endswith(".svg")}
-    _write(report, html_report(summary, shown).encode())
+    _write(report, html_report(summary, claimed, shown).encode())
     return summary, report
 
 

@@ -1,7 +1,7 @@
 """Simulated pushes for the study: its objects, how they move, and what a camera sees of them."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ class Studied(NamedTuple):
     support: Support
     mu_c: float
     support_points: Array
-    plans: dict[str, tuple[int, ...]]  # pushes along each edge
+    plans: Mapping[str, tuple[int, ...]]  # pushes along each edge
     longest_turn: float  # of a push [rad]
 
 
