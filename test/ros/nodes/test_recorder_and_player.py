@@ -387,6 +387,17 @@ def test_a_bag_that_was_removed_while_recording_ends_the_recorder(ros, outputs, 
     assert (process.returncode, errors.decode()) == (2, expected)
 
 
+def test_messages_that_wait_when_the_bag_is_lost_cause_no_second_error(ros, outputs, tmp_path):
+    node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)  # never spun
+    wait_until_matched(ros, outputs)
+    outputs[0].publish(Observation(push_id=3))
+    assert outputs[0].wait_for_all_acked(Duration(seconds=60))
+    shutil.rmtree(tmp_path / "bag")
+    with pytest.raises(InvalidInput, match="was removed or moved"):
+        node._flush()
+    node.destroy_node()
+
+
 def test_a_killed_recorder_loses_only_what_it_had_not_flushed(ros, outputs, tmp_path):
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={tmp_path / 'bag'}", "-p", f"topics:={TOPICS}"]
     process = subprocess.Popen([*RECORDER, *arguments])

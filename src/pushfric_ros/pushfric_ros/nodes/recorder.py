@@ -79,7 +79,7 @@ class RecorderNode(Node):
         self._diagnostics = Diagnostics(self, self._health)
 
     def destroy_node(self) -> None:
-        """Record what has arrived, finish the bag and destroy the node.
+        """Record what has arrived, finish the bag and destroy the node; a bag that could not be written stays as it is.
 
         Raises:
             InvalidInput: the bag could not be finished, for example because the disk is full.
@@ -87,13 +87,17 @@ class RecorderNode(Node):
         """
         receptions, self._receptions = self._receptions, {}
         now = self.get_clock().now().nanoseconds
+        failed = self._bag.closed  # for a reason that was told
         try:
-            for received in receptions.values():
-                received.drain()
+            if not failed:
+                for received in receptions.values():
+                    received.drain()
+                self._write_waiting(now)
+                self._bag.close()
         finally:
             super().destroy_node()
-        self._write_waiting(now)
-        self._bag.close()
+        if failed:
+            return
         lost = {name: received.losses for name, received in receptions.items() if received.losses.messages}
         if lost:
             where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
