@@ -721,6 +721,25 @@ def test_garbage_without_end_is_survived(peer):
     drive(pusher, lambda: not pusher.busy, peer)
 
 
+def test_a_write_that_succeeds_late_loses_nothing(peer, monkeypatch):
+    """On a busy machine, a process can stand still for longer than a write may take, after the write has succeeded."""
+    pusher = connect(peer)
+    with monkeypatch.context() as patch:
+        late = itertools.count(time.monotonic(), 1.0)
+        patch.setattr("time.monotonic", lambda: next(late))
+        patch.setattr("serial.serialutil.Timeout.TIME", time.monotonic)
+        pusher.send(RealTime.HOLD)
+    peer.serve()
+    assert peer.heard.endswith(RealTime.HOLD.value)
+
+
+def test_a_port_that_takes_no_bytes_is_lost(peer):
+    pusher = connect(peer)
+    with pytest.raises(NotConnected, match=r"lost .*: it takes no bytes for 0\.5 s"):
+        pusher._write(100_000 * b"?")
+    assert pusher.mode is Mode.DISCONNECTED
+
+
 def test_unplugged_during_a_push(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)

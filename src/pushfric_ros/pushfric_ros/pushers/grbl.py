@@ -22,6 +22,7 @@ again, never moves the pusher and never ends an alarm: both wait for `recover()`
 import contextlib
 import math
 import os
+import select
 import termios
 import time
 from collections.abc import Generator
@@ -222,7 +223,7 @@ class Grbl:
             raise NotConnected(f"no serial port at {self._path}")
         self._forget()
         try:
-            self._port = serial.Serial(self._path, self._baud, timeout=0, write_timeout=WRITE_TIMEOUT, exclusive=True)
+            self._port = serial.Serial(self._path, self._baud, timeout=0, exclusive=True)
             _keep_running(self._port.fd)
         except (OSError, ValueError, termios.error) as error:
             raise NotConnected(f"cannot open {self._path}: {error}") from error
@@ -308,7 +309,7 @@ class Grbl:
         if self._port is None:
             raise NotConnected(f"{self._path} is not open")
         try:
-            self._port.write(data)
+            _write_all(self._port.fd, data)
         except OSError as error:
             self._drop()
             raise NotConnected(f"lost {self._path}: {error}") from error
@@ -464,7 +465,7 @@ class Grbl:
             return
         with contextlib.suppress(OSError):  # the port may be gone already
             if in_motion:  # a hold cancels a jog; only a reset ends a homing cycle
-                port.write(RealTime.HOLD.value + (RealTime.RESET.value if homing else b""))
+                _write_all(port.fd, RealTime.HOLD.value + (RealTime.RESET.value if homing else b""))
         port.close()
 
     def _ask(self, stamp: int | None) -> None:
@@ -727,6 +728,22 @@ class Grbl:
 
 def _moves(status: Status) -> bool:
     return status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)
+
+
+def _write_all(port: int, data: bytes) -> None:
+    """Write to a port that does not block.
+
+    pyserial's own timeout also fails a write that has succeeded, if the process stood still meanwhile.
+
+    Raises:
+        OSError: the port takes no bytes for WRITE_TIMEOUT, or is gone.
+    """
+    deadline = time.monotonic() + WRITE_TIMEOUT
+    while data:
+        if not select.select([], [port], [], max(0.0, deadline - time.monotonic()))[1]:
+            raise TimeoutError(f"it takes no bytes for {WRITE_TIMEOUT:g} s")
+        with contextlib.suppress(BlockingIOError):
+            data = data[os.write(port, data) :]
 
 
 def _keep_running(port: int) -> None:
