@@ -4,9 +4,11 @@ import re
 import time
 
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
+from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
@@ -23,6 +25,7 @@ from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanPro
 from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
 from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode
@@ -197,6 +200,8 @@ def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, 
 
 def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     """The object may be placed meanwhile; if somebody then moves it, the operator is told before the push."""
+    estimator = ros.node("estimator", namespace="/cell")
+    life = Heartbeat(estimator)
     table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
     table.wait_for_message("place the object")
     assert table.wait_for_message("waiting for: recorder").phase == PlanProgress.PHASE_WAITING
@@ -205,9 +210,32 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     ros.wait_for(lambda: table.node._misplaced(wanted) == "it lies 26 cm off")
     table.well.append("/cell/recorder")
     table.wait_for_message("it lies 26 cm off")
-    assert not pushed(table.states)
+    life.end()  # the node has died, and is started again
+    ros.wait_for(lambda: table.node._unwell() == "estimator", 60.0, what="the silence of the estimator")
     table.object = wanted
+    table.wait_for_message("waiting for: estimator", 60.0)
+    assert not pushed(table.states)
+    life = Heartbeat(estimator)
     ros.wait_for(lambda: 0 in pushed(table.states), 60.0, what="the push")
+
+
+def test_who_could_not_be_heard_while_the_experiment_stood_still_is_not_given_up(ros, tmp_path):
+    DeafPusher(ros, accept=True)
+    table = Table(ros, tmp_path, actuator="deaf", lost_object=1.0, lost_result=1.0)
+    table.obedient = False
+    table.wait_for_message("cm off", 60.0)
+    node, found = table.node, []
+
+    def stand_still() -> None:
+        timer.cancel()
+        time.sleep(1.5)
+        found.append((node._silent, node._unseen))
+        node._check_condition()
+        found.append((node._silent, node._unseen))
+
+    timer = node.create_timer(0.01, stand_still, clock=rclpy.clock.Clock(clock_type=ClockType.STEADY_TIME))
+    ros.wait_for(lambda: len(found) == 2, 60.0, what="the end of the stall")
+    assert found == [(True, True), (False, False)]
 
 
 def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, tmp_path):

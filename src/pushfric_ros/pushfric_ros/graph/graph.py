@@ -26,7 +26,7 @@ COMMAND_LINE = "command_line"
 """Last part of the enclave of the commands that watch, stop and reset a running cell."""
 
 PATIENCE = 10.0
-"""Least time for which a simulated object must be unseen before its push is given up, in wall time [s]."""
+"""Least time after which a simulated object counts as lost, and a node or the controller as silent, in wall time [s]."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +171,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
     plan = replace(
         file.plan,
         lost_object=max(file.plan.lost_object, PATIENCE),
+        lost_result=max(file.plan.lost_result, PATIENCE),
         clock_tolerance=max(file.plan.clock_tolerance, late),
         follow_tolerance=max(file.plan.follow_tolerance, late * file.plan.speed),
     )

@@ -30,13 +30,19 @@ from pushfric_ros.messages.conversions import pose_sample_from_msg, pose_to_msg,
 from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Awaited, Complaint, Diagnostics, Health, Level
-from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.heartbeat import Heartbeat, Listener
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 
 NANOSECONDS = 1e9
 WITHDRAWN = 1e-3  # a pusher nearer than this to the beginning of its stroke need not be brought back [m]
+
+LIFELESS = 0.5
+"""A node whose heartbeat stopped this long ago has died or hangs: no push begins until it is back [s of wall time]."""
+
+STALL = 0.5
+"""If this node stood still for longer, it could not hear anyone meanwhile [s of wall time]."""
 
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
 PASSED = "a person went on to the next push"
@@ -71,7 +77,7 @@ class ExperimentNode(Node):
         self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
         self._newest = -1  # its newest data point [ns]
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
-        self._heartbeat = Heartbeat(self)
+        self._heartbeat, self._life = Heartbeat(self), Listener(self)
         self._blind = False  # the last push was stopped because the object was not seen
         self._passed = False  # a person wants the next push instead of this one
         self.create_service(Trigger, "~/withdraw", self._on_withdraw)
@@ -83,7 +89,8 @@ class ExperimentNode(Node):
         self._tracker = Complaint(self, "tracker")
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
-        self._heard = self._seen = -math.inf  # when pusher and object were last seen; these and the next in wall time [s]
+        self._checked = time.monotonic()  # when the condition was; this and the next in wall time [s]
+        self._heard = self._seen = -math.inf  # when pusher and object were last seen
         self._idle_since: float | None = None
         self._offsets: dict[
             str, tuple[float, str]
@@ -269,13 +276,19 @@ class ExperimentNode(Node):
         return future
 
     def _check_condition(self) -> None:
+        now = time.monotonic()
+        if (stood_still := now - self._checked) > STALL:
+            self._heard, self._seen = (min(now, then + stood_still) for then in (self._heard, self._seen))
+            self._idle_since = self._idle_since and min(now, self._idle_since + stood_still)
+        self._checked = now
         if self._condition is not None and self._condition[0]():
             future, self._condition = self._condition[1], None
             future.set_result(None)
 
     def _unwell(self) -> str | None:
-        """The nodes that have not reported OK yet; None if all have."""
-        return ", ".join(self._awaited.missing) or None
+        """The nodes that have not reported OK yet, or whose heartbeat has stopped; None if there is none."""
+        lifeless = {name for name in self._config.awaits if LIFELESS < self._life.silent(name) < math.inf}
+        return ", ".join(sorted(lifeless.union(self._awaited.missing))) or None
 
     def _hindrance(self) -> str | None:
         """Why the pusher cannot move; None if it can."""
