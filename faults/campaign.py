@@ -32,6 +32,8 @@ def attempt(case: Case) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="pushfric-faults-") as folder:
         here = pathlib.Path(folder)
         command = [sys.executable, "-m", "faults.camera", case.camera, folder] if case.camera else demo(here)
+        if case.through:
+            command = [sys.executable, "-m", f"faults.{case.through}", *command]
         with CellRun(command, here) as run:
             try:
                 return _outcome(case, run)
@@ -86,9 +88,11 @@ def _problems(case: Case, run: CellRun, code: int) -> Iterable[str]:
 
 
 def _message(case: Case, output: str) -> str:
-    """The line that matches, or the last one that is an error or a warning."""
+    """The line that matches, or the last one that is an error or a warning; and why the first aborted push was."""
     lines = [line for line in output.splitlines() if case.says and re.search(case.says, line)]
-    return _shortened(lines[0]) if lines else _last(output)
+    line = _shortened(lines[0]) if lines else _last(output)
+    aborted = re.search(r"push \d+ aborted: .*", output)
+    return f"{line} ({_shortened(aborted[0])})" if aborted and aborted[0] not in line else line
 
 
 def _last(output: str) -> str:

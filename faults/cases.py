@@ -44,6 +44,7 @@ class Case:
         says: a regular expression that must match in the run's output.
         camera: the fault of the camera, one of `camera.FAULTS`, instead of a strike.
         interrupt: the run waits for a person; once it has said why, Ctrl-C ends it.
+        through: a module of this folder that runs the demo, as `python -m faults.NAME DEMO...`.
         at_once: strike right after the start.
         quick: part of the quick campaign.
     """
@@ -55,6 +56,7 @@ class Case:
     strike: Callable[[CellRun], None] = lambda run: None
     camera: str = ""
     interrupt: bool = False
+    through: str = ""
     at_once: bool = False
     quick: bool = False
 
@@ -221,6 +223,13 @@ FILE_CASES = [
             partial(_limit_the_recorder, more),
         )
         for more in (0, 1, 100, 5000, 20_000)
+    ),
+    Case(
+        "every fsync fails (EIO)",
+        "the run ends with an error though all pushes were made: nobody knows whether the bag is on the disk",
+        (1, 2),
+        "cannot write the bag: Input/output error",
+        through="failing_sync",
     ),
     Case(
         "the bag's folder is removed",

@@ -429,6 +429,37 @@ def test_a_full_disk_is_one_error_and_what_was_flushed_is_saved(tmp_path, rng):
     assert [m.raw for m in Bag(tmp_path / "out").messages()] == [raw]
 
 
+def test_whichever_byte_is_the_last_that_the_disk_takes_what_was_flushed_is_saved(tmp_path):
+    """The write that reaches the limit is cut short, the next one fails: in the head, a chunk, the index, the summary."""
+
+    def record(folder: pathlib.Path) -> None:
+        with BagWriter(folder) as writer:
+            writer.add_topic("/text", STRING, [offered(RELIABLE)])
+            for number in range(3):
+                writer.write("/text", number, text(str(number)))
+                writer.flush()
+                flushed.append(number)
+
+    flushed: list[int] = []
+    record(tmp_path / "whole")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for limit in range(1, mcap_of(tmp_path / "whole").stat().st_size, 53):
+        bag = tmp_path / f"bag {limit}"
+        flushed.clear()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+        try:
+            with pytest.raises(InvalidInput, match="cannot write the bag: File too large"):
+                record(bag)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert [file.name for file in bag.iterdir()] == [f"{bag.name}_0.mcap"]
+        if flushed:
+            recover(bag, tmp_path / f"saved {limit}")
+            saved = [m.log_time_ns for m in Bag(tmp_path / f"saved {limit}").messages()]
+            assert saved == list(range(len(saved)))
+            assert len(saved) >= len(flushed)
+
+
 def test_recovery_takes_the_object_along(tmp_path):
     write_texts(tmp_path / "bag", 1)
     (tmp_path / "bag/object.yaml").write_text("name: plate")

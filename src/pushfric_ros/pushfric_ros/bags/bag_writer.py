@@ -66,6 +66,11 @@ class BagWriter:
         return self._channels.keys()
 
     @property
+    def closed(self) -> bool:
+        """Whether the bag is finished, or could not be written."""
+        return self._file.closed
+
+    @property
     def message_count(self) -> int:
         """Messages written so far."""
         return sum(self._counts.values())
@@ -122,7 +127,7 @@ class BagWriter:
 
     def close(self) -> None:
         """Finish the MCAP file and write metadata.yaml, both to the disk; idempotent."""
-        if self._file.closed:
+        if self.closed:
             return
         information = self._information()
         with self.writing():
@@ -131,14 +136,28 @@ class BagWriter:
             self._writer.finish()
             self._check_place()
             _close_on_disk(self._file)
-            text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
-            with open(self.folder / METADATA, "wb") as metadata:
+            self._write_metadata(yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False))
+
+    def _write_metadata(self, text: str) -> None:
+        """Write metadata.yaml whole or not at all: a bag without it can be read, one with a part of it cannot."""
+        draft = self.folder / f".{METADATA}"
+        try:
+            with draft.open("wb") as metadata:
                 metadata.write(text.encode())
                 _close_on_disk(metadata)
+            draft.replace(self.folder / METADATA)
+        except OSError:
+            draft.unlink(missing_ok=True)
+            raise
+        folder = os.open(self.folder, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the names of both files
+        finally:
+            os.close(folder)
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
-        if self._file.closed:
+        if self.closed:
             raise ValueError(f"{self.folder}: the bag is closed")
         try:
             yield
