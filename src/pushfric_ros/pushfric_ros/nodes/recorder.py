@@ -89,15 +89,14 @@ class RecorderNode(Node):
         now = self.get_clock().now().nanoseconds
         failed = self._bag.closed  # for a reason that was told
         try:
-            if not failed:
-                for received in receptions.values():
-                    received.drain()
-                self._write_waiting(now)
-                self._bag.close()
+            for received in () if failed else receptions.values():
+                received.drain()
         finally:
             super().destroy_node()
         if failed:
             return
+        self._write_waiting(now)
+        self._bag.close()
         lost = {name: received.losses for name, received in receptions.items() if received.losses.messages}
         if lost:
             where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
