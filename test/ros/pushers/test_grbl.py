@@ -62,6 +62,13 @@ class Peer:
             elif one not in (b"!", b"\x85", b"\x90"):
                 self._line += one
 
+    def hear(self, wanted: bytes) -> None:
+        """Serve until this was heard: a pty hands bytes over a moment after they were written."""
+        deadline = time.monotonic() + 60.0
+        while wanted not in self.heard:
+            assert time.monotonic() < deadline, self.heard
+            self.serve()
+
     def unplug(self) -> None:
         if self._slave is not None:
             os.close(self._slave)
@@ -650,7 +657,7 @@ def test_a_stop_that_is_not_answered_leaves_the_port(peer, monkeypatch):
     peer.heard, peer.status = b"", ""
     pusher.stop()
     fail(pusher, NotConnected, "no answer to . within 2 s", peer)
-    peer.serve()
+    peer.hear(b"!\x85\x18")
     assert peer.heard.startswith(b"!\x85\x18")
     assert pusher.mode is Mode.DISCONNECTED
 
@@ -688,7 +695,7 @@ def test_silence_in_mid_stroke_is_a_hold_and_the_end_of_the_connection_where_it_
     begin_move(pusher, peer)
     peer.heard, peer.status = b"", ""
     fail(pusher, Timeout, "said nothing for 0.2 s in mid-stroke", peer)
-    peer.serve()
+    peer.hear(b"!\x85")
     assert peer.heard == b"!\x85"
     fail(pusher, NotConnected, "no answer to . within 2 s", peer, 20.0)
 
@@ -706,7 +713,7 @@ def test_a_process_that_stood_still_moves_nothing_any_more(peer):
     pusher._polled -= 0.3
     with pytest.raises(Timeout, match=r"this process stood still for 0\.3 s"):
         pusher.poll()
-    peer.serve()
+    peer.hear(b"!\x85")
     assert peer.heard.endswith(b"!\x85")
 
 
@@ -729,7 +736,7 @@ def test_a_write_that_succeeds_late_loses_nothing(peer, monkeypatch):
         patch.setattr("time.monotonic", lambda: next(late))
         patch.setattr("serial.serialutil.Timeout.TIME", time.monotonic)
         pusher.send(RealTime.HOLD)
-    peer.serve()
+    peer.hear(RealTime.HOLD.value)
     assert peer.heard.endswith(RealTime.HOLD.value)
 
 
