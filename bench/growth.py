@@ -64,7 +64,7 @@ def measure(progress: Callable[[str], None], marks: tuple[int, ...] = MARKS) -> 
                     "bytes": (_resident() - before) / count,
                 }
             )
-            progress(f"{count} data points: {rows[-1]['median_ms']:.2f} ms, {rows[-1]['bytes']:.0f} bytes each")
+            progress(f"{count} data points")
     return rows
 
 
