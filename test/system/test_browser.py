@@ -12,6 +12,8 @@ import sys
 import threading
 import time
 
+import cv2
+import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
@@ -25,6 +27,7 @@ from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.view import ViewNode
+from pushfric_ros.vision.camera import Camera, Lens, load_camera, save_camera
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PATIENCE = 120.0  # [s]
@@ -123,6 +126,12 @@ def visit(browser: Browser, url: str, **kwargs):
     yield page
     context.close()
     assert failures == []
+
+
+def make_small(path: pathlib.Path) -> None:
+    """Fewer colours for a picture of the docs."""
+    Image.open(path).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+    assert path.stat().st_size < 200_000
 
 
 def first_row(page: Page) -> list[str]:
@@ -230,6 +239,84 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
         expect(page.locator('#rows tr[data-push="0"]').get_by_role("button")).to_have_text("Exclude")
 
 
+MARKS = [(x, y) for y in (0.0, 0.15, 0.3) for x in (0.0, 0.2, 0.4)]
+"""Crosses on the table [m]."""
+
+
+@pytest.fixture
+def table(tmp_path) -> Camera:
+    """A tilted camera over a table with MARKS; its picture, its lens and the marks are in files."""
+    lens = Lens(640, 480, np.array(((560.0, 0, 330), (0, 560, 236), (0, 0, 1))), np.array((-0.2, 0.08, 0.001, -0.0005, 0)))
+    turn = cv2.Rodrigues(np.array((0.25, -0.1, 0.0)))[0] @ np.diag((1.0, -1, -1))
+    shift = np.array((0, 0, 0.6)) - turn @ (0.2, 0.15, 0)
+    camera = lens.over(lens.K @ np.column_stack((turn[:, :2], shift)))
+    frame = np.full((480, 640), 60, np.uint8)
+    for mark in MARKS:
+        for arm in ((0.02, 0.0), (0.0, 0.02)):
+            ends = [tuple(map(int, np.rint(16 * end))) for end in camera.project([np.subtract(mark, arm), np.add(mark, arm)])]
+            cv2.line(frame, *ends, 230, 2, cv2.LINE_AA, 4)
+    (tmp_path / "pictures").mkdir()
+    cv2.imwrite(str(tmp_path / "pictures/table.png"), frame)
+    save_camera(lens, tmp_path / "camera.yaml")
+    (tmp_path / "marks.csv").write_text("\n".join(["x,y", *(f"{x},{y}" for x, y in MARKS)]))
+    return camera
+
+
+def click(page: Page, where: str, u: float, v: float) -> None:
+    """Click a pixel of the camera's picture."""
+    to = "([id, u, v]) => { const at = document.getElementById(id), p = new DOMPoint(u, v).matrixTransform(at.getScreenCTM()),"
+    to += " box = at.getBoundingClientRect(); return { x: p.x - box.x, y: p.y - box.y }; }"
+    page.locator(f"#{where}").click(position=page.evaluate(to, [where, u, v]))
+
+
+def test_points_of_the_table_are_clicked(browser, tmp_path, table):
+    """On a phone, which shows 640 px of the picture on 340 of its own, and then with the keyboard alone."""
+    command = [sys.executable, "-m", "pushfric_ros", "calibrate", "table", "pictures", "--camera", "camera.yaml"]
+    command += ["--view", "0", "--marks", "marks.csv"]
+    with (
+        subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as calibration,
+        contextlib.ExitStack() as end,
+    ):
+        end.callback(calibration.kill)
+        assert calibration.stderr is not None
+        url = calibration.stderr.readline().split()[1]
+        with visit(browser, url, viewport={"width": 360, "height": 740}, is_mobile=True, has_touch=True) as page:
+            expect(page.locator("#picture image")).to_have_count(1)
+            expect(page.locator("#save")).to_be_disabled()
+            for number, (u, v) in enumerate(table.project(MARKS[:-1]), 1):
+                expect(page.locator("#prompt")).to_contain_text(f"({number} of {len(MARKS)})")
+                click(page, "picture", u, v)
+                click(page, "loupe", u, v)
+            expect(page.locator("#trust")).to_contain_text("mm on the table (rms)")
+            assert page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]") == [360, 360]
+            page.reload()
+            expect(page.locator("#rows tr")).to_have_count(len(MARKS) - 1)
+            page.locator("#picture").press("Enter")  # sets the last point, in the middle
+            expect(page.locator("#x")).to_have_value("400")
+            expect(page.locator("#trust")).to_contain_text("the worst is number 9")
+            expect(page.locator("#save")).to_be_disabled()
+            u, v = np.rint(table.project(MARKS[-1:])[0]) - (320, 240)
+            for offset, keys in ((int(u), ("ArrowRight", "ArrowLeft")), (int(v), ("ArrowDown", "ArrowUp"))):
+                for prefix, count in (("Shift+", abs(offset) // 10), ("", abs(offset) % 10)):
+                    for _ in range(count):
+                        page.locator("#picture").press(f"{prefix}{keys[offset < 0]}")
+            expect(page.locator("#save")).to_be_enabled()
+            if "PUSHFRIC_PICTURES" in os.environ:
+                page.set_viewport_size(SCREEN)
+                page.locator("#picture").blur()
+                path = pathlib.Path(os.environ["PUSHFRIC_PICTURES"]) / "points.png"
+                page.screenshot(path=path, full_page=True)
+                make_small(path)
+            page.locator("#another").click()
+            expect(page.locator("#answer")).to_contain_text("pictures: no further picture")
+            page.locator("#save").click()
+            expect(page.locator("#prompt")).to_have_text("Saved")
+        assert calibration.wait(PATIENCE) == 0
+        assert "a place anywhere in the image is off by" in calibration.stderr.read()
+    found = load_camera(tmp_path / "camera.yaml")
+    np.testing.assert_allclose(found.unproject(table.project(MARKS)), MARKS, atol=1e-3)
+
+
 @pytest.mark.skipif("PUSHFRIC_PICTURES" not in os.environ, reason="PUSHFRIC_PICTURES names no folder for the docs' pictures")
 @pytest.mark.timeout(900)
 def test_pictures_for_the_docs(browser, tmp_path):
@@ -252,8 +339,7 @@ def test_pictures_for_the_docs(browser, tmp_path):
             screen.wait_for_timeout(FRAME_MS)
         assert demo.wait(PATIENCE) == 0
     for name in ("view.png", "view_phone.png"):
-        Image.open(folder / name).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(folder / name, optimize=True)
-        assert (folder / name).stat().st_size < 200_000
+        make_small(folder / name)
     size = (720, round(720 * MOVING["height"] / MOVING["width"]))
     first, *others = [frame.resize(size, Image.Resampling.LANCZOS) for frame in frames]
     shown = [FRAME_MS // 3] * len(others) + [4000]  # ms; the end stays for a while

@@ -280,6 +280,10 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
         ([*WIDE[:3], WIDE[0]], "too few different points: expected at least 4, got 3"),
         (
             [(100, 80), (200, 180), (300, 280), (400, 380)],
+            "the points lie on a line or in one place: expected points spread over the table",
+        ),
+        (
+            [(300, 220), (320, 220), (320, 240), (300, 240)],
             "badly spread: an error of 1 px in them grows to .* px in the image's .*; add points there",
         ),
         (

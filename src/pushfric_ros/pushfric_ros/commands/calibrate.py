@@ -8,16 +8,22 @@ import typer
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
+from pushfric_ros.commands.clicking import click_points
 from pushfric_ros.commands.console import console
 from pushfric_ros.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_ros.commands.group import Group
-from pushfric_ros.commands.options import NamespaceOption
-from pushfric_ros.files.node_settings import NAMESPACE
+from pushfric_ros.commands.options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
+from pushfric_ros.files.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
 from pushfric_ros.vision.board import Board
 from pushfric_ros.vision.board_pdf import save_board
 from pushfric_ros.vision.camera import load_lens, save_camera
 from pushfric_ros.vision.lens_calibration import lens_from_frames
-from pushfric_ros.vision.table_calibration import calibrate_table, read_table_points, table_from_frames
+from pushfric_ros.vision.table_calibration import (
+    calibrate_table,
+    read_table_places,
+    read_table_points,
+    table_from_frames,
+)
 
 app = typer.Typer(cls=Group, add_completion=False, no_args_is_help=True)
 
@@ -61,7 +67,7 @@ def lens(
     )
 
 
-@app.command()
+@app.command(cls=WithView)
 def table(
     source: Annotated[
         str,
@@ -79,20 +85,42 @@ def table(
         pathlib.Path | None,
         typer.Option(help="Draw a map of the expected errors to this file (.png, .svg, .pdf).", show_default=False),
     ] = None,
+    view: Annotated[
+        str,
+        typer.Option(
+            "--view",
+            help="No board: click points of the table in a browser, on this machine alone unless a HOST is given, at port"
+            f" {VIEW_PORT} unless a PORT is.",
+            metavar=ADDRESS_METAVAR,
+            show_default=False,
+        ),
+    ] = "",
+    marks: Annotated[
+        pathlib.Path | None,
+        typer.Option(help="CSV x,y of the points to click, in this order [m].", show_default="typed in the browser"),
+    ] = None,
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     """Calibrate the table from the board lying on it, or from at least four measured points; adds it to the camera's YAML.
 
     The lower left corner of the board becomes the origin of the table frame, with x to the right and y up as printed. If the
-    board is small in the image, lay it in several places, one after the other: the first place gives the table frame.
+    board is small in the image, lay it in several places, one after the other: the first place gives the table frame. With
+    --view, the points that are clicked give it.
     """
     known = load_lens(camera)
-    if source.endswith(".csv"):
+    shown = view_at(view, ViewConfig())
+    if marks is not None and shown is None:
+        raise InvalidInput("--marks are clicked in a browser: give --view as well")
+    if shown is not None:
+        places = [] if marks is None else read_table_places(marks).tolist()
+        found = click_points(frames_from(source, namespace, (known.width, known.height)), known, places, shown, camera)
+    elif source.endswith(".csv"):
         found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
+        save_camera(found.camera, camera)
     else:
         frames = frames_from(source, namespace, (known.width, known.height))
         found = table_from_frames(frames, _board(columns, rows, square), known, _say)
-    save_camera(found.camera, camera)
+        save_camera(found.camera, camera)
     console.print(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",

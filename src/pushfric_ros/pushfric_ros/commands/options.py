@@ -53,12 +53,14 @@ def _with_lone_view(args: list[str]) -> Iterator[tuple[str, bool]]:
 
 ADDRESS = re.compile(r"(?:(?P<host>\[[^\]]+\]|[^:/\s]+):)?(?P<port>[0-9]{1,5})")
 
+ADDRESS_METAVAR = "[[HOST:]PORT]"
+
 ViewOption = Annotated[
     str,
     typer.Option(
         "--view",
         help=f"Show the run in a browser, on this machine alone unless a HOST is given; at port {VIEW_PORT} unless a PORT is.",
-        metavar="[[HOST:]PORT]",
+        metavar=ADDRESS_METAVAR,
         show_default=False,
     ),
 ]

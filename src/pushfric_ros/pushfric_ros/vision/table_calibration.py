@@ -13,7 +13,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.planar import Array, Pose, transform
 from pushfric_ros.files.csv_table import read_table
 from pushfric_ros.vision.board import Board, BoardFinder, View, moved
-from pushfric_ros.vision.camera import Camera, Lens
+from pushfric_ros.vision.camera import Camera, Image, Lens
 from pushfric_ros.vision.frame_source import Frames
 from pushfric_ros.vision.lens_calibration import NOVEL, STILL_PX
 
@@ -21,6 +21,9 @@ MAX_RMS_PX = 5.0
 """A larger reprojection error (rms) means that the input is wrong."""
 MAX_LEVERAGE = 4.0
 """An error of 1 px (1 sigma) in the points on the table may grow to this at the image's corners [px]."""
+MIN_THICKNESS = 0.01
+"""Extent of the points across the line that runs through them, as a share of their extent along it."""
+ON_A_LINE = "the points lie on a line or in one place: expected points spread over the table"
 MAP = (9, 7)
 """Columns and rows of the map of errors."""
 
@@ -72,15 +75,25 @@ def calibrate_table(lens: Lens, placements: Sequence[Placement]) -> TableCalibra
     first = placements[0]
     if len(np.unique(first.points, axis=0)) < 4:
         raise InvalidInput(f"too few different points: expected at least 4, got {len(np.unique(first.points, axis=0))}")
+    if any(_thickness(one) < MIN_THICKNESS for one in first):
+        raise InvalidInput(ON_A_LINE)
     solid, pixels = _solid(first.points), np.ascontiguousarray(first.pixels, dtype=float)
     found, turns, shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_IPPE)
     if not found or not np.isfinite((turns, shifts)).all():
-        raise InvalidInput("the points lie on a line or in one place: expected points spread over the table")
+        raise InvalidInput(ON_A_LINE)
     # from a distance, a plane tilted the other way looks nearly the same
-    fits = [_fit(lens, placements, *pose) for pose in zip(turns, shifts, strict=True)]
-    fit = min(fits, key=lambda fit: fit.cost)
+    fits: list[tuple[Any, Camera]] = []
+    refused: InvalidInput | None = None
+    for pose in zip(turns, shifts, strict=True):
+        try:
+            fit = _fit(lens, placements, *pose)
+            fits.append((fit, _camera(lens, fit.x)))
+        except InvalidInput as error:  # this pose shows the table from below, or edge-on; the other one may not
+            refused = error
+    if refused is not None and not fits:
+        raise refused
+    fit, camera = min(fits, key=lambda one: one[0].cost)
     errors_px = np.linalg.norm(fit.fun.reshape(-1, 2), axis=1)
-    camera = _camera(lens, fit.x)
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:6, :6]
     corners = np.array(((0, 0), (1, 0), (1, 1), (0, 1))) * (lens.width - 1, lens.height - 1)
     leverage = np.sqrt(np.trace(_spread_px(camera, corners, fit.x, covariance), axis1=1, axis2=2))
@@ -123,11 +136,7 @@ def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callab
     with source:
         for frame in source:
             frames += 1
-            if frame.shape != (lens.height, lens.width):
-                got = f"{frame.shape[1]} x {frame.shape[0]}"
-                raise InvalidInput(
-                    f"{source.name}: the lens is calibrated for {lens.width} x {lens.height} px, the image has {got}"
-                )
+            check_size(frame, lens, source.name)
             view = finder.view(frame)
             last, previous = previous, view
             if view is None:
@@ -153,6 +162,13 @@ def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callab
         raise InvalidInput(f"{source.name}: {error}") from error
 
 
+def check_size(frame: Image, lens: Lens, source: str) -> None:
+    """Raise InvalidInput, naming the source, if a frame (height, width) has another size than the lens's."""
+    if frame.shape != (lens.height, lens.width):
+        got = f"{frame.shape[1]} x {frame.shape[0]}"
+        raise InvalidInput(f"{source}: the lens is calibrated for {lens.width} x {lens.height} px, the image has {got}")
+
+
 def read_table_points(path: pathlib.Path) -> Placement:
     """Pixels and table points [m] from a CSV file with columns u,v,x,y.
 
@@ -162,6 +178,11 @@ def read_table_points(path: pathlib.Path) -> Placement:
     names = ("u", "v", "x", "y")
     table = np.array([row.numbers(names) for row in read_table(path, names, "points").rows])
     return Placement(table[:, :2], table[:, 2:])
+
+
+def read_table_places(path: pathlib.Path) -> Array:
+    """Places (n, 2) on the table [m] from a CSV file with columns x,y; raises as `read_table_points` does."""
+    return np.array([row.numbers(("x", "y")) for row in read_table(path, ("x", "y"), "places").rows])
 
 
 def _placement(view: View) -> Placement:
@@ -200,6 +221,12 @@ def _poses(x: Array) -> list[Pose]:
 def _camera(lens: Lens, x: Array) -> Camera:
     R, _ = cv2.Rodrigues(x[:3])
     return lens.over(lens.K @ np.column_stack((R[:, :2], x[3:6])))
+
+
+def _thickness(points: Array) -> float:
+    """Extent of points (n, 2) across their main direction, as a share of that along it; 0 if they are in one place."""
+    along, across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(across / along) if along > 0 else 0.0
 
 
 def _solid(points: Array) -> Array:

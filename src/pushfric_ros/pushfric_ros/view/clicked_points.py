@@ -1,0 +1,113 @@
+"""Points of the table that are clicked in a camera's picture: the calibration that they give, and what the page shows of it."""
+
+import math
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, TypeAdapter, ValidationError
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.planar import Array
+from pushfric_core.wording import counted
+from pushfric_ros.vision.camera import Camera, Lens
+from pushfric_ros.vision.table_calibration import Placement, TableCalibration, calibrate_table
+
+MOST = 100
+"""Number of points."""
+FARTHEST = 100.0
+"""Distance of a point from the table's origin along an axis [m]."""
+ENOUGH = 4
+"""Points that are needed."""
+
+LINES = 6
+"""About so many lines of the table are drawn along its longer side."""
+SAMPLES = 17
+"""Points of a line, which the lens bends."""
+
+Pixel = Annotated[float, Field(allow_inf_nan=False, ge=-0.5, le=1e5)]
+Place = Annotated[float, Field(allow_inf_nan=False, ge=-FARTHEST, le=FARTHEST)] | None
+Point = tuple[Pixel, Pixel, Place, Place]
+"""u, v [px] and x, y [m]; None: not typed yet."""
+
+_POINTS: TypeAdapter[list[Point]] = TypeAdapter(Annotated[list[Point], Field(max_length=MOST)])
+
+
+class ClickedPoints:
+    """The points clicked so far.
+
+    Args:
+        lens: of the camera.
+    """
+
+    def __init__(self, lens: Lens) -> None:
+        self._lens = lens
+        self._points: list[Point] = []
+        self.found: TableCalibration | None = None
+        """The calibration by the points, if they determine one."""
+        self.problem = _missing(0)
+        """Why there is no calibration; empty if there is one."""
+
+    def take(self, body: bytes) -> None:
+        """Replace the points by those of a JSON text, a list of [u, v, x, y], and fit them.
+
+        Raises:
+            InvalidInput: the text is not such a list.
+        """
+        try:
+            self._points = _POINTS.validate_json(body)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"])) or "points"
+            raise InvalidInput(f"expected at most {MOST} points [u, v, x, y]: {where}: {first['msg']}") from error
+        self.found, self.problem = None, _missing(len(self._points))
+        untold = [number for number, (_, _, x, y) in enumerate(self._points, 1) if x is None or y is None]
+        if untold:
+            self.problem = f"where is point {untold[0]}? Type its x and y"
+        elif not self.problem:
+            try:
+                table = np.array(self._points, dtype=float)
+                self.found = calibrate_table(self._lens, [Placement(table[:, :2], table[:, 2:])])
+            except InvalidInput as error:
+                self.problem = str(error)
+
+    def figures(self) -> dict[str, Any]:
+        """What the page shows: all lengths in m, all pixels as (u, v)."""
+        figures: dict[str, Any] = {"points": self._points, "problem": self.problem, "fit": None}
+        if self.found is not None:
+            found, camera = self.found, self.found.camera
+            places = np.array(self._points, dtype=float)[:, 2:]
+            step, lines = _lines(camera, places)
+            figures["fit"] = {
+                "rms_px": found.rms_px,
+                "rms": found.rms,
+                "errors": found.errors,
+                "seen": camera.project(places),
+                "median": float(np.median(found.map.errors)),
+                "largest": float(found.map.errors.max()),
+                "map": found.map.errors,
+                "step": step,
+                "lines": lines,
+                "axes": camera.project(np.array(((0.0, 0.0), (step, 0.0), (0.0, step)))),
+            }
+        return figures
+
+
+def _missing(count: int) -> str:
+    if count >= ENOUGH:
+        return ""
+    return f"{counted(ENOUGH - count, 'point')} more, spread over the picture" if count else f"at least {ENOUGH} points"
+
+
+def _lines(camera: Camera, places: Array) -> tuple[float, list[Array]]:
+    """Lines of the table over the rectangle around places (n, 2), as they appear in the image: their step [m], (k, 2) each."""
+    (low_x, low_y), (high_x, high_y) = places.min(axis=0), places.max(axis=0)
+    raw = max(high_x - low_x, high_y - low_y) / LINES
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = power * next(factor for factor in (1, 2, 5, 10) if factor * power >= raw)
+    lines = []
+    for low, high, start, end, along in ((low_x, high_x, low_y, high_y, 1), (low_y, high_y, low_x, high_x, 0)):
+        for value in step * np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1):
+            line = np.full((SAMPLES, 2), value)
+            line[:, along] = np.linspace(start, end, SAMPLES)
+            lines.append(camera.project(line))
+    return step, lines

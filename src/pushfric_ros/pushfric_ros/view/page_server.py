@@ -1,0 +1,196 @@
+"""Serves a page and what belongs to it, on this machine alone or to visitors who show a token; knows no ROS."""
+
+import asyncio
+import hmac
+import logging
+import pathlib
+import threading
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+from urllib.parse import urlsplit
+
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.files.node_settings import VIEW_PORT, ViewConfig, is_loopback
+
+PAGE = pathlib.Path(__file__).parent / "page"
+TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+PING = 10.0
+"""A visitor who has answered no ping for this long [s] counts as gone."""
+
+LARGEST_REQUEST = 10_000
+"""In bytes."""
+
+FAREWELL = 2.0
+"""How long visitors may take to receive the last answers [s]."""
+
+POLICY = (
+    "default-src 'self'; img-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; "
+    "script-src 'self' 'unsafe-eval'"  # scripts that drive a browser wait for conditions in this way
+)
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": POLICY,
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+class PageServer:
+    """Serves one page in a thread of its own, until `close`.
+
+    Args:
+        config: where to serve, and the token that a visitor must show.
+        index: name of the file in `page` that is the page.
+        routes: further addresses and their handlers, which get the argument `server`.
+    Raises:
+        InvalidInput: the server cannot listen there.
+    """
+
+    def __init__(self, config: ViewConfig, index: str, routes: Sequence[tuple[str, type[RequestHandler]]]) -> None:
+        self.index = index
+        self._routes = routes
+        self._local, self._host = config.is_local, config.host
+        self._token = config.protected().token
+        self._sockets = _bound(config)
+        self._port = self._sockets[0].getsockname()[1]
+        # otherwise the library would report each malformed request of a port scanner to the operator
+        for name in ("tornado.access", "tornado.general"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        self._loop = asyncio.new_event_loop()
+        self._http: HTTPServer | None = None
+        self._thread = threading.Thread(target=self._serve, name="view", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """The address of the page, with the token if it needs one."""
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{host}:{self._port}/" + (f"?token={self._token}" if self._token else "")
+
+    def close(self) -> None:
+        """Take leave of the visitors, and stop serving."""
+        if self._thread.is_alive():
+            asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(FAREWELL)
+            self.call(self._loop.stop)
+            self._thread.join()
+        self._loop.close()
+
+    def allows(self, token: str | None) -> bool:
+        """Whether this is the right token, or none is needed."""
+        return not self._token or hmac.compare_digest((token or "").encode(), self._token.encode())
+
+    def is_own(self, host: str) -> bool:
+        """Whether the name in a request's Host header is this server's.
+
+        On the loopback, another site's name that leads here is refused: the site's page could otherwise read and steer the cell
+        through the browser of its visitor. On other addresses, the token protects the server.
+        """
+        name = urlsplit(f"//{host}").hostname or ""
+        return not self._local or name == self._host or is_loopback(name)
+
+    def awaited(self) -> tuple[Awaitable[Any], Callable[[Any], None]]:
+        """An answer that comes later, and the function that gives it, from any thread; only the first answer counts."""
+        answered: asyncio.Future[Any] = self._loop.create_future()
+
+        def settle(answer: Any) -> None:
+            if not answered.done():
+                answered.set_result(answer)
+
+        return answered, lambda answer: self.call(settle, answer)
+
+    def call(self, function: Callable[..., object], *arguments: object) -> None:
+        """Call a function in the server's thread; from any thread."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(function, *arguments)
+
+    async def bid_farewell(self) -> None:
+        """What visitors are told before the end."""
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        for_all = {"server": self}
+        application = Application(
+            [(address, handler, for_all) for address, handler in (*self._routes, (r"/([a-z.]*)", Page))],
+            log_function=lambda _: None,
+            websocket_ping_interval=PING,
+            websocket_ping_timeout=PING,
+            websocket_max_message_size=LARGEST_REQUEST,
+        )
+        self._http = HTTPServer(application, max_body_size=LARGEST_REQUEST, max_header_size=LARGEST_REQUEST)
+        self._http.add_sockets(self._sockets)
+        self._loop.run_forever()
+
+    async def _end(self) -> None:
+        assert self._http is not None
+        self._http.stop()
+        await self.bid_farewell()
+
+
+class Page(RequestHandler):
+    """The files of the page, served without a token: they hold nothing secret, and a stop button must always appear."""
+
+    def initialize(self, server: PageServer) -> None:
+        self.server = server
+
+    def set_default_headers(self) -> None:
+        """Allow nothing from other sites, and no use inside other pages."""
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+
+    def get(self, name: str) -> None:
+        """One of the files in `page`."""
+        if not self.server.is_own(self.request.host):
+            raise HTTPError(403)
+        path = PAGE / (name or self.server.index)
+        if path.suffix not in TYPES or path.parent != PAGE or not path.is_file():
+            raise HTTPError(404)
+        self.set_header("Content-Type", f"{TYPES[path.suffix]}; charset=utf-8")
+        self.write(path.read_bytes())
+
+
+class Asked(RequestHandler):
+    """Something that a visitor asks for; an error is answered as `{"done": false, "message": ...}`."""
+
+    def initialize(self, server: Any) -> None:
+        self.server = server
+
+    def set_default_headers(self) -> None:
+        """Set the headers of the page."""
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+
+    def admit(self, free: bool = False) -> None:
+        """Refuse a request that comes from the page of another site or, unless it is free for all, without the token."""
+        origin = self.request.headers.get("Origin")
+        if not self.server.is_own(self.request.host) or (origin and urlsplit(origin).netloc != self.request.host):
+            raise HTTPError(403, "asked by the page of another site")
+        shown = self.request.headers.get("Authorization", "").removeprefix("Bearer ")
+        shown = shown or self.get_query_argument("token", "")
+        if not free and not self.server.allows(shown):
+            raise HTTPError(401, "the token is missing or wrong")
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        """Write the reason, in the form of an answer."""
+        error = kwargs.get("exc_info", (None, None))[1]
+        why = getattr(error, "log_message", None) or self._reason
+        self.finish({"done": False, "message": why})
+
+
+def _bound(config: ViewConfig) -> list[Any]:
+    """Sockets that listen where the config says; at a free port if the config names none and the usual one is taken."""
+    try:
+        if config.port:
+            return bind_sockets(config.port, config.host)
+        try:
+            return bind_sockets(VIEW_PORT, config.host)
+        except OSError:
+            return bind_sockets(0, config.host)
+    except (OSError, UnicodeError) as error:
+        where = f"{config.host}:{config.port or VIEW_PORT}"
+        why = getattr(error, "strerror", None) or str(error)
+        raise InvalidInput(f"the view cannot be served at {where}: {why}; choose another with --view HOST:PORT") from error
