@@ -14,6 +14,7 @@ import pushfric_core
 from pushfric_core import Observation, Twist
 from pushfric_ros.bags.zhou2015 import write_bag
 from pushfric_ros.commands import cli
+from pushfric_ros.vision.camera import Camera, save_camera
 
 CELL = """
 object: rubber_rect4
@@ -110,6 +111,14 @@ def call(monkeypatch, capsys):
         (["calibrate", "board", "board.pdf", "--columns", "1"], "a board must have 4 x 4 to 500 squares, got 1 x 6"),
         (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),
         (
+            ["calibrate", "table", "0", "--camera", "lens.yaml", "--marks", "good.csv"],
+            "--marks are clicked in a browser: give --view as well",
+        ),
+        (
+            ["calibrate", "table", "0", "--camera", "lens.yaml", "--view", "--marks", "good.csv"],
+            "good.csv: missing column x; expected x, y",
+        ),
+        (
             ["calibrate", "lens", "99", "--out", "camera.yaml"],
             "no camera at '99': expected a camera's index (0 is",
         ),
@@ -138,6 +147,7 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call,
     (tmp_path / "far.csv").write_text(HEADER + "0.05,-0.2,0,-1,0,0.02,0,0\n")
     (tmp_path / "columns.csv").write_text(HEADER.replace(",omega", "") + "0.05,0,0,-1,0,0.02,0\n")
     (tmp_path / "no_outline.yaml").write_text("name: x\n")
+    save_camera(Camera.looking_down(640, 480, (0.0, 0.0), 1e-3), tmp_path / "lens.yaml")
     for name in ("runs/whole/metadata.yaml", "runs/cut/cut_0.mcap", "runs/bench.png", "empty/notes"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
@@ -185,6 +195,7 @@ def test_an_existing_bag_is_not_overwritten(tmp_path, call):
 LIST_AND_LOADED = """
 import sys
 from pushfric_ros.commands import cli
+from pushfric_ros.vision.camera import Camera, save_camera
 sys.argv[1:] = ["--help"]
 try:
     cli.main()
