@@ -116,7 +116,7 @@ def call(monkeypatch, capsys):
         ),
         (
             ["calibrate", "table", "0", "--camera", "lens.yaml", "--view", "--marks", "good.csv"],
-            "good.csv: missing column x; expected x, y",
+            "good.csv: missing column x, y; expected x, y",
         ),
         (
             ["calibrate", "lens", "99", "--out", "camera.yaml"],
