@@ -12,6 +12,7 @@ from ament_index_python.packages import get_package_prefix
 from pushfric_ros.commands import interface_docs, node_help
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit.visit import visit
 
 ROOT = pathlib.Path(__file__).parents[3]
 INSTALLED = pathlib.Path(get_package_prefix("pushfric_ros")) / "lib/pushfric_ros/recorder_node"
@@ -19,7 +20,9 @@ INSTALLED = pathlib.Path(get_package_prefix("pushfric_ros")) / "lib/pushfric_ros
 
 @pytest.fixture(scope="module")
 def described():
-    return {description.node: description for description in interface_docs.describe()}
+    """What the nodes tell while a cell is running, whose nodes have the same names."""
+    with visit("actuator", graph.NAMESPACE):
+        return {description.node: description for description in interface_docs.describe()}
 
 
 @pytest.fixture(scope="module")

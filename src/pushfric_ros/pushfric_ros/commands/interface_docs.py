@@ -17,7 +17,6 @@ from pushfric_ros.commands.markdown import table
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.qos import RELIABLE
-from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
 from pushfric_ros.vision.sighting import UNMEASURED
 
@@ -142,5 +141,4 @@ def section(described: Description) -> str:
 
 
 if __name__ == "__main__":
-    network.stay_apart()
     print(document(), end="")

@@ -1,17 +1,15 @@
-"""What `NODE_node --help` prints: the node itself tells it, and is started for that out of reach of every other node."""
+"""What `NODE_node --help` prints: the node itself tells it."""
 
 import textwrap
 from collections.abc import Iterator
 
 from pushfric_ros.commands.interface_docs import Description, describe
-from pushfric_ros.node_kit import network
 
 WIDTH = 100  # characters
 
 
 def print_help(name: str) -> None:
     """Print what a node does, its parameters and its topics."""
-    network.stay_apart()  # a cell may be running
     (described,) = describe(name)
     print("\n".join(text(described)))
 

@@ -18,7 +18,6 @@ from pushfric_ros.files.node_settings import LOOPBACK
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
-from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.introspection import Endpoint, Introspection
 from pushfric_ros.nodes.tracker import TOPICS as CAMERA_TOPICS
 from pushfric_ros.vision.camera import load_camera
@@ -71,7 +70,6 @@ def security(
 ) -> None:
     """docs/security.md says how to make keys from the policy, and how to switch it on."""
     file = load_cell(cell)
-    network.stay_apart()  # the cell may be running, and its nodes are started here only to ask them
     text = policy(permissions(file))
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from pushfric_core.settings import AUTO
+from pushfric_ros.node_kit.network import apart
 from pushfric_ros.node_kit.parameters import ENDLESS, REQUIRED, overrides
 from pushfric_ros.node_kit.transforms import TYPE as TRANSFORMS
 from pushfric_ros.node_kit.transforms import TransformBroadcaster
@@ -52,7 +53,9 @@ class Told(NamedTuple):
 
 
 class Introspection:
-    """Starts nodes one at a time and asks them; what every node has is left out.
+    """Starts nodes one at a time, apart from all others, and asks them; what every node has is left out.
+
+    The middleware knows nodes by name. A cell may be running, whose nodes have the same names.
 
     Args:
         namespace: of the nodes.
@@ -63,7 +66,7 @@ class Introspection:
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace
         set_logger_level("", LoggingSeverity.WARN)  # nodes that are only asked have nothing to log
-        with Visit(partial(Node, "plain", namespace=namespace)) as plain:
+        with apart(), Visit(partial(Node, "plain", namespace=namespace)) as plain:
             self._common = {*_endpoints(plain.node, namespace)}
             self.every_node = _every_node(plain.node, namespace)
             self._common_parameters = plain.node.get_parameters_by_prefix("").keys()
@@ -71,7 +74,7 @@ class Introspection:
     def ask(self, kind: type[Node], parameters: Mapping[str, Any]) -> Told:
         """Start a node of this class with these parameters, and ask it."""
         given = overrides(parameters)
-        with Visit(partial(_remembering(kind), namespace=self._namespace, parameter_overrides=given)) as visit:
+        with apart(), Visit(partial(_remembering(kind), namespace=self._namespace, parameter_overrides=given)) as visit:
             node = visit.node
             settings = [
                 _setting(node.get_parameter(name), default, node.describe_parameter(name))

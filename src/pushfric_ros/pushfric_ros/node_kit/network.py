@@ -65,11 +65,15 @@ def domain() -> int:
     return int(text)
 
 
-def stay_apart() -> None:
-    """From now on, nodes that this process makes find no others, and no others find them."""
-    for name in VARIABLES:
-        os.environ.pop(name, None)
-    os.environ[RANGE] = "OFF"
+@contextlib.contextmanager
+def apart() -> Iterator[None]:
+    """Nodes of a context of rclpy that is initialized within find no nodes of other contexts, and none of these finds them."""
+    before = {name: os.environ.get(name) for name in VARIABLES}
+    _set({**dict.fromkeys(VARIABLES), RANGE: "OFF"})
+    try:
+        yield
+    finally:
+        _set(before)
 
 
 def asked_for(discovery: Discovery) -> dict[str, str]:
