@@ -5,6 +5,7 @@ import gc
 import os
 import pathlib
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -15,14 +16,33 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 REAL_PUSHES = ROOT.parent / "shared/data/zhou2015_triangle"
 
+
+def own_domain() -> tuple[str, socket.socket]:
+    """A ROS domain from 1 to 100 that no other process with tests on this machine has, and what claims it until this one ends.
+
+    Domains above 101 collide with the ephemeral ports.
+    """
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    for number in range(100):
+        domain = str(1 + (os.getpid() + number) % 100)
+        with contextlib.suppress(OSError):
+            claim.bind(f"\0pushfric-tests-{domain}")
+            return domain, claim
+    raise RuntimeError("other tests have claimed all ROS domains from 1 to 100")
+
+
 # Set before rclpy is imported, so that the tests neither hear nor disturb another ROS 2 system or test run on this machine.
-# Domains above 101 collide with the ephemeral ports.
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_DOMAIN_ID"], CLAIM = own_domain()
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 # A shell starts background jobs with SIGINT ignored, and a child would inherit that: Ctrl-C is tested from there, too.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Whole runs come first: they take longest, and one that began last would keep all but one process waiting for it."""
+    items.sort(key=lambda item: "system" not in item.path.parts)
 
 
 @pytest.fixture(autouse=True)
