@@ -23,6 +23,7 @@ from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.contact_friction import tip_at
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, Indices, left_of, rotation, velocity_at, wrap
+from pushfric_core.row_table import RowTable
 from pushfric_core.solvers import empty_program
 from pushfric_core.support import FreeRadii, support_forces
 
@@ -118,7 +119,7 @@ class Screening:
         self._points, self._middle = points, points.mean(axis=0)
         self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1)))) or 1.0
         self._radii = FreeRadii(0.0, OPEN * self._radius)
-        self._table = _Table(4 + len(points))  # mismatch, jump, poses, weight, row of the moment
+        self._table = RowTable(4 + len(points))  # mismatch, jump, poses, weight, row of the moment
         self._last: tuple[Observation, Array] | None = None
         self._program = empty_program(len(points))
         self._groups: dict[int, list[int]] = {}  # of each push in the program
@@ -145,7 +146,8 @@ class Screening:
         # a force anywhere in a disc: half the radius is its standard deviation along any direction
         doubt = float((np.hypot(arms[:, 0], arms[:, 1]) * forces.free) @ self._program.solve().w) / 2
         weight = 1 / math.hypot(1.0, doubt / (USUAL * self._radius))
-        self._table.append(np.concatenate(((tip_at(observation)[1], jump, poses, weight), moments)), observation.push_id)
+        row = np.concatenate(((tip_at(observation)[1], jump, poses, weight), moments))
+        self._table.append(row[None], observation.push_id)
         if observation.push_id not in self._bad:
             self._put(observation.push_id, moments, weight)
 
@@ -163,7 +165,7 @@ class Screening:
         for push_id in set(found) - self._bad:
             self._take_out(push_id)
         for push_id in self._bad - set(found):
-            for row in self._table.rows[self._table.pushes == push_id]:
+            for row in self._table.rows[self._table.groups == push_id]:
                 self._put(push_id, row[4:], float(row[3]))
         self._bad = set(found)
         found |= self._contradicting(pushes, place)
@@ -213,7 +215,7 @@ class Screening:
             sizes_without = self._misfits(place, others)
             if sizes_without[index] > max(limit, HEAVY * float(np.quantile(sizes_without[others], 0.9))):
                 found[push_id] = "moment"
-            for row in self._table.rows[self._table.pushes == push_id]:
+            for row in self._table.rows[self._table.groups == push_id]:
                 self._put(push_id, row[4:], float(row[3]))
         return found
 
@@ -271,7 +273,7 @@ class Screening:
 
     def _places(self) -> tuple[Indices, Indices]:
         """The pushes in order of arrival, and the index of each data point's push among them."""
-        found, first, inverse = np.unique(self._table.pushes, return_index=True, return_inverse=True)
+        found, first, inverse = np.unique(self._table.groups, return_index=True, return_inverse=True)
         order = np.argsort(first)
         rank = np.empty(len(order), dtype=np.int64)
         rank[order] = np.arange(len(order))
@@ -296,28 +298,6 @@ class Screening:
             off += sign * (np.array(pose[:2]) + turned @ self._middle) - time / 2 * (turned @ velocity_at(twist, self._middle))
             turn -= time / 2 * twist.omega
         return math.hypot(*off, self._radius * turn) / (time * math.hypot(*tip))
-
-
-class _Table:
-    """A row of numbers for each data point, with its push and room to grow."""
-
-    def __init__(self, columns: int) -> None:
-        self._room, self._pushes, self._count = np.empty((64, columns)), np.empty(64, dtype=np.int64), 0
-
-    @property
-    def rows(self) -> Array:
-        return self._room[: self._count]
-
-    @property
-    def pushes(self) -> Indices:
-        return self._pushes[: self._count]
-
-    def append(self, row: Array, push_id: int) -> None:
-        if self._count == len(self._room):
-            self._room = np.concatenate((self._room, np.empty_like(self._room)))
-            self._pushes = np.concatenate((self._pushes, np.empty_like(self._pushes)))
-        self._room[self._count], self._pushes[self._count] = row, push_id
-        self._count += 1
 
 
 def _median(values: Array) -> float:

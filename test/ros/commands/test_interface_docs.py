@@ -65,9 +65,9 @@ def test_known_interfaces_are_described(described):
     assert interface_docs.Endpoint("serves", "push", "pushfric_msgs/action/Push", "action") in described["actuator"].endpoints
     assert interface_docs.Endpoint("calls", "push", "pushfric_msgs/action/Push", "action") in described["experiment"].endpoints
     settings = {setting.name: setting for setting in (*tracker.settings, *estimator.settings)}
-    assert settings["threshold"][1:4] == ("integer", "`0`", "0 to 255")
-    assert settings["calibration"].default == "*required*"
-    assert settings["cor_radius"][1:3] == ("double or string", '`"auto"`')
+    assert settings["threshold"][1:5] == ("integer", False, 0, (0, 255))
+    assert settings["calibration"].required
+    assert settings["cor_radius"][1:4] == ("double or string", False, "auto")
     assert "use_sim_time" not in settings
 
 

@@ -6,10 +6,10 @@ from scipy import sparse
 
 from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
+from pushfric_core.row_table import SPARE, RowTable
 from pushfric_core.solvers.active_set import hard_rows, minimise
 from pushfric_core.solvers.program import Groups, Optimum, certify, check_rows, check_size, finite, fit_error
 from pushfric_core.solvers.quadratic import distinct, least_violation
-from pushfric_core.solvers.row_table import SPARE, RowTable
 
 LINEAR = {"eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 2000, "polishing": True, "verbose": False}
 """Tolerance that leaves gaps of some thousandths of F, unless OSQP's polish succeeds; a smaller one is not worth the time."""

@@ -5,6 +5,7 @@ import numpy.typing as npt
 
 from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
+from pushfric_core.row_table import RowTable
 from pushfric_core.solvers.active_set import ROUNDS, VIOLATED, ZERO, HardRows, hard_rows, minimise
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,
@@ -17,7 +18,6 @@ from pushfric_core.solvers.program import (
     check_size,
     finite,
 )
-from pushfric_core.solvers.row_table import RowTable
 
 Indices = npt.NDArray[np.intp]
 

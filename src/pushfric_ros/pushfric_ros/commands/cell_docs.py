@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from pushfric_core import settings
-from pushfric_ros.commands.markdown import table
+from pushfric_ros.commands.markdown import as_yaml, limits, table
 from pushfric_ros.files.cell_file import ROOT, SECTIONS, driver_kinds
 
 COMMAND = "python -m pushfric_ros.commands.cell_docs docs/cell.md"
@@ -39,7 +39,7 @@ def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
     for config in configs:
         hints = typing.get_type_hints(config)
         for field in settings.fields_of(config):
-            default = "*required*" if settings.is_required(field) else f"`{_shown(settings.plain_value(field.default))}`"
+            default = "*required*" if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
             what = field.metadata["description"]
             rows.append((f"`{settings.key_of(field)}`", _kind(hints[field.name]), default, _range(field), what))
     return rows
@@ -57,22 +57,7 @@ def _kind(hint: Any) -> str:
 
 def _range(field: Any) -> str:
     low, high = field.metadata["low"], field.metadata["high"]
-    return "" if low is None else f"{_end(low)} to {'any' if high is None else _end(high)}"
-
-
-def _end(value: float) -> str:
-    return str(value) if isinstance(value, int) else f"{value:g}"
-
-
-def _shown(value: Any) -> str:
-    """As YAML has it."""
-    if isinstance(value, list):
-        return f"[{', '.join(map(_shown, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return value if value and not value[0].isdigit() else f'"{value}"'
-    return ".inf" if value == float("inf") else str(value)
+    return "" if low is None else limits(low, high)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from pushfric_core import settings
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.commands.markdown import table
+from pushfric_ros.commands.markdown import as_yaml, limits, table
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.qos import RELIABLE
@@ -130,7 +130,10 @@ def section(described: Description) -> str:
     """The part of the document about one node."""
     rows = [(*endpoint, when) for endpoint, when in described.endpoints.items()]
     topics = [(role, f"`{name}`", kind, qos, when) for role, name, kind, qos, when in rows]
-    settings = [(f"`{setting.name}`", *setting[1:]) for setting in described.settings]
+    settings = [
+        (f"`{one.name}`", one.type, "*required*" if one.required else f"`{as_yaml(one.default)}`", span(one), one.description)
+        for one in described.settings
+    ]
     return "\n".join(
         (
             f"## {described.node}\n\n{described.summary}\n",
@@ -138,6 +141,11 @@ def section(described: Description) -> str:
             table(("parameter", "type", "default", "range", "what"), settings),
         )
     )
+
+
+def span(setting: Setting) -> str:
+    """The range of a setting; empty if it has none."""
+    return "" if setting.limits is None else limits(*setting.limits)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,23 @@
-"""Tables in the generated documents."""
+"""Tables in the generated documents, and how the settings stand in them."""
 
+import math
 from collections.abc import Sequence
+from typing import Any
+
+import yaml
 
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     """A table in Markdown, with a line break at its end."""
     lines = [head, ("---",) * len(head), *rows]
     return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+
+
+def as_yaml(value: Any) -> str:
+    """A value as it stands in one line of YAML."""
+    return yaml.safe_dump(value, default_flow_style=True, width=math.inf).removesuffix("...\n").rstrip()
+
+
+def limits(*ends: float | None) -> str:
+    """A range, as 0 to 1; any if it has no such end."""
+    return " to ".join("any" if end is None else str(end) if isinstance(end, int) else f"{end:g}" for end in ends)

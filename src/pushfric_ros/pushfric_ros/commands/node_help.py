@@ -3,7 +3,8 @@
 import textwrap
 from collections.abc import Iterator
 
-from pushfric_ros.commands.interface_docs import Description, describe
+from pushfric_ros.commands.interface_docs import Description, describe, span
+from pushfric_ros.commands.markdown import as_yaml
 
 WIDTH = 100  # characters
 
@@ -23,9 +24,9 @@ def text(described: Description) -> Iterator[str]:
     yield ""
     yield "parameters, set when the node starts:"
     for setting in described.settings:
-        default = setting.default.strip("*`")
-        yield f"  {setting.name} ({setting.type}{setting.range and f', {setting.range}'})"
-        what = f"{setting.description}; {default if default == 'required' else f'default: {default}'}"
+        within = span(setting)
+        yield f"  {setting.name} ({setting.type}{within and f', {within}'})"
+        what = f"{setting.description}; {'required' if setting.required else f'default: {as_yaml(setting.default)}'}"
         yield from textwrap.wrap(what, WIDTH, initial_indent="      ", subsequent_indent="      ")
     yield ""
     yield "topics, services and actions, relative to the node's namespace:"

@@ -1,7 +1,7 @@
 """What a node offers, needs and can be set to, as the node itself tells it."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -39,8 +39,9 @@ class Setting(NamedTuple):
 
     name: str
     type: str
-    default: str
-    range: str
+    required: bool
+    default: Any  # None if it is required
+    limits: tuple[float | None, float | None] | None  # None: without this end
     description: str
 
 
@@ -179,23 +180,12 @@ def _setting(parameter: Parameter, default: Any, descriptor: ParameterDescriptor
     kind = parameter.type_.name.lower().replace("_array", "[]")
     if default == AUTO and descriptor.dynamic_typing:
         kind = "double or string"
-    shown = "*required*" if required else f"`{_shown(default)}`"
-    spans = [*descriptor.integer_range, *descriptor.floating_point_range]
-    limits = ", ".join(f"{_end(span.from_value)} to {_end(span.to_value)}" for span in spans)
-    return Setting(parameter.name, kind, shown, limits, descriptor.description)
+    spans = [(span.from_value, span.to_value) for span in (*descriptor.integer_range, *descriptor.floating_point_range)]
+    limits = (_end(spans[0][0]), _end(spans[0][1])) if spans else None
+    # a list without entries is declared by its type alone
+    value = None if required else [] if default is None else [*default] if isinstance(default, tuple) else default
+    return Setting(parameter.name, kind, required, value, limits, descriptor.description)
 
 
-def _shown(value: Any) -> str:
-    if value is None:
-        return "[]"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return f"[{', '.join(map(_shown, value))}]"
-    if isinstance(value, str):
-        return f'"{value}"'
-    return str(value).lower() if isinstance(value, bool) else repr(value)
-
-
-def _end(value: float) -> str:
-    if abs(value) >= ENDLESS:
-        return "any"
-    return str(value) if isinstance(value, int) else f"{value:g}"
+def _end(value: float) -> float | None:
+    return value if abs(value) < ENDLESS else None

@@ -143,7 +143,7 @@ def tip_picture(camera: Camera, image: Image, tip: TipMeasurement, stroke: float
     line = camera.project(tip.origin + np.array(((0.0,), (stroke,))) * tip.direction, tip.height)
     cv2.polylines(picture, [np.rint(line).astype(np.int32)], False, ORANGE)
     angles = np.linspace(0, 2 * np.pi, 60)
-    last = camera.unproject(camera.project(tip.centers[-1:]), tip.height)
+    last = camera.lifted(tip.centers[-1:], tip.height)
     ring = last + tip.radius * np.column_stack((np.cos(angles), np.sin(angles)))
     cv2.polylines(picture, [np.rint(camera.project(ring, tip.height)).astype(np.int32)], True, GREEN)
     return np.asarray(picture)

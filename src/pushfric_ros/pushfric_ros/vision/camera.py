@@ -164,6 +164,10 @@ class Camera(Lens):
         rays = cv2.undistortPoints(seen, self.K, self.D, criteria=enough)
         return np.asarray(cv2.perspectiveTransform(rays, np.linalg.inv(self._plane(height).T)).reshape(-1, 2))
 
+    def lifted(self, points: npt.ArrayLike, height: float) -> Array:
+        """The points (n, 2) [m] at `height` [m] over the table that hide the table points (n, 2) [m] from the camera."""
+        return self.unproject(self.project(points), height)
+
     def metres_per_pixel(self, height: float = 0.0) -> float:
         """Size [m] of the middle pixel on the plane at `height` [m]: the square root of the area that it covers."""
         u, v = self.width / 2, self.height / 2

@@ -166,7 +166,7 @@ def height_of(camera: Camera, places: Sequence[Place], moved: float) -> float:
         angle = f"{math.degrees(turned):.1f} degrees"
         raise InvalidInput(f"the object was turned by {angle} from the first place to the second: slide it along a ruler")
     flat, risen = (
-        float(np.hypot(*np.diff([_at(camera, place.middle, h) for place in places], axis=0)[0])) for h in (0.0, _RISE)
+        float(np.hypot(*np.diff(camera.lifted([place.middle for place in places], h), axis=0)[0])) for h in (0.0, _RISE)
     )
     height = _RISE * (flat - moved) / (flat - risen)
     eye = camera.pose()[0][2]
@@ -186,7 +186,7 @@ def measured_object(camera: Camera, places: Sequence[Place], height: float) -> M
     Raises:
         InvalidInput: the places show different outlines.
     """
-    shapes = [_at(camera, place.corners, height) for place in places]
+    shapes = [camera.lifted(place.corners, height) for place in places]
     _check_alike(shapes)
     edges = np.roll(shapes[0], -1, axis=0) - shapes[0]
     along = edges[np.argmax(np.hypot(*edges.T))]
@@ -206,7 +206,7 @@ def measured_object(camera: Camera, places: Sequence[Place], height: float) -> M
 def fitting_height(camera: Camera, places: Sequence[Place], outline: Outline) -> float:
     """The height over the table at which the object, as the camera saw it, has the size of an outline [m]."""
     flat, risen = (
-        float(np.mean([math.sqrt(Outline(_at(camera, place.corners, h)).polygon.area) for place in places]))
+        float(np.mean([math.sqrt(Outline(camera.lifted(place.corners, h)).polygon.area) for place in places]))
         for h in (0.0, _RISE)
     )
     return _RISE * (flat - math.sqrt(outline.polygon.area)) / (flat - risen)
@@ -214,7 +214,7 @@ def fitting_height(camera: Camera, places: Sequence[Place], outline: Outline) ->
 
 def pose_of(camera: Camera, place: Place, outline: Outline, height: float) -> Pose:
     """Where a measured object lies in one of its places, by its outline at a height [m]."""
-    return _best_motion(outline.vertices, _at(camera, place.corners, height)).pose
+    return _best_motion(outline.vertices, camera.lifted(place.corners, height)).pose
 
 
 def in_frame_of(outline: Outline, known: Outline) -> tuple[Outline, float] | None:
@@ -342,11 +342,6 @@ def _line(points: Array, middle: Array, normal: Array, pixel: float) -> tuple[Ar
 
 def _headings(edges: Array) -> Array:
     return np.arctan2(edges[:, 1], edges[:, 0])
-
-
-def _at(camera: Camera, points: Array, height: float) -> Array:
-    """Where points at `height` [m] are, given where they seem to lie on the table."""
-    return camera.unproject(camera.project(np.atleast_2d(points)), height).reshape(np.shape(points))
 
 
 def _into(pose: Pose, points: Array) -> Array:

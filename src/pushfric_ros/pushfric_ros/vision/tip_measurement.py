@@ -94,7 +94,7 @@ def measure_tip(
                 f" as if the tip were {1e3 * height:.0f} mm over the table: check the controller's steps per millimetre"
                 " (docs/hardware.md), and the table's calibration; or say how high the tip is"
             )
-    ends = _at(camera, np.array([line.origin, line.origin + at[-1] * line.velocity]), height)
+    ends = camera.lifted([line.origin, line.origin + at[-1] * line.velocity], height)
     way = ends[1] - ends[0]
     length = float(np.hypot(*way))
     shrunk = length / (at[-1] * float(np.hypot(*line.velocity)))
@@ -123,7 +123,7 @@ def _fitted(positions: Array, centers: Array) -> _Line:
 def _height(camera: Camera, line: _Line) -> float:
     """The tip's height at which the stroke is as long as the controller says: apparent lengths are linear in the height."""
     ends = np.array((line.origin, line.origin + line.velocity))
-    flat, risen = (float(np.hypot(*np.diff(_at(camera, ends, h), axis=0)[0])) for h in (0.0, 0.01))
+    flat, risen = (float(np.hypot(*np.diff(camera.lifted(ends, h), axis=0)[0])) for h in (0.0, 0.01))
     return 0.01 * (flat - 1.0) / (flat - risen)
 
 
@@ -219,8 +219,3 @@ def _level_points(image: Array, level: float) -> Array:
         share = (level - a[v, u]) / (b[v, u] - a[v, u])
         found.append(np.column_stack((u + share * axis, v + share * (1 - axis))))
     return np.concatenate(found)
-
-
-def _at(camera: Camera, points: Array, height: float) -> Array:
-    """Where points at `height` [m] are, given where they seem to lie on the table."""
-    return camera.unproject(camera.project(points), height)

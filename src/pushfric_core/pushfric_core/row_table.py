@@ -1,4 +1,4 @@
-"""The rows that a solver keeps, with the groups they belong to."""
+"""Rows of numbers that are kept, with the groups they belong to."""
 
 import numpy as np
 import numpy.typing as npt
