@@ -17,7 +17,7 @@ from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.qos import RELIABLE
 
-PATIENCE = 60.0
+PATIENCE = 240.0
 """How long the nodes may take to appear, and to end [s]; far more than they need."""
 
 
