@@ -1,3 +1,4 @@
+import functools
 import math
 from dataclasses import replace
 
@@ -86,16 +87,24 @@ def pusher_msg(stamp, position, push_id):
     return msg
 
 
-def push(push_id, start):
-    """The messages of the cell about one push, in order of time."""
+@functools.cache
+def motion(push_id):
+    """Position of the pusher and pose of the object in each frame of a push."""
     known = TABLE_1[NAME]
     pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.03 - 0.02 * push_id, 0.04, 0.0))
     line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
-    for frame in range(38):
-        position = frame * 0.02 / 14
+    frames = []
+    for position in np.arange(38) * 0.02 / 14:
         pushed.push(line, position)
+        frames.append((float(position), pushed.pose))
+    return frames
+
+
+def push(push_id, start):
+    """The messages of the cell about one push, in order of time."""
+    for frame, (position, pose) in enumerate(motion(push_id)):
         stamp = start + frame * FRAME
-        yield pose_msg(stamp, pushed.pose)
+        yield pose_msg(stamp, pose)
         yield pusher_msg(stamp + 1, position, push_id)
 
 
