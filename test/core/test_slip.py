@@ -2,16 +2,18 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from problems import four_feet
 
 from pushfric_core.contact import tangent
-from pushfric_core.contact_friction import Kind
+from pushfric_core.contact_friction import ContactForces, Kind, Slip, Tip, coefficient
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Touch
+from pushfric_core.planar import Twist
 from pushfric_core.simulation import pushed_motion
 
 MU = 0.4
@@ -39,6 +41,18 @@ def pushes(angle, with_force=False, with_tip=True):
                 )
             )
     return data
+
+
+def filmed(data, rng, count=6, noise=0.05):
+    """Each push seen `count` times in a row. The errors of the poses are this share of the step between two of them, and each
+    motion begins where the one before it ends."""
+    seen = []
+    for push in data:
+        step = float(np.hypot(*push.tip_velocity))
+        errors = noise * step * rng.normal(size=(count + 1, 3)) * (1, 1, 1 / 0.06)
+        for before, after in pairwise(errors):
+            seen.append(replace(push, twist=Twist(*(np.array(push.twist) + after - before).tolist())))
+    return seen
 
 
 def last(data):
@@ -76,3 +90,50 @@ def test_the_direction_of_the_slip_is_told_from_the_tip():
     # errors across the edge, where the tip cannot move, raise the tolerance
     wrong = [replace(o, tip_velocity=tuple((1.4 * np.array(o.tip_velocity)).tolist())) for o in pushes(math.radians(60))]
     assert last(wrong).tip.tolerance > estimate.tip.tolerance
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_the_noise_of_the_poses_explains_is_no_slip(seed):
+    estimate = last(filmed(pushes(0.0), np.random.default_rng(seed)))
+    assert (np.abs(estimate.tip.slip) > estimate.tip.tolerance).sum() > 3  # single data points seem to slip
+    assert (estimate.mu_c.value, estimate.mu_c.kind) == (None, Kind.BOUND)
+    assert len(set(estimate.tip.push[np.abs(estimate.tip.directions) > 0])) <= 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_does_not_lower_what_sliding_pushes_tell(seed):
+    data = [one for pair in zip(pushes(math.radians(15)), pushes(math.radians(60)), strict=True) for one in pair]
+    data = [replace(push, push_id=number) for number, push in enumerate(data)]
+    mu_c = last(filmed(data, np.random.default_rng(seed))).mu_c
+    assert mu_c.kind is Kind.SLIP
+    assert mu_c.value == pytest.approx(MU, rel=0.1)
+    assert mu_c.low <= MU <= mu_c.high
+
+
+def test_a_push_slides_from_where_its_tip_begins_to():
+    estimate = last(pushes(math.radians(60)))
+    slip = np.array((0.0, 0.1, -0.1, 0.0, 0.4, 0.5, 0.45, 0.0, 0.3))
+    mismatch = np.array((0.05, -0.05, 0.05, -0.05, 0.05, -0.05, 0.05, 0.05, 0.05))
+    tip = estimate.tip._replace(slip=slip, mismatch=mismatch, sensed=np.full(9, np.nan), push=np.repeat((4.0, 5.0), (7, 2)))
+    assert tip.directions.tolist() == [0, 0, 0, 0, 1, 1, 1, 0, 1]
+    # the same, with the data points of the two pushes in another order
+    order = np.array((7, 0, 1, 2, 8, 3, 4, 5, 6))
+    mixed = tip._replace(slip=slip[order], mismatch=mismatch[order], push=tip.push[order])
+    assert mixed.directions.tolist() == tip.directions[order].tolist()
+    # more than errors usually are, and less than they can be
+    unsure = tip._replace(slip=np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.0)), mismatch=1.5 * mismatch)
+    assert np.isnan(unsure.directions[7:]).all()
+    assert unsure.slips == [Slip.STICKING] * 7 + [Slip.UNKNOWN] * 2
+
+
+def test_sticking_pushes_bound_what_slides_say_from_below():
+    """Three pushes slide at a ratio of 0.1, which is wrong: five others stick at 0.4."""
+    count = 8
+    ratios = np.where(np.arange(count) < 3, 0.1, 0.4)
+    forces = ContactForces(np.ones((count, 1)), -ratios[:, None], np.zeros((count, 1)))
+    slip = np.where(np.arange(count) < 3, 0.5, 0.0)
+    tip = Tip(slip, np.zeros(count), np.full(count, np.nan), np.arange(count, dtype=float))
+    mu_c = coefficient(forces, tip, np.ones((1, 1)))
+    assert mu_c.kind is Kind.SLIP
+    assert mu_c.value == pytest.approx(0.4 - tip.tolerance)
+    assert mu_c.low < 0.1 < 0.4 < mu_c.high

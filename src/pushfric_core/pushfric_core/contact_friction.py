@@ -1,15 +1,18 @@
 """The contact friction coefficient mu_c: a lower bound from every data point, and their percentiles (section 5.1.3)."""
 
 import math
+from collections.abc import Iterator
 from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pushfric_core.contact import tangent
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Array, velocity_at
+from pushfric_core.planar import Array, Indices, velocity_at
 from pushfric_core.records import comparable
+from pushfric_core.spread import LEVEL
 from pushfric_core.support import SupportForces
 
 SLIP_TOLERANCE = 0.05
@@ -18,11 +21,17 @@ SLIP_TOLERANCE = 0.05
 MISMATCHES = 2.0
 """... and this many times its median apparent velocity across the edge: the tip cannot move there, so that is an error."""
 
+SURELY = 3.0
+"""A push slips only if the tip slides this many times as far as tips usually seem to move across the edge within a push."""
+
 FEWEST_SLIPS = 3
 """Unless this many pushes slip, mu_c is only bounded."""
 
 LEAST_NORMAL = 0.05
 """Below this normal force, in units of the support friction, the pusher hardly presses: the data point says nothing of mu_c."""
+
+LEAST_ERROR = 1e-3
+"""No force is known better than this, in units of the support friction."""
 
 CONFIDENT = 1.645
 """Standard deviations on either side that hold 90 % of a normal distribution."""
@@ -116,10 +125,35 @@ class Tip(NamedTuple):
 
     @property
     def directions(self) -> Array:
-        """(m,) of sliding along t: +1 and -1; 0: sticking; NaN: unknown."""
-        with np.errstate(invalid="ignore"):
-            sliding = np.abs(self.slip) > self.tolerance
-        return np.where(np.isnan(self.slip), np.nan, np.where(sliding, np.sign(self.slip), 0.0))
+        """(m,) of sliding along t: +1 and -1; 0: sticking; NaN: unknown.
+
+        Errors of the poses cancel over consecutive data points of a push, as one ends where the next begins; a slide adds up.
+        So a push is judged as a whole. It slides in the consecutive data points whose slip exceeds the tolerance most in sum,
+        if the tip moves SURELY farther in them than tips usually seem to move across the edge. What is left of a push sticks if
+        the tip stays where it is, and is unknown otherwise.
+        """
+        directions = np.full(len(self.slip), np.nan)
+        seen = np.flatnonzero(np.isfinite(self.slip))
+        seen = seen[np.argsort(self.push[seen], kind="stable")]
+        if not len(seen):
+            return directions
+        slip, tolerance = self.slip[seen], self.tolerance
+        begins = _begins(self.push[seen])
+        usual = float(np.median(_farthest(self.mismatch[seen], begins)))
+        found = np.zeros(len(seen))
+        best = np.zeros(len(begins))  # of each push
+        for direction in (1.0, -1.0):
+            excess, inside = _longest_rise(direction * slip - tolerance, begins)
+            travelled = np.add.reduceat(np.where(inside, direction * slip, 0.0), begins)
+            better = (excess > best) & (travelled > SURELY * usual)
+            best[better] = excess[better]
+            of_push = np.repeat(better, np.diff(np.append(begins, len(seen))))
+            found[of_push] = np.where(inside, direction, 0.0)[of_push]
+        begins = _begins(self.push[seen], found)
+        count = np.diff(np.append(begins, len(seen)))
+        still = _farthest(slip, begins) <= np.maximum(MISMATCHES * usual, SLIP_TOLERANCE * count)
+        directions[seen] = np.where(found != 0, found, np.where(np.repeat(still, count), 0.0, np.nan))
+        return directions
 
     @property
     def slips(self) -> list[Slip]:
@@ -156,10 +190,14 @@ def tip_at(observation: Observation) -> tuple[float, float, float, float]:
 def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
     """mu_c, from the sharpest evidence there is.
 
-    A sliding contact is at the edge of its friction cone: |f . t| = mu_c f . n, with the sign of the slip. The mu_c that is
-    returned minimises the sum of these errors: it is a median weighted with f . n, for which no support is freed. If forces
-    were measured while the tip slid, it is the median of their ratios. The interval is that of a median from this many
-    pushes, and holds the values under all w.
+    A sliding contact is at the edge of its friction cone: |f . t| = mu_c f . n, with the sign of the slip. A sticking one is
+    within it: |f . t| <= mu_c f . n. The mu_c that is returned minimises the sum of the errors of both. Consecutive data points
+    of a push that slide, or stick, are taken together, because their errors cancel. A force counts the less, the more of it is
+    unknown near the centre of rotation, and a sticking contact only as far as it contradicts by more than its error. The
+    interval holds all mu_c whose sum of errors exceeds the least by at most LEVEL times the scale of the errors, under all w.
+
+    If forces were measured while the tip slid, mu_c is the median of their ratios, with the interval of a median from this many
+    pushes.
 
     Args:
         forces: at m contacts.
@@ -176,20 +214,110 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
         value, low, high = _median(tip.sensed[measured], np.ones(int(measured.sum())), tip.push[measured])
         return MuC(value, low, high, Kind.FORCE)
     if len(np.unique(tip.push[slid])) >= FEWEST_SLIPS:
-        known = np.maximum(1 - forces.free[slid], TINY)
-        across = (forces.normal[slid] / known) @ weights.T
-        along = -directions[slid][:, None] * ((forces.along[slid] / known) @ weights.T)
-        found = []
-        for normal, tangential in zip(across.T, along.T, strict=True):
-            pressed = normal > LEAST_NORMAL
-            if len(np.unique(tip.push[slid][pressed])) >= FEWEST_SLIPS:
-                found.append(_median(tangential[pressed] / normal[pressed], normal[pressed], tip.push[slid][pressed]))
+        found = [_least_error(*rows) for rows in _cone_rows(forces, tip, directions, weights) if rows[2].sum() >= FEWEST_SLIPS]
         if found:
-            values = [max(value, 0.0) for value, _, _ in found]
-            low, high = min(*values, found[0][1]), max(*values, found[0][2])
-            return MuC(values[0], max(low, 0.0), max(high, 0.0), Kind.SLIP)
+            return MuC(found[0][0], min(low for _, low, _ in found), max(high for _, _, high in found), Kind.SLIP)
     low = min(percentile(lower_bounds(forces, w), 0.9) for w in weights)
     return MuC(None, low, math.inf, Kind.BOUND)
+
+
+def _cone_rows(
+    forces: ContactForces, tip: Tip, directions: Array, weights: Array
+) -> Iterator[tuple[Array, Array, npt.NDArray[np.bool_]]]:
+    """What the data points that slide or stick say about mu_c under each w: shear (r,), normal force (r,), and which slide.
+
+    Each row is the sum over consecutive data points of a push; at most one row of each push slides. The error of a force is the
+    tolerance, in units of the support friction: a velocity that errs by a share of the tip's turns the force by as much.
+    """
+    known = np.flatnonzero(np.isfinite(directions))
+    known = known[np.argsort(tip.push[known], kind="stable")]
+    determined = np.maximum(1 - forces.free[known], TINY)
+    normal, along = (forces.normal[known] / determined) @ weights.T, (forces.along[known] / determined) @ weights.T
+    tolerance, direction = tip.tolerance, directions[known]
+    share = np.where(normal > LEAST_NORMAL, 1 / (1 + ((forces.free[known] @ weights.T) / tolerance) ** 2), 0.0)
+    begins = _begins(tip.push[known], direction)
+    error = tolerance * np.add.reduceat(share, begins) / np.diff(np.append(begins, len(known)))[:, None]
+    direction = direction[begins]
+    sums = (np.add.reduceat(share * values, begins) for values in (normal, along))
+    for across, tangential, uncertain in zip(*(one.T for one in sums), error.T, strict=True):
+        sliding = -direction * tangential
+        shear = np.where(direction != 0, sliding, np.maximum(np.abs(tangential) - uncertain, 0.0))
+        presses = across > 0
+        yield shear[presses], across[presses], direction[presses] != 0
+
+
+def _least_error(shear: Array, normal: Array, slides: npt.NDArray[np.bool_]) -> tuple[float, float, float]:
+    """The mu >= 0 with the least sum of |shear - mu normal| where the tip slides and of max(shear - mu normal, 0) elsewhere.
+
+    Args:
+        shear: (r,) in the direction in which the tip slides.
+        normal: (r,) > 0.
+        slides: (r,), at least two of them.
+    Returns:
+        mu, and the least and greatest one whose sum exceeds that by at most LEVEL times the scale of the errors.
+    """
+    ratios = np.maximum(shear / normal, 0.0)
+    order = np.argsort(ratios, kind="stable")
+    mu = ratios[order]
+    below = np.cumsum((normal * slides)[order])  # slope of the rows that mu has passed
+    above = (normal.sum() - np.cumsum(normal[order]))[:-1]
+    slope = below[:-1] - above
+    start = float(np.sum(np.where(slides, np.abs(shear - mu[0] * normal), np.maximum(shear - mu[0] * normal, 0.0))))
+    sums = start + np.concatenate(([0.0], np.cumsum(slope * np.diff(mu))))
+    best = int(np.argmin(sums))
+    count = int(slides.sum())
+    limit = float(sums[best]) + LEVEL * max(float(sums[best]) / (count - 1), LEAST_ERROR)
+    # beyond the outermost ratios, the sum goes on in a straight line
+    low = _reached(limit, -mu[best::-1], sums[best::-1], float(normal.sum()))
+    high = _reached(limit, mu[best:], sums[best:], float(below[-1]))
+    return float(mu[best]), max(-low, 0.0), high
+
+
+def _reached(limit: float, places: Array, sums: Array, slope: float) -> float:
+    """Where rising sums (r,) at growing places (r,) reach a limit; beyond the last one they rise with the slope."""
+    beyond = int(np.searchsorted(sums, limit, side="right"))
+    if beyond == len(sums):
+        return float(places[-1]) + (limit - float(sums[-1])) / slope
+    part = (limit - float(sums[beyond - 1])) / float(sums[beyond] - sums[beyond - 1])
+    return float(places[beyond - 1]) + part * float(places[beyond] - places[beyond - 1])
+
+
+def _begins(*keys: Array) -> Indices:
+    """The index of the first row of each run of rows with equal keys (m,)."""
+    changes = np.any([key[1:] != key[:-1] for key in keys], axis=0)
+    return np.concatenate(([0], np.flatnonzero(changes) + 1))
+
+
+def _summed(values: Array, begins: Indices) -> tuple[Array, Indices]:
+    """Sums of the first 0, 1, ... values of each group (m + groups,), and where each group begins in them."""
+    starts = begins + np.arange(len(begins))
+    steps = np.insert(values, begins, 0.0)
+    sums = np.cumsum(steps)
+    count = np.diff(np.append(starts, len(steps)))
+    return sums - np.repeat(sums[starts], count), starts
+
+
+def _farthest(values: Array, begins: Indices) -> Array:
+    """The largest absolute sum of consecutive values in each group."""
+    sums, starts = _summed(values, begins)
+    return np.asarray(np.maximum.reduceat(sums, starts) - np.minimum.reduceat(sums, starts))
+
+
+def _longest_rise(values: Array, begins: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """The largest sum of consecutive values in each group, and which values (m,) belong to it."""
+    sums, starts = _summed(values, begins)
+    count = np.diff(np.append(starts, len(sums)))
+    group = np.repeat(np.arange(len(starts)), count)
+    # each group lies below all before it, so that the least sum so far is one of its own
+    lowered = sums - group * (1.0 + float(np.ptp(sums)))
+    least = np.minimum.accumulate(lowered)
+    place = np.arange(len(sums))
+    rise = lowered - least
+    highest = np.maximum.reduceat(rise, starts)
+    top = np.minimum.reduceat(np.where(rise == highest[group], place, len(sums)), starts)
+    bottom = np.maximum.accumulate(np.where(lowered == least, place, 0))[top]
+    inside = (place > bottom[group]) & (place <= top[group])
+    return np.asarray(highest), np.delete(inside, starts)
 
 
 def _median(values: Array, weights: Array, pushes: Array) -> tuple[float, float, float]:
