@@ -381,7 +381,7 @@ class Estimator:
         count, pushes = len(self._observations), len(self._pushes)
         assert isinstance(self._program, LevelSets)
         delta = rise(solution.objective, count, solution.w)
-        if self._extremes is None or count - self._measured > count // SELDOM:
+        if count - self._measured > count // SELDOM:
             self._extremes = self._program.extremes(self._tilts, delta)
             self._reach_of_some(solution.w, delta)
             self._measured = count

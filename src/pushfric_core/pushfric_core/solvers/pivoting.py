@@ -72,6 +72,7 @@ LARGEST = 1e150
 VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
 NO_STEP = -1.0  # what `ratio_test` returns without one
 COUNT, UPDATES = 0, 1  # places in State.tally
+ARRIVED, LED_OUT, ENDLESS = 0, 1, 2  # how a walk to an extreme of the level set ends
 COEFFICIENT, COST = -1.0, -2.0  # what `store` finds wrong
 
 
@@ -559,7 +560,7 @@ def perturb(state: State, shift: float) -> None:
 
 
 @compiled
-def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> bool:
+def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> int:
     """Walk from the optimum to the x of largest tilt . x among those with F(x) <= level: a parametric simplex method.
 
     On the way F - lambda tilt . x is at its least, for a lambda that rises from 0. The last step ends where F is the level.
@@ -569,7 +570,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
         tilt: (n,).
         limit: of exchanges.
     Returns:
-        Whether `state.x` is that x: it was reached within the limit, and in the ball.
+        ARRIVED if `state.x` is that x; LED_OUT if the way there leads out of the ball; else ENDLESS: the limit was reached.
     """
     n = len(state.active)
     slopes = np.empty(2 * n)
@@ -602,7 +603,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
             if merit < best:
                 best, edge = merit, candidate
         if edge < 0:
-            return holds(ball, x, 1.0)
+            return ARRIVED if holds(ball, x, 1.0) else LED_OUT
         steepness = max(slopes[edge], 0.0)
         i = edge % n
         upwards = 1.0 if edge < n else -1.0
@@ -620,14 +621,14 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
         if end:
             step = max(0.0, (level - f) / steepness)
         if math.isinf(step):
-            return False
+            return LED_OUT
         f += steepness * step
         for j in range(n):
             x[j] += step * direction[j]
         if end:
-            return holds(ball, x, 1.0)
+            return ARRIVED if holds(ball, x, 1.0) else LED_OUT
         if not holds(ball, x, 1.0):
-            return False
+            return LED_OUT
         for k in range(state.tally[COUNT]):
             state.value[k] += step * change[k]
         put(state, state.active[i], upwards)
@@ -638,7 +639,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
         if stalled == STALLED:
             perturb(state, PERTURBATION)
             stalled = 0
-    return False
+    return ENDLESS
 
 
 # ---- the certificate

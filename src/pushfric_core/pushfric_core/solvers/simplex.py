@@ -16,7 +16,21 @@ from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.planar import Array
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.basis import Basis
-from pushfric_core.solvers.pivoting import COEFFICIENT, COST, LARGEST, REFRESH, UPDATES, ZERO, Ball, Indices, Rows
+from pushfric_core.solvers.pivoting import (
+    ARRIVED,
+    COEFFICIENT,
+    COST,
+    COUNT,
+    LARGEST,
+    LED_OUT,
+    REFRESH,
+    UPDATES,
+    ZERO,
+    Ball,
+    Indices,
+    Rows,
+    State,
+)
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,
     NOISELESS,
@@ -66,8 +80,10 @@ BLOCK = 512
 """Norms are computed for this many rows at a time, because the product for all of them would double the memory."""
 
 
-LONGEST_WALK = 400
-"""Cap on the exchanges from the optimum to an extreme of the level set; about twenty are usual."""
+SHORTEST_CAP = 400
+"""Cap on the exchanges from the optimum to an extreme of the level set, besides one for each unsettled row. About a tenth of
+the unsettled rows are usual, and their number grows with the square root of that of all rows.
+"""
 
 WIDENINGS = 8
 """Largest number of times that the balls are doubled for such a walk."""
@@ -101,6 +117,7 @@ class Simplex:
         self._optimum: Optimum | None = None  # of the present rows
         self._infeasible = False
         self._strained = False  # the balls had to be enlarged; around the optimum, small ones will be enough again
+        self._widening = 0  # how often they were doubled for the last extremes
         self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
         self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
@@ -195,22 +212,30 @@ class Simplex:
         if optimum.status is not Status.OPTIMAL:
             return None
         found = np.empty((len(tilts), self._n))
+        effort = 0
         for tilt, w in zip(tilts, found, strict=True):
-            for effort in range(WIDENINGS + 1):
-                if effort > 0:  # the walk led out of the ball: more rows may change sides
-                    self._sort(effort)
-                    self._strained = True
-                state = self._basis.state
-                own = ("tally", "value", "side", "gradient", "active", "inverse", "x")
-                walker = state._replace(**{name: getattr(state, name).copy() for name in own})
-                padded = np.append(tilt, np.zeros(self._columns - self._n))
-                if pivoting.stretch(walker, self._close, padded, optimum.objective + rise, LONGEST_WALK):
-                    break
-            else:
+            padded = np.append(tilt, np.zeros(self._columns - self._n))
+            walker, end = self._stretched(padded, optimum.objective + rise)
+            while end == LED_OUT and effort < WIDENINGS:  # more rows may change sides
+                effort = max(effort + 1, self._widening - 1)
+                self._sort(effort)
+                self._strained = True
+                walker, end = self._stretched(padded, optimum.objective + rise)
+            if end != ARRIVED:
                 return None
             w[:] = np.maximum(walker.x[: self._n], 0.0)
             w /= w.sum()
+        if effort > 0:
+            self._widening = effort
         return found
+
+    def _stretched(self, tilt: Array, level: float) -> tuple[State, int]:
+        """A walk from the optimum to the extreme of the level set along a tilt (columns,): its last state, and how it ended."""
+        state = self._basis.state
+        own = ("tally", "value", "side", "gradient", "active", "inverse", "x")
+        walker = state._replace(**{name: getattr(state, name).copy() for name in own})
+        limit = SHORTEST_CAP + int(state.tally[COUNT])
+        return walker, pivoting.stretch(walker, self._close, tilt, level, limit)
 
     def row_groups(self) -> Indices:
         """The group of each of the present rows, in order of arrival."""
