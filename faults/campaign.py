@@ -88,11 +88,15 @@ def _problems(case: Case, run: CellRun, code: int) -> Iterable[str]:
 
 
 def _message(case: Case, output: str) -> str:
-    """The line that matches, or the last one that is an error or a warning; and why the first aborted push was."""
+    """The line that matches, or the last one that is an error or a warning; why the first aborted push was; the last error."""
     lines = [line for line in output.splitlines() if case.says and re.search(case.says, line)]
-    line = _shortened(lines[0]) if lines else _last(output)
-    aborted = re.search(r"push \d+ aborted: .*", output)
-    return f"{line} ({_shortened(aborted[0])})" if aborted and aborted[0] not in line else line
+    first = _shortened(lines[0]) if lines else _last(output)
+    others = (re.findall(pattern, output, re.M) for pattern in (r"push \d+ aborted: .*", r"^error: .*"))
+    found = [first]
+    for line in (_shortened(lines[0]) for lines in others if lines):
+        if line not in " ".join(found):
+            found.append(line)
+    return " ... ".join(found)
 
 
 def _last(output: str) -> str:
@@ -102,7 +106,7 @@ def _last(output: str) -> str:
 
 def _shortened(line: str) -> str:
     line = re.sub(r"\[(WARN|ERROR|INFO)\] \[[\d.]+\] ", "", line)
-    line = re.sub(r"/\S*pushfric-faults-\w+", "...", line)
+    line = re.sub(r"/\S*pushfric-(faults-)?\w+", "...", line)
     return line if len(line) <= 200 else line[:197] + "..."
 
 

@@ -10,6 +10,7 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -43,6 +44,9 @@ LIFELESS = 0.5
 
 STALL = 0.5
 """If this node stood still for longer, it could not hear anyone meanwhile [s of wall time]."""
+
+LAST_WORDS = 20.0
+"""The node ends this long after its plan, even if a listener has not acknowledged what it last said [s of wall time]."""
 
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
 PASSED = "a person went on to the next push"
@@ -127,7 +131,9 @@ class ExperimentNode(Node):
         self._report(
             PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {counted(self._count, 'push', 'pushes')} done"
         )
-        await self._until(self._progress_out.wait_for_all_acked)
+        deadline = time.monotonic() + LAST_WORDS
+        at_once = Duration(seconds=0)  # a wait would hold up this node's heartbeat, and end as a hang
+        await self._until(lambda: self._progress_out.wait_for_all_acked(at_once) or time.monotonic() > deadline)
         raise SystemExit(0)
 
     async def _withdraw(self) -> str | None:
