@@ -38,10 +38,10 @@ def processes(tmp_path):
 
 @pytest.fixture
 def load():
-    """Starts processes that keep every core busy."""
+    """Starts processes that keep every core busy that the tests may use."""
     burning = []
     yield lambda: burning.extend(
-        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * os.cpu_count())
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * len(os.sched_getaffinity(0)))
     )
     for process in burning:
         process.kill()

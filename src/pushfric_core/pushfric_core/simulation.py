@@ -101,20 +101,21 @@ def _least_dissipation(weights: Array, velocity: Array, modes: Array) -> tuple[A
     # a trace of curvature keeps the step finite if the dissipation is linear
     trace = np.diag(np.sum(modes**2, axis=(1, 2))) * (1e-9 / speed)
     u = np.zeros(len(modes))
+    flat = modes.reshape(len(modes), -1)
     velocities = np.broadcast_to(velocity, modes.shape[1:])
     speeds = np.sqrt(np.sum(velocities**2, axis=1) + floor)
     for _ in range(ITERATIONS):
         share = weights / speeds
         along = np.sum(modes * velocities, axis=2)  # (k, n)
         gradient = along @ share
-        hessian = np.tensordot(modes * share[:, None], modes, axes=((1, 2), (1, 2))) - (along * (share / speeds**2)) @ along.T
+        hessian = (modes * share[:, None]).reshape(flat.shape) @ flat.T - (along * (share / speeds**2)) @ along.T
         step = -np.linalg.solve(hessian + trace, gradient)
         decrease = -float(gradient @ step)
         value = float(weights @ speeds)
         length = 1.0
         # shorten the step until it gains what was expected, or until the expected gain is lost in rounding
         while length * decrease > CONVERGED * value:
-            trial = velocity + np.tensordot(u + length * step, modes, axes=1)
+            trial = velocity + ((u + length * step)[None] @ flat).reshape(modes.shape[1:])
             trial_speeds = np.sqrt(np.sum(trial**2, axis=1) + floor)
             if float(weights @ trial_speeds) <= value - 0.1 * length * decrease:
                 break
