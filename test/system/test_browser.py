@@ -40,6 +40,8 @@ PUSHES = 80
 SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 910}
 """Size of the docs' pictures [px]."""
 
+ALL_OF_IT = {"width": 1200, "height": 1460}
+
 LAST_PUSH = 14
 """Number of the last push of the demo."""
 
@@ -302,11 +304,9 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
                         page.locator("#picture").press(f"{prefix}{keys[offset < 0]}")
             expect(page.locator("#save")).to_be_enabled()
             if "PUSHFRIC_PICTURES" in os.environ:
-                page.set_viewport_size(SCREEN)
+                page.set_viewport_size(ALL_OF_IT)
                 page.locator("#picture").blur()
-                path = pathlib.Path(os.environ["PUSHFRIC_PICTURES"]) / "points.png"
-                page.screenshot(path=path, full_page=True)
-                make_small(path)
+                page.screenshot(path=pathlib.Path(os.environ["PUSHFRIC_PICTURES"]) / "points.png")
             page.locator("#another").click()
             expect(page.locator("#answer")).to_contain_text("pictures: no further picture")
             page.locator("#save").click()

@@ -61,15 +61,17 @@ def table_of(out: pathlib.Path) -> dict[str, dict[str, str]]:
 
 
 def test_a_broken_input_costs_only_itself(inputs, tmp_path):
+    os.mkfifo(inputs / "pipe.csv")  # which nobody writes to
     out = tmp_path / "out"
     run = estimate(inputs, "--object", NAME, "--grid", 5, 5, "--out", out, "--jobs", 2, "--json")
     assert run.returncode == 1, run.stderr
     told = json.loads(run.stdout)
     assert {name: told[name] for name in ("inputs", "usable", "not_usable", "broken", "outliers")} == {
-        "inputs": 7, "usable": 6, "not_usable": 0, "broken": 1, "outliers": 1,
+        "inputs": 8, "usable": 6, "not_usable": 0, "broken": 2, "outliers": 1,
     }  # fmt: skip
     rows = table_of(out)
-    assert list(rows) == [*(f"run_{seed}.csv" for seed in range(6)), "torn.csv"]
+    assert list(rows) == ["pipe.csv", *(f"run_{seed}.csv" for seed in range(6)), "torn.csv"]
+    assert rows["pipe.csv"]["error"].endswith("pipe.csv: is a pipe or a device; expected a bag or a CSV of observations")
     assert "missing column normal_x" in rows["torn.csv"]["error"]
     assert rows["torn.csv"]["p_cf_x"] == rows["torn.csv"]["model"] == ""
     assert [name for name, row in rows.items() if row["outlier"]] == ["run_5.csv"]

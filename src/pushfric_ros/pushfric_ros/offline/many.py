@@ -144,6 +144,8 @@ def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Pat
     warnings: list[str] = []
     line: Line = {"input": str(path), "fingerprint": fingerprint(path, choices), "warnings": warnings}
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():  # reading a pipe might never end
+            raise InvalidInput(f"{path}: is a pipe or a device; expected a bag or a CSV of observations")
         estimation = estimate_from(path, choices, warnings.append)
         line |= estimation.figures()
         if estimation.result.contradiction is None:

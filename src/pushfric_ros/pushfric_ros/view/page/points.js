@@ -286,7 +286,7 @@ function drawMap() {
   fit.map.forEach((line, i) => line.forEach((error, j) => {
     const x = (j * wide) / columns, y = (i * high) / rows, opacity = 0.08 + 0.5 * (error / fit.largest);
     parts.push(made("rect", { x, y, width: wide / columns, height: high / rows, "fill-opacity": opacity.toFixed(3) }));
-    parts.push(made("text", { x: x + wide / columns / 2, y: y + high / rows / 2 + 5, "text-anchor": "middle" }, (1e3 * error).toPrecision(2)));
+    parts.push(made("text", { x: x + wide / columns / 2, y: y + high / rows / 2 + 5, "text-anchor": "middle" }, mm(error, error < 0.01 ? 2 : 0)));
   }));
   svg.replaceChildren(...parts);
 }
