@@ -240,6 +240,11 @@ def test_a_stroke_that_takes_too_long_is_ended():
     stroke.check_time(stroke.longest)
     with pytest.raises(Timeout, match=r"the stroke to 0\.0500 m is not done after"):
         stroke.check_time(stroke.longest + 0.01)
+    patient = Stroke(0.0, 0.05, SPEED, ACCELERATION, 0.25, wait=2.0)
+    pieces = 0
+    while patient.next_piece(patient.sent) is not None:
+        pieces += 1
+    assert patient.longest == pytest.approx(stroke.longest + 2.0 * pieces)
 
 
 @pytest.mark.parametrize("acceleration", [math.inf, 0.5, 0.01])

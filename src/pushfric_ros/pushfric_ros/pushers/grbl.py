@@ -594,7 +594,9 @@ class Grbl:
         """Send the pieces of a stroke, as there is room for them, until the pusher rests at its end."""
         assert self._last is not None
         acceleration = self.limits.acceleration
-        self._stroke = stroke = Stroke(self._last.position, position, speed, acceleration, self._ahead * self._factor)
+        # a longer silence is allowed on a busy machine, to each piece
+        ahead, wait = self._ahead * self._factor, max(0.0, self._silence - GrblSettings.silence)
+        self._stroke = stroke = Stroke(self._last.position, position, speed, acceleration, ahead, wait)
         self.send(RealTime.FULL_FEED)
         self._answer, began, waits = None, time.monotonic(), False
         idle, seen, believed, patience = 0, self._statuses, self._believed, NOT_IDLE_OFTEN

@@ -20,7 +20,7 @@ LONGER, LONGER_BY = 4.0, 5.0  # than a stroke should take: factor, and [s]
 class Stroke:
     """From rest to rest, along one line, at one speed."""
 
-    def __init__(self, start: float, target: float, speed: float, acceleration: float, ahead: float) -> None:
+    def __init__(self, start: float, target: float, speed: float, acceleration: float, ahead: float, wait: float = 0.0) -> None:
         """Begin at `start`.
 
         Args:
@@ -29,6 +29,7 @@ class Stroke:
             speed: > 0 [m/s]
             acceleration: of the controller; infinite if not known [m/s^2].
             ahead: how long it may go on without a new piece, before it brakes [s].
+            wait: how much longer than usual each piece may wait for its answer [s].
         """
         way = target - start
         braking = speed**2 / (2 * acceleration)
@@ -42,7 +43,7 @@ class Stroke:
         self._furthest = 0.0  # along the way
         self._too_fast = 0
         ramps = 2 * speed / acceleration
-        self.longest = LONGER * (abs(way) / speed + ramps) + LONGER_BY
+        self.longest = LONGER * (abs(way) / speed + ramps) + LONGER_BY + self._count * wait
         """The stroke may take this long [s]."""
 
     @property
