@@ -1,14 +1,17 @@
 """What the verdict says about unusable input, with pushes of the object on four feet; good input is used."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import four_feet
+from problems import four_feet, pushed_as_planned, three_feet
 
+from pushfric_core import verdict as verdict_room
 from pushfric_core.estimator import Estimator
 from pushfric_core.planar import Twist, rotation, velocity_at
+from pushfric_core.push_plan import PlannedPush
 
 FEET = four_feet()
 
@@ -55,3 +58,56 @@ def test_supports_whose_hull_misses_the_center_of_friction_are_told():
     aside = np.array(((x + 0.2 * width, y - width), (x + 0.2 * width, y + width), (x + width, y), (x + 0.6 * width, y)))
     verdict = judged(lambda _, o: replace(o, force=None), aside)
     assert any("hull" in sentence or "err by" in sentence for sentence in verdict.reasons), verdict.reasons
+
+
+TRIANGLE = three_feet()
+
+
+def aimed(change=lambda observation: observation, center=None):
+    """The estimator, and the verdict on pushes that pass p_CF of the triangle at 4 to 12 mm, with a given p_CF or none."""
+    outline, truth = TRIANGLE.outline, TRIANGLE.truth
+    estimator = Estimator(outline.grid(6, 6, 0.01), center_of_friction=center)
+    push_id = 0
+    for edge in range(3):
+        along = outline.edges[edge] / outline.lengths[edge]
+        middle = (truth.center_of_friction - outline.vertices[edge]) @ along - outline.lengths[edge] / 2
+        for offset in (-0.012, -0.008, -0.004, 0.004, 0.008, 0.012):
+            observation, _ = pushed_as_planned(truth, outline, PlannedPush(edge, float(middle) + offset), 0.3)
+            estimate = estimator.add(change(replace(observation, push_id=push_id)))
+            push_id += 1
+    return estimate, estimator.verdict(estimate)
+
+
+def test_half_planes_that_contradict_the_program_are_told():
+    """A p_CF 18 mm off is forced on the program: pushes that pass between it and the true one turn the object the other way."""
+    _, verdict = aimed(center=TRIANGLE.truth.center_of_friction + (0.0182, 0.0))
+    (reason,) = verdict.reasons
+    assert re.search(r"contradict the program: in 22 % of the data points, of 4 pushes", reason), reason
+    assert "the centre of friction that was given must be wrong" in reason
+    assert not verdict.use
+    assert aimed(center=TRIANGLE.truth.center_of_friction)[1].use
+    assert aimed()[1].use
+
+
+def test_bad_pushes_that_the_fit_tolerates_are_no_contradiction():
+    """Two of eighteen pushes turn the wrong way. The fit, which is robust, leaves p_CF where it is."""
+
+    def two_wrong(one):
+        return replace(one, twist=one.twist._replace(omega=-one.twist.omega)) if one.push_id in (0, 9) else one
+
+    estimate, verdict = aimed(two_wrong)
+    assert math.dist(estimate.center_of_friction, TRIANGLE.truth.center_of_friction) < 0.005
+    assert verdict.reasons == ()
+
+
+def test_the_half_planes_of_a_long_run_are_thinned(monkeypatch):
+    """Every second line, then every fourth ... is kept; they still span the whole run."""
+    monkeypatch.setattr(verdict_room, "LINES", 50)
+    lines = verdict_room._Lines()
+    observation = FEET.observations[0]
+    for push_id in range(1000):
+        lines.add(replace(observation, push_id=push_id))
+        sides, pushes = lines.sides(FEET.truth.center_of_friction)
+        assert min(25, push_id + 1) <= len(pushes) <= 50
+    assert pushes.tolist() == list(range(0, 1000, 32))
+    assert (sides > 0).all()

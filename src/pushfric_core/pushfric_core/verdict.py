@@ -1,6 +1,7 @@
 """A verdict on the input: whether an estimate may be used, and if not, the likely cause and what to do about it.
 
-Every check adds up a few numbers for each data point, so that its cost does not grow with their number.
+Every check adds up a few numbers for each data point, or looks at a limited number of data points, so that its cost does not
+grow with their number.
 """
 
 import cmath
@@ -11,7 +12,7 @@ import numpy as np
 
 from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
-from pushfric_core.planar import Array, Twist, velocity_at
+from pushfric_core.planar import Array, Twist, cross, velocity_at
 from pushfric_core.screening import Change, Rejected
 from pushfric_core.solvers.program import Status
 from pushfric_core.spread import FEWEST_PUSHES
@@ -39,6 +40,18 @@ POOR_FIT = 0.2
 
 AT_THE_EDGE = 0.01
 """p_CF lies at the edge of the hull of the support points within this share of their extent."""
+
+ASIDE = 0.1
+"""p_CF lies on the wrong side of a line of motion if it is farther from it than this share of the support's rms radius."""
+
+OPPOSED = 0.05
+"""Share of the data points for which p_CF may lie on the wrong side; in good runs, real and simulated, at most 0.03 do."""
+
+OPPOSED_PUSHES = 3
+"""... and fewer pushes than this may be bad ones, which the fit tolerates."""
+
+LINES = 1000
+"""At most this many lines of motion are kept, spread evenly over all data points."""
 
 DIRECTIONS = np.column_stack([trig(np.arange(64) * math.pi / 32) for trig in (np.cos, np.sin)])
 """(64, 2) unit vectors all around."""
@@ -90,6 +103,7 @@ class InputCheck:
         self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1))))
         self._count = self._inward = self._receding = self._about_origin = self._forces = 0
         self._turn = 0j
+        self._lines = _Lines()
 
     def add(self, observation: Observation) -> None:
         """Take a data point."""
@@ -99,6 +113,7 @@ class InputCheck:
         self._inward += bool((contact - self._middle) @ normal < 0)
         self._receding += _recedes(observation.twist, contact, normal)
         self._about_origin += math.hypot(vx, vy) < ABOUT_ORIGIN * self._radius * abs(omega)
+        self._lines.add(observation)
         if observation.force is not None and any(observation.force):
             motion = complex(*velocity_at(observation.twist, self._middle))
             if motion != 0:
@@ -113,6 +128,8 @@ class InputCheck:
             reasons.append(f"{estimate.contradiction}: leave out a bad one of them with --exclude-push")
         elif estimate.pushes >= FEWEST_PUSHES:
             reasons += self._doubts(estimate)
+            if not reasons:  # otherwise the cause is known already
+                reasons += self._opposed(estimate)
         return Verdict(tuple(reasons))
 
     def _mistakes(self) -> list[str]:
@@ -166,6 +183,54 @@ class InputCheck:
         if estimate.status is not Status.INFEASIBLE and thick and reach.min() < AT_THE_EDGE * extent.max():
             found.append("p_CF lies at the edge of the hull of the support points: give support points further out")
         return found
+
+    def _opposed(self, estimate: Estimate) -> list[str]:
+        """Whether the half-planes of section 6.2, which need no support points, contradict the p_CF of the program."""
+        center = estimate.center_of_friction
+        sides, pushes = self._lines.sides(center)
+        wrong = sides < -ASIDE * self._radius
+        share, opposed = wrong.sum() / max(len(sides), 1), sorted(set(pushes[wrong].tolist()))
+        if share <= OPPOSED or len(opposed) < OPPOSED_PUSHES:
+            return []
+        x, y = (1e3 * center).tolist()
+        cause = (
+            "the centre of friction that was given must be wrong"
+            if estimate.center_given
+            else "check the unit and sign of omega, that vx, vy are the velocity of the object-frame origin, and that contacts "
+            "and support points have the same frame"
+        )
+        return [
+            f"the half-planes contradict the program: in {100 * share:.0f} % of the data points, of {len(opposed)} pushes, the "
+            f"object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: {cause}"
+        ]
+
+
+class _Lines:
+    """The lines along which contacts moved: p_CF lies on the side of each to which the object turned (Mason's theorem 2)."""
+
+    def __init__(self) -> None:
+        self._kept = np.empty((LINES, 5))  # contact, unit direction, push
+        self._filled = self._seen = 0
+        self._stride = 1
+
+    def add(self, observation: Observation) -> None:
+        """Take the line of a data point, with p_CF on its left. One without a turn or a line has none."""
+        vx, vy = velocity_at(observation.twist, observation.contact_point).tolist()
+        speed = math.copysign(math.hypot(vx, vy), observation.twist.omega)
+        if speed == 0 or observation.twist.omega == 0:
+            return
+        if self._filled == LINES:  # from now on half as many
+            self._filled, self._stride = -(-LINES // 2), 2 * self._stride
+            self._kept[: self._filled] = self._kept[::2].copy()
+        if self._seen % self._stride == 0:
+            self._kept[self._filled] = *observation.contact_point, vx / speed, vy / speed, observation.push_id
+            self._filled += 1
+        self._seen += 1
+
+    def sides(self, point: Array) -> tuple[Array, Array]:
+        """How far a point (2,) lies on the side of each line where p_CF must be [m], and the push of each line."""
+        lines = self._kept[: self._filled]
+        return cross(lines[:, 2:4], point - lines[:, :2]), lines[:, 4].astype(int)
 
 
 def _recedes(twist: Twist, contact: Array, normal: Array) -> bool:
