@@ -37,8 +37,8 @@ class Observation:
         twist: velocity of the object-frame origin [m/s, m/s, rad/s]; only its direction matters.
         push_id: number of the push that the data point belongs to.
         half_width: half the interval of possible contact points along the edge [m].
-        duration: time between the two poses that were differenced [s]; 0 if unknown.
-        stamp: time of the middle image [ns]; 0 if unknown.
+        duration: time between the two smoothed poses that were differenced [s]; 0 if unknown.
+        stamp: mean time of the images that were smoothed [ns]; 0 if unknown.
         pose: of the object in the table frame at the stamp; None if unknown.
         force: measured force of the pusher ON the object [N]; None without a force sensor.
         tip_velocity: of the pusher's tip over the table, in the object frame [m/s], in the unit of time of the twist; None

@@ -42,10 +42,6 @@ FEW = 4
 LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
 """What is usual counts as this share of the tip's speed at least: an error of a finite step, not of the camera."""
 
-STARTING = 0.07
-"""Share of the tip's speed that may be missing in the first data point of a push: the poses that are smoothed for it may begin
-before the contact does, by the tolerance of the contact."""
-
 CONTRADICTS = 8.0
 """A push whose moment is wrong by this many times the scale of the errors contradicts the others."""
 
@@ -77,6 +73,14 @@ BEFORE = 5
 
 STEPS = 10
 """Number of steps of the reweighted least squares that find a shift of p_CF."""
+
+BROKEN = 1.5
+"""Data points of a push that are further apart than this many times the nearest two do not show one motion: in between, the tip
+was held up, or frames are missing."""
+
+MISMATCH, JUMP, POSES, SPAN, WEIGHT, MOMENTS = range(6)
+"""Columns of the table: what was measured of a data point, its time since the one before it in units of its duration,
+its weight in the fit, and, from the last on, the row of its moment."""
 
 TINY = 1e-9
 """Keeps the direction of a wholly free support defined; its weight is next to nothing."""
@@ -119,7 +123,7 @@ class Screening:
         self._points, self._middle = points, points.mean(axis=0)
         self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1)))) or 1.0
         self._radii = FreeRadii(0.0, OPEN * self._radius)
-        self._table = RowTable(4 + len(points))  # mismatch, jump, poses, weight, row of the moment
+        self._table = RowTable(MOMENTS + len(points))
         self._last: tuple[Observation, Array] | None = None
         self._program = empty_program(len(points))
         self._groups: dict[int, list[int]] = {}  # of each push in the program
@@ -134,11 +138,13 @@ class Screening:
             UninformativePush: it rotates exactly about a support point.
         """
         motion = self._motion(observation)
-        jump = poses = math.nan
+        jump = poses = span = math.nan
         if self._last is not None and self._last[0].push_id == observation.push_id:
             before, moved = self._last
             jump = float(np.linalg.norm(motion - moved))
             poses = self._between(before, observation)
+            if observation.duration > 0 and observation.stamp > before.stamp:
+                span = (observation.stamp - before.stamp) / 1e9 / observation.duration
         self._last = observation, motion
         forces = support_forces(self._points, observation.twist, self._radii)
         arms = left_of(self._points - observation.contact_point)
@@ -146,7 +152,7 @@ class Screening:
         # a force anywhere in a disc: half the radius is its standard deviation along any direction
         doubt = float((np.hypot(arms[:, 0], arms[:, 1]) * forces.free) @ self._program.solve().w) / 2
         weight = 1 / math.hypot(1.0, doubt / (USUAL * self._radius))
-        row = np.concatenate(((tip_at(observation)[1], jump, poses, weight), moments))
+        row = np.concatenate(((tip_at(observation)[1], jump, poses, span, weight), moments))
         self._table.append(row[None], observation.push_id)
         if observation.push_id not in self._bad:
             self._put(observation.push_id, moments, weight)
@@ -166,7 +172,7 @@ class Screening:
             self._take_out(push_id)
         for push_id in self._bad - set(found):
             for row in self._table.rows[self._table.groups == push_id]:
-                self._put(push_id, row[4:], float(row[3]))
+                self._put(push_id, row[MOMENTS:], float(row[WEIGHT]))
         self._bad = set(found)
         found |= self._contradicting(pushes, place)
         if self._change is None:
@@ -177,18 +183,18 @@ class Screening:
         """The pushes whose motion was measured wrongly."""
         k = len(pushes)
         wider = _wider(k)
-        values = self._table.rows[:, :3].copy()
-        mismatch = values[:, 0].copy()
-        starts = np.unique(place, return_index=True)[1]
-        values[starts, 0] -= np.clip(mismatch[starts], -STARTING, STARTING)
+        values, spans = self._table.rows[:, :SPAN].copy(), self._table.rows[:, SPAN]
+        if np.isfinite(spans).any():
+            with np.errstate(invalid="ignore"):
+                values[spans > BROKEN * np.nanmin(spans), JUMP:] = np.nan
         worst = np.full((k, 3), np.nan)
         np.fmax.at(worst, place, np.abs(values))
-        seen, drift = (np.abs(np.bincount(place, weights=np.nan_to_num(one))) for one in (mismatch, values[:, 0]))
+        drift = np.abs(np.bincount(place, weights=np.nan_to_num(values[:, MISMATCH])))
         measured = {
-            "mismatch": (worst[:, 0], NORMAL * _median(np.abs(mismatch))),
-            "drift": (drift, NORMAL * _median(np.where(np.isfinite(worst[:, 0]), seen, np.nan))),
-            "jump": (worst[:, 1], _median(worst[:, 1])),
-            "poses": (worst[:, 2], _median(worst[:, 2])),
+            "mismatch": (worst[:, MISMATCH], NORMAL * _median(np.abs(values[:, MISMATCH]))),
+            "drift": (drift, NORMAL * _median(np.where(np.isfinite(worst[:, MISMATCH]), drift, np.nan))),
+            "jump": (worst[:, JUMP], _median(worst[:, JUMP])),
+            "poses": (worst[:, POSES], _median(worst[:, POSES])),
         }
         found: dict[int, str] = {}
         for name, (sizes, usual) in measured.items():
@@ -216,13 +222,13 @@ class Screening:
             if sizes_without[index] > max(limit, HEAVY * float(np.quantile(sizes_without[others], 0.9))):
                 found[push_id] = "moment"
             for row in self._table.rows[self._table.groups == push_id]:
-                self._put(push_id, row[4:], float(row[3]))
+                self._put(push_id, row[MOMENTS:], float(row[WEIGHT]))
         return found
 
     def _misfits(self, place: Indices, inside: npt.NDArray[np.bool_]) -> Array:
         """Mean error of each push, over the scale of the errors of those inside the program."""
         optimum = self._program.solve()
-        errors = self._table.rows[:, 3] * np.abs(self._table.rows[:, 4:] @ optimum.w)
+        errors = self._table.rows[:, WEIGHT] * np.abs(self._table.rows[:, MOMENTS:] @ optimum.w)
         count = int(np.count_nonzero(inside[place]))
         scale = max(optimum.objective / _freedom(count, optimum.w), LEAST_ERROR * self._radius)
         return np.asarray(np.bincount(place, weights=errors) / np.bincount(place) / scale)
@@ -237,8 +243,8 @@ class Screening:
         rank = (np.cumsum(inside) - 1)[place[used]]
         rows = self._table.rows[used]
         optimum = self._program.solve()
-        weights, errors = rows[:, 3], rows[:, 4:] @ optimum.w
-        slopes = rows[:, 4:] @ self._shift(optimum.w)
+        weights, errors = rows[:, WEIGHT], rows[:, MOMENTS:] @ optimum.w
+        slopes = rows[:, MOMENTS:] @ self._shift(optimum.w)
         lasts = np.arange(1, min(LATEST, k - BEFORE) + 1)
         after = rank >= (k - lasts)[:, None]
         before_it, after_it = (_shifts_that_fit(errors, slopes, weights, parts) for parts in (~after, after))

@@ -7,11 +7,17 @@ frame of an observation need not wait if it shows that the object moves on as be
 A tip that keeps to one straight line, as a stage's does, meets the outline where that line does. A tip that moves freely, as an
 arm's does, reports another line each time; then the contact is the point of the outline nearest to the tip, whose place at a
 frame lies between two reports.
+
+A data point is the mean of one motion. So its window has no frame from before the contact was seen to move, and none in which
+the tip may have been at rest or on its way to another speed. A tip that moves freely also keeps its direction there. The poses
+show when the push of the object begins, because a busy machine puts late stamps on what the pusher reports, and reports little.
+For the same reason, the velocity of a tip on its line is made of the speeds that it reports, and not of its places.
 """
 
 import math
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +32,13 @@ NANOSECONDS = 1e9
 
 STEADY = 0.25
 """The object moves on as before if its velocity differs from the mean of earlier frames by at most this fraction. This shows a
-push that ended before the last quarter of the time between two frames."""
+push that ended before the last quarter of the time between two frames. Likewise for the speeds in two reports of the pusher."""
+
+FEWEST_FRAMES = 2
+"""Number of frames that show how the object moves: where reports differ, whether it moves on as before decides."""
+
+STRAIGHT = 0.25
+"""A tip turns if its unit directions in two halves differ by more than this fraction of their sum, which is 28 degrees."""
 
 LEAP = 0.005
 """A pose may differ from the one before it by this much [m] more than the tip's speed allows."""
@@ -70,6 +82,8 @@ class _Frame(NamedTuple):
     pose: Pose
     pusher: PusherSample  # the report before it
     tip: Array  # (2,) where it was, table frame [m]
+    speed: float  # of the tip along its line [m/s]
+    steady: bool  # whether the reports before and after tell the same speed
     free: bool  # whether the reports before and after differ in their lines
 
 
@@ -111,6 +125,10 @@ class Trajectory:
         self._pusher: PusherSample | None = None  # of the run's newest frame
         self._next = self._margin  # index in the run of the next observation
         self._before: PoseSample | None = None  # the frame before, of the same push
+        self._resting = 0  # number of frames in which the object waits for the tip
+        self._rest = Pose(0.0, 0.0, 0.0)  # their mean
+        self._pushed = False  # whether the contact was seen to move since
+        self._tells_speed = False  # whether the pusher has ever reported a speed other than 0
         self._parted: PoseSample | None = None  # the first of the consecutive frames in which the tip is away from the object
         self._wrong = 0  # number of wrong poses in a row
         self._contradiction: str | None = None
@@ -140,8 +158,11 @@ class Trajectory:
         return self._settle()
 
     def add_pusher(self, sample: PusherSample) -> list[Observation]:
-        """Take a pusher state and return the observations that became certain. A state older than the last is ignored."""
-        if self._pushers and sample.stamp <= self._pushers[-1].stamp:
+        """Take a pusher state and return the observations that became certain.
+
+        A state older than the last is ignored. One with the same stamp is not: it is the newer one where a clock stood still.
+        """
+        if self._pushers and sample.stamp < self._pushers[-1].stamp:
             return []
         self._pushers.append(sample)
         return self._settle()
@@ -154,7 +175,7 @@ class Trajectory:
             # frame by frame in this order, whatever arrived first
             if self._moves_on(sample):
                 assert self._pusher is not None
-                found += self._complete(_Frame(*sample, self._pusher, self._pusher.tip, free=False))
+                found += self._complete(_Frame(*sample, self._pusher, self._pusher.tip, self._run[-1].speed, True, free=False))
             if not self._pushers or sample.stamp > self._pushers[-1].stamp:
                 break
             self._waiting.popleft()
@@ -169,7 +190,7 @@ class Trajectory:
             self._before = self._parted = None
             return None
         before, after = self._pushers[0], self._pushers[1]
-        if before.push_id is None or before.push_id != after.push_id:
+        if before.push_id is None or before.push_id != after.push_id or before.stamp == after.stamp:
             self._before = self._parted = None
             return None
         share = (sample.stamp - before.stamp) / (after.stamp - before.stamp)
@@ -187,9 +208,32 @@ class Trajectory:
         if self._leaps(sample, max(abs(before.speed), abs(after.speed), abs(mean))):
             return None
         self._compare(sample, depth)
-        if touch is None or touch.edge is None or depth < -self.config.contact_tolerance:
+        self._tells_speed |= before.speed != 0 or after.speed != 0
+        slow, fast = sorted((before.speed, after.speed) if self._tells_speed else (mean, mean))
+        near = touch is not None and touch.edge is not None and depth >= -self.config.contact_tolerance
+        if not near:
+            self._wait(sample.pose)
             return None
-        return _Frame(*sample, before, tip, free)
+        assert touch is not None
+        if not self._has_pushed(sample.pose, touch):
+            return None
+        steady = slow > 0 and (free or slow >= (1 - STEADY) * fast)
+        return _Frame(*sample, before, tip, (slow + fast) / 2, steady, free)
+
+    def _wait(self, pose: Pose) -> None:
+        """In this pose, the object rests, as far as one knows, until its contact has been seen to move."""
+        self._resting, self._rest, self._pushed = 1, pose, False
+
+    def _has_pushed(self, pose: Pose, touch: Touch) -> bool:
+        """Whether the contact has left the place where it rested."""
+        if self._pushed:
+            return True
+        if self._resting:
+            moved = transform(pose, touch.point) - transform(self._rest, touch.point)
+            self._pushed = float(rotation(pose.theta) @ touch.normal @ moved) <= -self.config.contact_tolerance
+        self._resting += 1
+        self._rest = _between(self._rest, pose, 1 / self._resting)
+        return self._pushed
 
     def _nearest(self, tip: Array, radius: float, pose: Pose) -> Touch | None:
         """Where a tip touches an edge of the object; None if it touches a corner or nothing."""
@@ -201,6 +245,7 @@ class Trajectory:
         before, self._before = self._before, sample
         if before is None:  # a new push
             self._contradiction, self._wrong = None, 0
+            self._resting, self._pushed = 0, False
             return False
         moved = self._moved(before, sample)
         if moved <= LEAP + LEAPS * speed * (sample.stamp - before.stamp) / NANOSECONDS:
@@ -241,11 +286,28 @@ class Trajectory:
         if pusher is None or self._pusher is None or pusher.push_id != self._pusher.push_id or self._after_a_gap(sample):
             self._run, self._next = [], self._margin
         self._pusher = pusher
+        if frame is not None and not self._keeps_its_speed(frame):
+            # with late reports, a tip that is said to rest may still move; with early stamps, one that is said to move may rest
+            if frame.pusher.speed >= frame.speed and self._as_before(sample):
+                frame = frame._replace(speed=self._run[-1].speed)
+            elif frame.pusher.speed > frame.speed and len(self._run) < FEWEST_FRAMES:
+                frame = frame._replace(speed=frame.pusher.speed)
+            else:
+                frame = None
+                self._wait(sample.pose)
         if frame is None:
+            self._run, self._next = [], self._margin
             return []
         found = self._complete(frame)
         self._run.append(frame)
         return found
+
+    def _keeps_its_speed(self, frame: _Frame) -> bool:
+        """Whether the reports around a frame say that the tip moves as before."""
+        if frame.free or not self._run:
+            return frame.steady
+        slow, fast = sorted((self._run[-1].speed, frame.speed))
+        return frame.steady and slow >= (1 - STEADY) * fast
 
     def _after_a_gap(self, sample: PoseSample) -> bool:
         return bool(self._run) and sample.stamp - self._run[-1].stamp > self.config.longest_gap * NANOSECONDS
@@ -253,12 +315,19 @@ class Trajectory:
     def _moves_on(self, sample: PoseSample) -> bool:
         """Whether a frame that would complete the next observation already shows that the push goes on."""
         before = self._run[self._next - self._margin :]
-        if len(before) < 2 * self._margin or self._after_a_gap(sample) or any(frame.free for frame in before):
+        if len(before) < 2 * self._margin or any(frame.free for frame in before) or not self._as_before(sample):
             return False
         assert self._pusher is not None
+        return self._touch(self._pusher.line, sample.pose) is not None
+
+    def _as_before(self, sample: PoseSample) -> bool:
+        """Whether the object moves on in a frame as in the last ones of the run."""
+        before = self._run[-2 * self._margin :]
+        if len(before) < FEWEST_FRAMES or self._after_a_gap(sample):
+            return False
         mean, last = _velocity(before[0], before[-1]), _velocity(before[-1], sample)
         change = self._speed(Twist(*np.subtract(last, mean).tolist()))
-        return change <= STEADY * self._speed(mean) and self._touch(self._pusher.line, sample.pose) is not None
+        return change <= STEADY * self._speed(mean)
 
     def _complete(self, newest: _Frame) -> list[Observation]:
         """The observation that the run and the frame after it complete, if there is one."""
@@ -273,51 +342,81 @@ class Trajectory:
         return [observation]
 
     def _observe(self, frames: list[_Frame]) -> Observation | None:
-        """The observation in the middle of some frames; None if the object rests or the smoothed contact is not on an edge."""
+        """The observation in the middle of some frames.
+
+        None if the object rests, the smoothed contact is not on an edge, or the tip turns.
+        """
         assert self._pusher is not None
         assert self._pusher.push_id is not None
-        middle = self._margin
-        previous, pose, following = (self._smoothed(frames, middle + shift) for shift in (-1, 0, 1))
-        duration = (frames[middle + 1].stamp - frames[middle - 1].stamp) / NANOSECONDS
+        windows = [self._window(frames, self._margin + shift) for shift in (-1, 0, 1)]
+        previous, pose, following = (
+            _mean([frame.pose for frame in window], frames[self._margin].pose.theta) for window in windows
+        )
+        # as much time as lies between the means, also where images come irregularly
+        time = sum(after.stamp - before.stamp for before, after in zip(windows[0], windows[2], strict=True))
+        duration = time / self.config.window / NANOSECONDS
         velocity = rotation(-pose.theta) @ (following.x - previous.x, following.y - previous.y) / duration
         twist = Twist(float(velocity[0]), float(velocity[1]), (following.theta - previous.theta) / duration)
         if not any(twist) or self._speed(twist) < self.config.minimum_speed:
             return None
         if any(frame.free for frame in frames):
-            first, at, last = (self._smoothed_tip(frames, middle + shift) for shift in (-1, 0, 1))
+            if self._turns(frames):
+                return None
+            first, at, last = (np.mean([frame.tip for frame in window], axis=0) for window in windows)
             touch = self._nearest(at, self._pusher.line.tip_radius, pose)
             tip = rotation(-pose.theta) @ (last - first) / duration
         else:
             touch = self._touch(self._pusher.line, pose)
-            tip = self._pusher.speed * rotation(-pose.theta) @ np.asarray(self._pusher.line.direction)
+            tip = self._mean_travel(frames) / duration * rotation(-pose.theta) @ np.asarray(self._pusher.line.direction)
         if touch is None:
             return None
+        start = frames[0].stamp
         return Observation(
             contact_point=(float(touch.point[0]), float(touch.point[1])),
             contact_normal=(float(touch.normal[0]), float(touch.normal[1])),
             twist=twist,
             push_id=self._pusher.push_id,
             duration=duration,
-            stamp=frames[middle].stamp,
+            stamp=start + round(sum(frame.stamp - start for frame in windows[1]) / self.config.window),
             pose=pose,
             tip_velocity=(float(tip[0]), float(tip[1])),
         )
+
+    def _window(self, frames: list[_Frame], index: int) -> list[_Frame]:
+        """The frames whose mean is the smoothed one at an index."""
+        half = self.config.window // 2
+        return frames[index - half : index + half + 1]
 
     def _speed(self, twist: Twist) -> float:
         """Approximate speed of the fastest corner [m/s]."""
         return float(np.hypot(twist.vx, twist.vy) + abs(twist.omega) * self._reach)
 
-    def _smoothed_tip(self, frames: list[_Frame], index: int) -> Array:
-        """Mean place (2,) of the tip in the window centred on a frame, table frame [m]."""
-        half = self.config.window // 2
-        return np.asarray(np.mean([frame.tip for frame in frames[index - half : index + half + 1]], axis=0))
+    def _mean_travel(self, frames: list[_Frame]) -> float:
+        """How far the tip moves from the mean of one window to that of the other [m], by its speeds."""
+        steps = [0.5 * (a.speed + b.speed) * (b.stamp - a.stamp) / NANOSECONDS for a, b in pairwise(frames)]
+        travelled = np.concatenate(((0.0,), np.cumsum(steps)))
+        return float(np.mean(travelled[-self.config.window :]) - np.mean(travelled[: self.config.window]))
 
-    def _smoothed(self, frames: list[_Frame], index: int) -> Pose:
-        """Mean pose of the window centred on a frame, with angles unwrapped around that of the frame in the middle [rad]."""
-        half, reference = self.config.window // 2, frames[self._margin].pose.theta
-        window = [sample.pose for sample in frames[index - half : index + half + 1]]
-        x, y = (float(np.mean(values)) for values in list(zip(*window, strict=True))[:2])
-        return Pose(x, y, reference + float(np.mean([wrap(pose.theta - reference) for pose in window])))
+    def _turns(self, frames: list[_Frame]) -> bool:
+        """Whether a free tip moves in one direction in the first half of some frames and in another in the second."""
+        first, middle, last = (frames[index].tip for index in (0, self._margin, -1))
+        lengths = [float(np.hypot(*half)) for half in (middle - first, last - middle)]
+        if not min(lengths) > 0:
+            return True
+        before, after = (middle - first) / lengths[0], (last - middle) / lengths[1]
+        return float(np.hypot(*(after - before))) > STRAIGHT * float(np.hypot(*(after + before)))
+
+
+def _mean(poses: list[Pose], reference: float) -> Pose:
+    """Mean of some poses, with angles unwrapped around a reference [rad]."""
+    x, y = (float(np.mean(values)) for values in list(zip(*poses, strict=True))[:2])
+    return Pose(x, y, reference + float(np.mean([wrap(pose.theta - reference) for pose in poses])))
+
+
+def _between(start: Pose, end: Pose, share: float) -> Pose:
+    """A pose a share of the way from one to another."""
+    turn = wrap(end.theta - start.theta)
+    return Pose(start.x + share * (end.x - start.x), start.y + share * (end.y - start.y), start.theta + share * turn)
 
 
 def _velocity(start: PoseSample | _Frame, end: PoseSample | _Frame) -> Twist:
