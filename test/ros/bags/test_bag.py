@@ -460,6 +460,19 @@ def test_whichever_byte_is_the_last_that_the_disk_takes_what_was_flushed_is_save
             assert len(saved) >= len(flushed)
 
 
+def test_counts_that_no_checksum_vouches_for_are_not_believed(tmp_path, rng):
+    """The end of the file is lost: a part of the record of counts, and the checksum of the summary, but no message."""
+    written = write_texts(tmp_path / "bag", 20)
+    file = mcap_of(tmp_path / "bag")
+    content = file.read_bytes()
+    head = b"\x0b" + (56).to_bytes(8, "little")  # of one channel
+    kept = content[: content.rindex(head) + len(head) + 48]  # up to the number of its messages
+    file.write_bytes(kept + rng.bytes(len(content) - len(kept)))
+    bag = Bag(tmp_path / "bag")
+    assert [m.raw for m in bag.messages()] == [raw for _, raw in written]
+    assert sum(bag.damage.missing.values()) == 0
+
+
 def test_recovery_takes_the_object_along(tmp_path):
     write_texts(tmp_path / "bag", 1)
     (tmp_path / "bag/object.yaml").write_text("name: plate")

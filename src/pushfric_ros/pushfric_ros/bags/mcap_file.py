@@ -185,6 +185,9 @@ class McapFile:
             except _Unsound as error:
                 position = self._skip(stream, position, size, str(error))
         if not self.finished:
+            counts = self.statistics
+            if counts is not None and counts.by_channel and sum(counts.by_channel.values()) != counts.messages:
+                self.statistics = None  # damaged, like the end of the file with the checksum
             self.gaps.append(Gap(size, size, "the recording was cut short", self._last_ns(), None))
         elif position < size:
             self.gaps.append(Gap(position, size, "something follows the end of the bag", self._last_ns(), None))
