@@ -170,8 +170,7 @@ def test_pushes_are_as_many_as_the_papers_and_stay_on_their_edges():
 def test_the_bad_push_is_an_outlier_and_the_test_pushes_slip(seed):
     table = seed["numbers"]["table3"]
     assert table["wood_rect4_all_data"]["bad_data_points"] == 6
-    # by how much depends on where in the window the jump falls
-    assert table["wood_rect4_all_data"]["p100"] > 1.2 * table["wood_rect4"]["p100"]
+    assert table["wood_rect4_all_data"]["p100"] > 2 * table["wood_rect4"]["p100"]
     # each push slips, so each lower bound is mu_c itself, except for the noise
     assert table["rubber_rect4_slipping"]["low"] == pytest.approx(0.9, abs=0.3)
     assert table["rubber_rect4_slipping"]["high"] == pytest.approx(0.9, abs=0.4)
