@@ -291,6 +291,7 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
                 click(page, "loupe", u, v)
             expect(page.locator("#trust")).to_contain_text("mm on the table (rms)")
             assert page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]") == [360, 360]
+            expect(page.locator("body")).to_have_attribute("aria-busy", "false")  # a reload would break off what is asked
             page.reload()
             expect(page.locator("#rows tr")).to_have_count(len(MARKS) - 1)
             page.locator("#picture").press("Enter")  # sets the last point, in the middle

@@ -195,7 +195,6 @@ def test_an_existing_bag_is_not_overwritten(tmp_path, call):
 LIST_AND_LOADED = """
 import sys
 from pushfric_ros.commands import cli
-from pushfric_ros.vision.camera import Camera, save_camera
 sys.argv[1:] = ["--help"]
 try:
     cli.main()

@@ -24,13 +24,15 @@ function made(tag, attributes, text) {
 // What is asked of the command, one after the other
 
 let last = Promise.resolve();
+let open = 0;
 function asked(what, options) {
+  document.body.ariaBusy = ++open > 0;
   last = last.then(async () => {
     const answer = await fetch(what, { headers, ...options });
     return answer.headers.get("Content-Type") === "image/png" ? answer.blob() : answer.json();
   });
   const mine = last;
-  last = mine.catch(() => {});
+  last = mine.catch(() => {}).finally(() => (document.body.ariaBusy = --open > 0));
   return mine;
 }
 
