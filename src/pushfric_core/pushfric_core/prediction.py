@@ -219,7 +219,7 @@ def stability(
         model.support_points, model.w, model.mu_c, contact_points, contact_normals, half_widths, twists, model.length
     )
     margins = _quantile(samples, model.share, 0.5)
-    return Stability(margins >= 0, margins, np.asarray((samples >= 0) @ model.share))
+    return Stability(margins >= 0, margins, np.minimum((samples >= 0) @ model.share, 1.0))
 
 
 def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
