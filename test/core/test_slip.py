@@ -114,14 +114,14 @@ def test_a_push_slides_from_where_its_tip_begins_to():
     estimate = last(pushes(math.radians(60)))
     slip = np.array((0.0, 0.1, -0.1, 0.0, 0.4, 0.5, 0.45, 0.0, 0.3))
     mismatch = np.array((0.05, -0.05, 0.05, -0.05, 0.05, -0.05, 0.05, 0.05, 0.05))
-    tip = estimate.tip._replace(slip=slip, mismatch=mismatch, sensed=np.full(9, np.nan), push=np.repeat((4.0, 5.0), (7, 2)))
+    tip = replace(estimate.tip, slip=slip, mismatch=mismatch, sensed=np.full(9, np.nan), push=np.repeat((4.0, 5.0), (7, 2)))
     assert tip.directions.tolist() == [0, 0, 0, 0, 1, 1, 1, 0, 1]
     # the same, with the data points of the two pushes in another order
     order = np.array((7, 0, 1, 2, 8, 3, 4, 5, 6))
-    mixed = tip._replace(slip=slip[order], mismatch=mismatch[order], push=tip.push[order])
+    mixed = replace(tip, slip=slip[order], mismatch=mismatch[order], push=tip.push[order])
     assert mixed.directions.tolist() == tip.directions[order].tolist()
     # more than errors usually are, and less than they can be
-    unsure = tip._replace(slip=np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.0)), mismatch=1.5 * mismatch)
+    unsure = replace(tip, slip=np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.0)), mismatch=1.5 * mismatch)
     assert np.isnan(unsure.directions[7:]).all()
     assert unsure.slips == [Slip.STICKING] * 7 + [Slip.UNKNOWN] * 2
 

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -109,7 +111,8 @@ class Slip(StrEnum):
 
 
 @comparable
-class Tip(NamedTuple):
+@dataclass(frozen=True)
+class Tip:
     """What was seen and measured of the tip at m contacts; NaN if nothing was."""
 
     slip: Array  # (m,) its velocity along t relative to the object, over its speed
@@ -117,13 +120,13 @@ class Tip(NamedTuple):
     sensed: Array  # (m,) |F . t| / |F . n| of the measured force
     push: Array  # (m,) push_id
 
-    @property
+    @cached_property
     def tolerance(self) -> float:
         """The slip beyond which a tip counts as sliding."""
         seen = np.abs(self.mismatch[np.isfinite(self.mismatch)])
         return max(SLIP_TOLERANCE, MISMATCHES * float(np.median(seen))) if len(seen) else SLIP_TOLERANCE
 
-    @property
+    @cached_property
     def directions(self) -> Array:
         """(m,) of sliding along t: +1 and -1; 0: sticking; NaN: unknown.
 
@@ -147,10 +150,10 @@ class Tip(NamedTuple):
             travelled = np.add.reduceat(np.where(inside, direction * slip, 0.0), begins)
             better = (excess > best) & (travelled > SURELY * usual)
             best[better] = excess[better]
-            of_push = np.repeat(better, np.diff(np.append(begins, len(seen))))
+            of_push = np.repeat(better, _sizes(begins, len(seen)))
             found[of_push] = np.where(inside, direction, 0.0)[of_push]
         begins = _begins(self.push[seen], found)
-        count = np.diff(np.append(begins, len(seen)))
+        count = _sizes(begins, len(seen))
         still = _farthest(slip, begins) <= np.maximum(MISMATCHES * usual, SLIP_TOLERANCE * count)
         directions[seen] = np.where(found != 0, found, np.where(np.repeat(still, count), 0.0, np.nan))
         return directions
@@ -236,7 +239,7 @@ def _cone_rows(
     tolerance, direction = tip.tolerance, directions[known]
     share = np.where(normal > LEAST_NORMAL, 1 / (1 + ((forces.free[known] @ weights.T) / tolerance) ** 2), 0.0)
     begins = _begins(tip.push[known], direction)
-    error = tolerance * np.add.reduceat(share, begins) / np.diff(np.append(begins, len(known)))[:, None]
+    error = tolerance * np.add.reduceat(share, begins) / _sizes(begins, len(known))[:, None]
     direction = direction[begins]
     sums = (np.add.reduceat(share * values, begins) for values in (normal, along))
     for across, tangential, uncertain in zip(*(one.T for one in sums), error.T, strict=True):
@@ -288,13 +291,17 @@ def _begins(*keys: Array) -> Indices:
     return np.concatenate(([0], np.flatnonzero(changes) + 1))
 
 
+def _sizes(begins: Indices, total: int) -> Indices:
+    """The number of rows in each group, of a total number of rows."""
+    return np.diff(np.append(begins, total))
+
+
 def _summed(values: Array, begins: Indices) -> tuple[Array, Indices]:
     """Sums of the first 0, 1, ... values of each group (m + groups,), and where each group begins in them."""
     starts = begins + np.arange(len(begins))
     steps = np.insert(values, begins, 0.0)
     sums = np.cumsum(steps)
-    count = np.diff(np.append(starts, len(steps)))
-    return sums - np.repeat(sums[starts], count), starts
+    return sums - np.repeat(sums[starts], _sizes(starts, len(steps))), starts
 
 
 def _farthest(values: Array, begins: Indices) -> Array:
@@ -306,8 +313,7 @@ def _farthest(values: Array, begins: Indices) -> Array:
 def _longest_rise(values: Array, begins: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
     """The largest sum of consecutive values in each group, and which values (m,) belong to it."""
     sums, starts = _summed(values, begins)
-    count = np.diff(np.append(starts, len(sums)))
-    group = np.repeat(np.arange(len(starts)), count)
+    group = np.repeat(np.arange(len(starts)), _sizes(starts, len(sums)))
     # each group lies below all before it, so that the least sum so far is one of its own
     lowered = sums - group * (1.0 + float(np.ptp(sums)))
     least = np.minimum.accumulate(lowered)

@@ -13,7 +13,8 @@ from pushfric_core.planar import Array
 from pushfric_core.push_choice import next_pushes
 from pushfric_core.push_plan import PlannedPush
 from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
-from pushfric_ros.paper.trials import NOISES, Studied, moved, watched
+from pushfric_ros.paper.experiments import filmed
+from pushfric_ros.paper.trials import NOISES, Studied, moved
 
 MOST = 15
 """Pushes of each run."""
@@ -63,7 +64,7 @@ def _pushes_until_near(studied: Studied, choose: Choose, rng: np.random.Generato
     known = 1
     for push_id in range(MOST):
         pushed = moved(studied, [choose(half_planes, rng)], rng)
-        for observation in watched(studied.outline, pushed, NOISES["FEET"], rng, push_id):
+        for observation in filmed(studied.outline, pushed, NOISES["FEET"], rng, push_id):
             try:
                 estimator.add(observation)
                 half_planes.add(line_of_motion(observation))

@@ -22,6 +22,7 @@ from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.least_squares import least_squares_fit
 from pushfric_core.limit_surface import LimitSurface, Measurement, separation
 from pushfric_core.observation import Observation
+from pushfric_core.outline import Outline
 from pushfric_core.planar import Array, Pose, Wrench, wrap
 from pushfric_core.push_plan import PlannedPush, even_pushes, placement
 from pushfric_core.recognition import Hypothesis, Recognizer
@@ -29,7 +30,7 @@ from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.simulation import PushedObject
 from pushfric_core.solvers.program import Loss
 from pushfric_core.support import Support, center_of_friction, support_forces
-from pushfric_core.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1
+from pushfric_core.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1, PoseNoise
 from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
 
 Mask = npt.NDArray[np.bool_]
@@ -160,22 +161,34 @@ def motions(name: str, pushes: Sequence[PlannedPush], seed: int) -> list[Frames]
         pushes: where it is pushed.
         seed: of the operator's hand; the same seed gives the same motions.
     """
-    rng = np.random.default_rng((seed, list(TABLE_1).index(name), 0))
-    return [_motion(name, push, rng.normal(0.0, PLACEMENT, 3)) for push in pushes]
+    known, rng = TABLE_1[name], np.random.default_rng((seed, list(TABLE_1).index(name), 0))
+    turn = CONDUCT[name].longest_turn
+    errors = (rng.normal(0.0, PLACEMENT, 3) for _ in pushes)
+    return [
+        motion(known.outline, known.support, known.mu_c, push, error, turn) for push, error in zip(pushes, errors, strict=True)
+    ]
 
 
-def _motion(name: str, push: PlannedPush, error: Array) -> Frames:
-    """The motion from where the operator put the object to the end of the stroke, or until it has turned too far."""
-    known = TABLE_1[name]
-    x, y, theta = placement(known.outline, push, LINE, 0.0)
+def motion(outline: Outline, support: Support, mu_c: float, push: PlannedPush, error: Array, longest_turn: float) -> Frames:
+    """The motion from where the operator put the object to the end of the stroke, or until it has turned too far.
+
+    Args:
+        outline: of the object.
+        support: of the object.
+        mu_c: contact friction coefficient.
+        push: where it is pushed.
+        error: (3,) of the placement, as `PLACEMENT` is its standard deviation [m]; the third turns the object.
+        longest_turn: it turns no further [rad].
+    """
+    x, y, theta = placement(outline, push, LINE, 0.0)
     dx, dy, turn = error.tolist()
     start = Pose(x + dx, y + dy, theta + turn / 0.02)
-    pushed = PushedObject(known.outline, known.support, known.mu_c, start)
+    pushed = PushedObject(outline, support, mu_c, start)
     frames: Frames = []
     for frame in range(int(STROKE / SPEED * FRAME_RATE) + 1):
         position = frame / FRAME_RATE * SPEED
         pushed.push(LINE, position)
-        if abs(wrap(pushed.pose.theta - start.theta)) > CONDUCT[name].longest_turn:
+        if abs(wrap(pushed.pose.theta - start.theta)) > longest_turn:
             break
         frames.append((position, pushed.pose))
     return frames
@@ -191,18 +204,27 @@ def watch(name: str, moved: Sequence[Frames], seed: int, bad_push: int | None = 
         bad_push: index of the push in which the camera errs by `VISION_ERROR` from some moment in its middle third on; None: it
             errs in none.
     """
-    known = TABLE_1[name]
-    rng = np.random.default_rng((seed, list(TABLE_1).index(name), 1))
-    spread = (known.noise.position, known.noise.position, known.noise.angle)
-    trajectory = Trajectory(known.outline)
+    known, number, pushes = TABLE_1[name], list(TABLE_1).index(name), [*moved]
+    if bad_push is not None:
+        frames, (x, y) = pushes[bad_push], VISION_ERROR
+        moment = np.random.default_rng((seed, number, 3)).uniform(1 / 3, 2 / 3) * len(frames)
+        pushes[bad_push] = [
+            (position, pose._replace(x=pose.x + x, y=pose.y + y) if frame >= moment else pose)
+            for frame, (position, pose) in enumerate(frames)
+        ]
+    return filmed(known.outline, pushes, known.noise, np.random.default_rng((seed, number, 1)))
+
+
+def filmed(
+    outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np.random.Generator, first: int = 0
+) -> list[Observation]:
+    """The data points that a camera with this noise makes of pushes, numbered from `first` on."""
+    trajectory = Trajectory(outline)
     observations = []
-    moment = np.random.default_rng((seed, list(TABLE_1).index(name), 3)).uniform(1 / 3, 2 / 3)
-    for push_id, frames in enumerate(moved):
+    for push_id, frames in enumerate(pushes, first):
         for frame, (position, pose) in enumerate(frames):
             stamp = round((3600 * push_id + frame / FRAME_RATE) * 1e9)
-            seen = np.asarray(pose) + rng.normal(0.0, 1.0, 3) * spread
-            if push_id == bad_push and frame >= moment * len(frames):
-                seen[:2] += VISION_ERROR
+            seen = np.asarray(pose) + rng.normal(0.0, 1.0, 3) * (noise.position, noise.position, noise.angle)
             observations += trajectory.add_pusher(PusherSample(stamp, position, SPEED, LINE, push_id))
             observations += trajectory.add_pose(PoseSample(stamp, Pose(*seen.tolist())))
     return observations

@@ -11,7 +11,8 @@ from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, Pose
 from pushfric_core.push_plan import even_pushes
 from pushfric_core.support import Support
-from pushfric_ros.paper.trials import NOISES, Frames, Studied, estimated, moved, watched
+from pushfric_ros.paper.experiments import Frames, filmed
+from pushfric_ros.paper.trials import NOISES, Studied, estimated, moved
 
 BAD = math.radians(25)
 """The orientation of a bad push drifts or wanders by this much."""
@@ -50,12 +51,12 @@ def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, 
             if spoil is not None:
                 bad = int(rng.integers(len(before)))
                 seen, which = [spoil(frames, rng) if index == bad else frames for index, frames in enumerate(before)], {bad}
-            left_out, changed = _screened(watched(studied.outline, seen, spread, rng), studied.support_points)
+            left_out, changed = _screened(filmed(studied.outline, seen, spread, rng), studied.support_points)
             lost = len(left_out - which)
             numbers = {"found": which <= left_out, "lost": lost, "good": len(before) - len(which), "changed": changed}
             yield f"{kind}/{noise}", numbers if which else numbers | {"found": None}
         for shift, pushed in after.items():
-            data = watched(studied.outline, [*before[:BEFORE], *pushed], spread, rng)
+            data = filmed(studied.outline, [*before[:BEFORE], *pushed], spread, rng)
             _, changed = _screened(data, studied.support_points)
             yield f"shift of {1e3 * shift:g} mm/{noise}", {"found": changed, "lost": 0, "good": 0, "changed": False}
 

@@ -31,7 +31,8 @@ from pushfric_core.table_1 import FEET, TABLE_1
 from pushfric_ros.bags.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_ros.offline.workers import results
 from pushfric_ros.paper import choice, spoilt
-from pushfric_ros.paper.trials import NOISES, Studied, estimated, moved, objects, of_table_1, watched
+from pushfric_ros.paper.experiments import filmed
+from pushfric_ros.paper.trials import NOISES, Studied, estimated, moved, objects, of_table_1
 from pushfric_ros.report.report import to_json
 
 SHARP = math.radians(55)
@@ -71,7 +72,7 @@ def run_seed(seed: int) -> dict[str, Any]:
         for plan, pushes in plans.items():
             pushed = moved(studied, pushes, rng)
             for noise, spread in NOISES.items():
-                data = watched(studied.outline, pushed, spread, rng)
+                data = filmed(studied.outline, pushed, spread, rng)
                 cells[f"{name}/{plan}/{noise}"] = _found(data, studied.support_points, studied.support.center_of_friction)
         verdicts = spoilt.verdicts(studied, np.random.default_rng((seed, 200 + number)))
         screened |= {f"{name}/{case}": found for case, found in verdicts}
@@ -85,7 +86,7 @@ def run_seed(seed: int) -> dict[str, Any]:
             for side in (-1, 1)
         ]
         pushed = moved(studied, even_pushes(known.outline, known.pushes) + sharp, rng)
-        mu_c = _estimate(watched(known.outline, pushed, known.noise, rng), known.support_points).mu_c
+        mu_c = _estimate(filmed(known.outline, pushed, known.noise, rng), known.support_points).mu_c
         if mu_c is not None:
             cells[f"mu_c/{name}"] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}
     return {"seed": seed, "cells": cells, "screened": screened, "choice": chosen}
@@ -225,7 +226,7 @@ def _cost() -> Numbers:
     pushes = [
         PlannedPush(int(rng.integers(4)), float(rng.uniform(-0.04, 0.04)), float(rng.uniform(-0.6, 0.6))) for _ in range(60)
     ]
-    data = watched(outline, moved(studied, pushes, rng), FEET, rng)
+    data = filmed(outline, moved(studied, pushes, rng), FEET, rng)
     found: Numbers = {"data_points": len(data)}
     for name, confidence in (("plain", False), ("with_spread_and_verdict", True)):
         estimator = Estimator(points, EstimatorConfig(confidence=confidence, screening=confidence))

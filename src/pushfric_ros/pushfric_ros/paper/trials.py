@@ -11,19 +11,14 @@ from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Array, Pose, wrap
-from pushfric_core.push_plan import PlannedPush, placement
-from pushfric_core.simulation import PushedObject
+from pushfric_core.planar import Array
+from pushfric_core.push_plan import PlannedPush
 from pushfric_core.support import Support
-from pushfric_core.table_1 import FEET, FLAT, TABLE_1, PoseNoise
-from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
+from pushfric_core.table_1 import FEET, FLAT, TABLE_1
 from pushfric_ros.bags.zhou2015 import CORNERS, GRID
-from pushfric_ros.paper.experiments import FRAME_RATE, LINE, PLACEMENT, SPEED, STROKE
+from pushfric_ros.paper.experiments import PLACEMENT, Frames, motion
 
 NOISES = {"FEET": FEET, "FLAT": FLAT}
-
-Frames = list[tuple[float, Pose]]
-"""Stroke position [m] and pose in each frame of a push."""
 
 
 class Studied(NamedTuple):
@@ -64,35 +59,12 @@ def moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Genera
     """What happens in each push; a push in which the tip wedges is left out."""
     found = []
     for push in pushes:
-        x, y, theta = placement(studied.outline, push, LINE, 0.0)
-        dx, dy, turn = rng.normal(0.0, PLACEMENT, 3).tolist()
-        start = Pose(x + dx, y + dy, theta + turn / 0.02)
-        body = PushedObject(studied.outline, studied.support, studied.mu_c, start)
-        frames = []
+        error = rng.normal(0.0, PLACEMENT, 3)
         try:
-            for frame in range(int(STROKE / SPEED * FRAME_RATE) + 1):
-                body.push(LINE, frame / FRAME_RATE * SPEED)
-                if abs(wrap(body.pose.theta - start.theta)) > studied.longest_turn:
-                    break
-                frames.append((frame / FRAME_RATE * SPEED, body.pose))
+            found.append(motion(studied.outline, studied.support, studied.mu_c, push, error, studied.longest_turn))
         except PushfricError:
             continue
-        found.append(frames)
     return found
-
-
-def watched(
-    outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np.random.Generator, first: int = 0
-) -> list[Observation]:
-    """The data points that a camera with this noise makes of pushes, numbered from `first` on."""
-    trajectory, data = Trajectory(outline), []
-    for push_id, frames in enumerate(pushes, first):
-        for frame, (position, pose) in enumerate(frames):
-            stamp = round((3600 * push_id + frame / FRAME_RATE) * 1e9)
-            seen = np.asarray(pose) + rng.normal(0.0, 1.0, 3) * (noise.position, noise.position, noise.angle)
-            data += trajectory.add_pusher(PusherSample(stamp, position, SPEED, LINE, push_id))
-            data += trajectory.add_pose(PoseSample(stamp, Pose(*seen.tolist())))
-    return data
 
 
 def estimated(data: Iterable[Observation], points: Array, config: EstimatorConfig) -> tuple[Estimator, Estimate]:

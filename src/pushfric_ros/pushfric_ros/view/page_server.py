@@ -131,16 +131,22 @@ class PageServer:
         await self.bid_farewell()
 
 
-class Page(RequestHandler):
-    """The files of the page, served without a token: they hold nothing secret, and a stop button must always appear."""
+class _Served(RequestHandler):
+    """What every answer of the server has."""
 
-    def initialize(self, server: PageServer) -> None:
+    def initialize(self, server: Any) -> None:
         self.server = server
 
     def set_default_headers(self) -> None:
         """Allow nothing from other sites, and no use inside other pages."""
         for name, value in HEADERS.items():
             self.set_header(name, value)
+
+
+class Page(_Served):
+    """The files of the page, served without a token: they hold nothing secret, and a stop button must always appear."""
+
+    server: PageServer
 
     def get(self, name: str) -> None:
         """One of the files in `page`."""
@@ -153,16 +159,8 @@ class Page(RequestHandler):
         self.write(path.read_bytes())
 
 
-class Asked(RequestHandler):
+class Asked(_Served):
     """Something that a visitor asks for; an error is answered as `{"done": false, "message": ...}`."""
-
-    def initialize(self, server: Any) -> None:
-        self.server = server
-
-    def set_default_headers(self) -> None:
-        """Set the headers of the page."""
-        for name, value in HEADERS.items():
-            self.set_header(name, value)
 
     def admit(self, free: bool = False) -> None:
         """Refuse a request that comes from the page of another site or, unless it is free for all, without the token."""
