@@ -7,7 +7,9 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.client import Client
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from sensor_msgs.msg import CompressedImage
@@ -27,12 +29,16 @@ from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_D
 from pushfric_ros.view.server import Answer, Request, Server
 from pushfric_ros.view.story import Change, Story
 
+UNSEEN_PERIOD = 1.0
+"""Time between readings of the messages that came while nobody looked [s]."""
+
 
 class ViewNode(Node):
     """Serves a page that shows the run.
 
     The node subscribes to estimates from the start, for visitors who come late; to images, poses and pusher states only while
-    somebody looks.
+    somebody looks. What comes while nobody looks is put aside unread: to read it at once would slow down the estimator, which
+    is at work on the same data point.
     """
 
     AT_TIMES: ClassVar = {
@@ -52,6 +58,8 @@ class ViewNode(Node):
         self._server.show(self._story.begin())
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
+        self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
+        self.create_timer(UNSEEN_PERIOD, self._read, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
         triggers = {"stop": "actuator/stop", "reset": "actuator/reset", "next": "experiment/next"}
         self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
@@ -61,8 +69,11 @@ class ViewNode(Node):
         story = self._story
         # from the start, even if nobody looks: a visitor who comes late is told all of it
         self._needed = [
-            topics.subscribe(FrictionEstimate, "friction_estimate", self._telling(story.on_estimate), LATCHED_QUEUE),
-            topics.subscribe(Observation, "observation", self._telling(story.on_observation), RELIABLE),
+            topics.subscribe(kind, topic, self._reading(kind, told), qos, raw=True)
+            for kind, topic, told, qos in (
+                (FrictionEstimate, "friction_estimate", story.on_estimate, LATCHED_QUEUE),
+                (Observation, "observation", story.on_observation, RELIABLE),
+            )
         ]
         topics.subscribe(PlanProgress, "plan_progress", self._telling(story.on_plan), LATCHED_QUEUE)
         topics.subscribe(String, SETTINGS_TOPIC, self._telling(lambda msg: story.on_settings(msg.data)), LATCHED)
@@ -94,6 +105,21 @@ class ViewNode(Node):
 
         return on_message
 
+    def _reading(self, kind: type, told: Callable[[Any], Change]) -> Callable[[bytes], None]:
+        """A callback for the bytes of a message: read at once if somebody looks, else later."""
+        tell = self._telling(told)
+
+        def on_bytes(data: bytes) -> None:
+            self._unread.append(lambda: tell(deserialize_message(data, kind)))
+            if self._looking:
+                self._read()
+
+        return on_bytes
+
+    def _read(self) -> None:
+        while self._unread:
+            self._unread.popleft()()
+
     def _do_what_is_asked(self) -> None:
         while self._asked:
             self._asked.popleft()()
@@ -109,8 +135,9 @@ class ViewNode(Node):
         self._wake.trigger()
 
     def _look(self, looking: bool) -> None:
-        """Begin to receive what moves, or stop receiving it."""
+        """Begin to receive what moves and to read all at once, or stop."""
         self._looking = looking
+        self._read()
         for subscription in self._watched:
             self.destroy_subscription(subscription)
         self._watched = []
