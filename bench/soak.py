@@ -15,6 +15,8 @@ from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.files.node_settings import PlanConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import Supervisor
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE
+from pushfric_ros.vision.camera import load_camera
 
 OBJECT, SPEED = "rubber_rect4", 5.0
 
@@ -30,8 +32,11 @@ WARM_UP = 0.3
 PER_DATA_POINT = 4.0
 """Memory that a data point may take in the estimator [kB]."""
 
+PER_MESSAGE = 0.02
+"""Memory that a message may take in the recorder [kB]: the index of an MCAP file is written at its end."""
+
 ALLOWED = 4096.0
-"""Memory that a process may take in addition over the whole time, as noise of its allocator [kB]."""
+"""Memory that any process may take over the whole time, as noise of its allocator [kB]."""
 
 KINDS = ("memory [kB]", "threads", "files")
 
@@ -44,7 +49,7 @@ class Growth(NamedTuple):
     first: float  # after the warm-up, by the fitted line
     last: float
     slope: float  # per hour
-    flat: bool  # whether the slope is no steeper than what the node keeps of its data
+    flat: bool  # whether it grew by no more than what the node keeps on purpose
 
 
 def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -73,8 +78,17 @@ def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
                     samples.setdefault(node, []).append((now, *_figures(pid)))
                 progress(f"{now / 60:.0f} of {minutes:g} minutes")
                 time.sleep(PERIOD)
-        data_points = _data_points(here / "bag")
-    growth = [one for node, taken in samples.items() for one in _growth(node, np.array(taken), data_points)]
+        messages = _messages(here / "bag")
+        camera = load_camera(cell.camera.calibration)
+    data_points = sum(count for topic, count in messages.items() if topic.endswith("/observation"))
+    # the middleware keeps the memory of a queue that was full once, which happens when the machine is busy
+    queue = IMAGE_QUEUE.depth * camera.width * camera.height / 1024
+    keeps = {
+        "estimator": PER_DATA_POINT * data_points,
+        "recorder": PER_MESSAGE * sum(messages.values()),
+        "tracker": queue,
+    }
+    growth = [one for node, taken in samples.items() for one in _growth(node, np.array(taken), keeps.get(node, 0.0))]
     return {"growth": growth, "data_points": data_points, "minutes": minutes}
 
 
@@ -85,20 +99,23 @@ def _figures(pid: int) -> tuple[float, float, float]:
     return float(status["VmRSS"].split()[0]), float(status["Threads"]), float(files)
 
 
-def _growth(node: str, samples: np.ndarray, data_points: int) -> Iterator[Growth]:
-    """Slopes of a node's figures; samples (m, 4): time [s], and a column for each of KINDS."""
+def _growth(node: str, samples: np.ndarray, keeps: float) -> Iterator[Growth]:
+    """Slopes of a node's figures; samples (m, 4): time [s], and a column for each of KINDS.
+
+    Args:
+        keeps: memory that the node may take for what it keeps on purpose [kB].
+    """
     counted = samples[int(WARM_UP * len(samples)) :]
     hours = counted[:, 0] / 3600
     for kind, values in zip(KINDS, counted[:, 1:].T, strict=True):
         slope, start = np.polyfit(hours, values, 1) if len(counted) > 1 else (0.0, values[0])
         first, last = start + slope * hours[0], start + slope * hours[-1]
-        keeps = PER_DATA_POINT * data_points * (node == "estimator") + ALLOWED
-        flat = last - first <= keeps if kind == KINDS[0] else last - first < 1.0
+        flat = last - first <= keeps + ALLOWED if kind == KINDS[0] else last - first < 1.0
         yield Growth(node, kind, float(first), float(last), float(slope), bool(flat))
 
 
-def _data_points(bag: pathlib.Path) -> int:
+def _messages(bag: pathlib.Path) -> dict[str, int]:
+    """Number of messages of each topic."""
     from pushfric_ros.bags.bag import Bag
 
-    topics = Bag(bag).summary.topics
-    return sum(topic.message_count for topic in topics if topic.name.endswith("/observation"))
+    return {topic.name: topic.message_count for topic in Bag(bag).summary.topics}

@@ -10,10 +10,10 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 from bench import soak
 
 
-def growth(node: str, memory, threads=12.0, data_points=0) -> dict[str, soak.Growth]:
+def growth(node: str, memory, threads=12.0, keeps=0.0) -> dict[str, soak.Growth]:
     times = np.arange(200) * 2.0
     samples = np.column_stack((times, *np.broadcast_arrays(memory, np.full(200, threads), 30.0)))
-    return {one.kind: one for one in soak._growth(node, samples, data_points)}
+    return {one.kind: one for one in soak._growth(node, samples, keeps)}
 
 
 def test_what_grows_is_told_from_what_is_flat(rng):
@@ -25,7 +25,7 @@ def test_what_grows_is_told_from_what_is_flat(rng):
     assert not grows.flat
     assert abs(grows.slope - 60 / 2 * 3600) < 3000
     # an estimator may keep its data points
-    assert growth("estimator", 60_000 + 60 * np.arange(200), data_points=2000)["memory [kB]"].flat
+    assert growth("estimator", 60_000 + 60 * np.arange(200), keeps=2000 * soak.PER_DATA_POINT)["memory [kB]"].flat
     leaking = np.floor(12 + np.arange(200) / 20)
     assert not growth("tracker", 60_000.0, threads=leaking)["threads"].flat
 
