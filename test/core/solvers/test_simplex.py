@@ -518,6 +518,23 @@ def test_thousands_of_rows_settle_and_the_certificate_stays_true(rng, n):
     assert fresh.solve().objective == pytest.approx(optimum.objective, rel=1e-9)
 
 
+def test_the_cost_of_a_data_point_does_not_grow_with_their_number(rng, monkeypatch):
+    rank, looked_at = pivoting.rank, []
+    monkeypatch.setattr(pivoting, "rank", lambda numbers, *others: (looked_at.append(len(numbers)), rank(numbers, *others))[1])
+    for name, rows in (("CLOSE", 2), ("CLOSE_PER_COLUMN", 1), ("FAR", 4)):
+        monkeypatch.setattr(simplex_module, name, rows)
+    groups, _ = pushes(rng, 5, 8192)
+    simplex, totals = Simplex(5), [0]
+    for k, rows in enumerate(groups, 1):
+        simplex.add(rows)
+        assert simplex.solve().status is Status.OPTIMAL
+        if k in (1024, 4096, 8192):
+            totals.append(sum(looked_at))
+    early, _, late = np.diff(totals) / (1024, 3072, 4096)
+    assert late < 3 * early  # rows a data point; with only two balls, ten times as many
+    assert simplex.certificate().status is Status.OPTIMAL
+
+
 def test_a_walk_does_not_stray_from_its_ball(rng, monkeypatch):
     improve, ends, exchanges = pivoting.improve, [], []
 

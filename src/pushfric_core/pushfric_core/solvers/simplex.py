@@ -5,10 +5,12 @@ the result.
 
 A row far from zero keeps its side, so it is linear: |a . (x - c)| <= |a|* |x - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
 the second moment of the rows (x moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
-settled in a ball around c need no look while x stays in it, and a descent that would leave it by far stops first. There are two
-nested balls. The small one is sorted often, and only from the rows that the large one leaves unsettled: so the cost of a data
-point does not depend on the number before it.
+settled in a ball around c need no look while x stays in it, and a descent that would leave it by far stops first. The balls are
+nested, the more of them the more rows there are. The smallest is sorted often, but only from the rows that the next larger one
+leaves unsettled, and so on. So all rows are looked at seldom: the cost of a data point does not depend on the number before it.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,11 +62,11 @@ ROUNDS = 15
 """Cap on the descents of a solve; afterwards the certificate judges the result."""
 
 CLOSE, CLOSE_PER_COLUMN = 96, 4
-"""Rows left unsettled in the small ball: an exchange hardly slows down until a few hundred, and more columns travel farther."""
+"""Rows left unsettled in the smallest ball: exchanges hardly slow down until a few hundred, and more columns travel farther."""
 
 FAR, WIDER = 12, 4
-"""Number of rows left in the large ball, as a multiple of those in the small one, and the least such multiple if the small one
-grows, so that it has room in half of the large one.
+"""Number of rows left in a ball, as a multiple of those in the next smaller one, and the least such multiple if that one has
+grown, so that it has room in half of the larger one. All rows together are at least WIDER times those of the largest ball.
 """
 
 FLOOR = 1e-9
@@ -90,6 +92,16 @@ WIDENINGS = 8
 
 STEEP = 1e-9
 """An edge along which F rises by less than this fraction of its gradient counts as level."""
+
+
+class _Shell(NamedTuple):
+    """A ball around the close one, and the rows that it settles or leaves to smaller ones."""
+
+    size: int  # about how many rows were to be left
+    unsettled: Indices
+    fresh: int  # rows from this one on came later, and are unsettled, too
+    ball: Ball
+    gradient: Array  # of F, of the rows that this ball settles and no larger one; changed in place where they are removed
 
 
 class Simplex:
@@ -121,10 +133,8 @@ class Simplex:
         self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
         self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
-        self._far = self._close = Ball(self._metric, self._basis.state.x.copy(), np.inf)
-        self._far_gradient = np.zeros(self._columns)  # of F, of the rows settled in the far ball
-        self._near: Indices = np.arange(0)  # rows not settled in the far ball; those from _fresh on are not, either
-        self._fresh = 0
+        self._close = Ball(self._metric, self._basis.state.x.copy(), np.inf)  # its unsettled rows are those of the basis
+        self._shells: list[_Shell] = []  # the larger balls, the largest first
 
     def add(self, added: ConstraintRows) -> None:
         """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
@@ -169,9 +179,11 @@ class Simplex:
         rows, numbers = self._rows.part(slice(first, last)), np.arange(first, last)
         gradients = _slope(rows)[:, None] * rows.a
         settled = ~self._basis.free(numbers)
-        far = settled & (numbers < self._fresh) & ~np.isin(numbers, self._near)
         self._basis.forget(gradients[settled].sum(axis=0))
-        self._far_gradient -= gradients[far].sum(axis=0)
+        for shell in self._shells:
+            here = settled & (numbers < shell.fresh) & ~np.isin(numbers, shell.unsettled)
+            np.subtract(shell.gradient, gradients[here].sum(axis=0), out=shell.gradient)
+            settled &= ~here
         self._optimum = None
         self._removed += len(numbers)
         self._worst -= float(np.abs(rows.a[:, : self._n]).max(axis=1) @ finite(rows.cost).max(axis=1))
@@ -336,17 +348,45 @@ class Simplex:
         self._remember_sides()
         x = self._basis.state.x.copy()
         close = self._close_size << effort
-        far = max(self._far_size, WIDER * close)
-        grown = len(self._near) + self._count - self._fresh > 2 * self._far_size
-        if self._measure() or grown or far > self._far_size or not pivoting.holds(self._far, x, 0.5):
-            self._near, self._far, self._far_gradient = _settle(self._rows, np.arange(self._count), self._metric, x, far)
-            self._fresh = self._count
-        near = np.concatenate((self._near, np.arange(self._fresh, self._count)))
+        sizes = self._shell_sizes(close)
+        kept = 0 if self._measure() else self._shells_around(x, sizes)
+        del self._shells[kept:]
+        near, room = self._beyond(), self._shells[-1].ball.radius if self._shells else np.inf
+        for size in sizes[kept:]:
+            near, ball, gradient = _settle(self._rows, near, self._metric, x, size, room)
+            self._shells.append(_Shell(size, near, self._count, ball, gradient))
+            room = ball.radius
         self._strained = False
-        near, self._close, gradient = _settle(self._rows, near, self._metric, x, close)
-        # x is within half the far radius now: whatever the close ball allows stays in the far one
-        self._close = self._close._replace(radius=min(self._close.radius, self._far.radius / 2))
-        self._basis.replace(near, self._rows, self._far_gradient + gradient)
+        near, self._close, gradient = _settle(self._rows, near, self._metric, x, close, room)
+        outer = sum((shell.gradient for shell in self._shells), np.zeros(self._columns))
+        self._basis.replace(near, self._rows, outer + gradient)
+
+    def _shell_sizes(self, close: int) -> list[int]:
+        """About how many rows each shell leaves unsettled, the largest first."""
+        smallest = max(self._far_size, WIDER * close)
+        sizes, size = [smallest], self._far_size * FAR
+        while WIDER * size < self._count:
+            if size >= WIDER * smallest:
+                sizes.insert(0, size)
+            size *= FAR
+        return sizes
+
+    def _shells_around(self, x: Array, sizes: list[int]) -> int:
+        """How many of the shells, the largest ones, can stay: they have these sizes, few new rows, and x near their centre."""
+        kept = 0
+        for shell, size in zip(self._shells, sizes, strict=False):
+            grown = len(shell.unsettled) + self._count - shell.fresh > 2 * size
+            if shell.size != size or grown or not pivoting.holds(shell.ball, x, 0.5):
+                break
+            kept += 1
+        return kept
+
+    def _beyond(self) -> Indices:
+        """The rows that the smallest shell leaves unsettled, and those that have come since."""
+        if not self._shells:
+            return np.arange(self._count)
+        shell = self._shells[-1]
+        return np.concatenate((shell.unsettled, np.arange(shell.fresh, self._count)))
 
     def _measure(self) -> bool:
         """Bring the norms |a|* up to date; True if the metric, and so all of them, changed."""
@@ -388,10 +428,11 @@ def _plain(array: Array) -> Array:
     return array if array.flags.carray and array.dtype == np.float64 else np.array(array, np.float64, order="C")
 
 
-def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) -> tuple[Indices, Ball, Array]:
+def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int, around: float) -> tuple[Indices, Ball, Array]:
     """Which rows must stay unsettled, about `size` of them; the ball that settles the others, and the gradient of these.
 
-    Updates their sides.
+    Updates their sides. The ball has at most half the radius of the one around it: as x is within half of that radius from its
+    center, whatever the inner one allows stays in the outer one.
     """
     distance = np.empty(len(numbers))
     pivoting.rank(numbers, x, rows, distance)
@@ -399,7 +440,7 @@ def _settle(rows: Rows, numbers: Indices, metric: Array, x: Array, size: int) ->
     unsettled = (distance <= radius) & (distance < np.inf)
     gradient = np.zeros(len(x))
     pivoting.add_gradients(numbers[~unsettled], rows, gradient)
-    return numbers[unsettled], Ball(metric, x, radius), gradient
+    return numbers[unsettled], Ball(metric, x, min(radius, around / 2)), gradient
 
 
 def _slope(rows: Rows) -> Array:
