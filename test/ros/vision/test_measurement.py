@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -149,6 +150,35 @@ def test_an_object_that_was_turned_says_nothing_about_its_height():
 def test_what_cannot_be_measured_says_why(vertices, pose, reason):
     with pytest.raises(NotSeen, match=reason):
         pictured(STRAIGHT, vertices, 0.0, 0, pose)
+
+
+def test_whatever_is_bright_is_measured_or_refused_in_words():
+    """Thin ellipses and scribbles in noise, whose corners must not be taken for an outline."""
+    seen, refused = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        image = np.full((480, 640), 40, np.uint8)
+        if seed % 2:  # a scribble
+            line = (320, 240) + np.cumsum(rng.normal(0, 20, (8, 2)), axis=0)
+            cv2.polylines(image, [np.rint(line).astype(np.int32)], True, 200, int(rng.integers(2, 10)), cv2.LINE_AA)
+        else:
+            size, angle = (int(rng.integers(20, 100)), int(rng.integers(1, 8))), rng.uniform(0, 180)
+            cv2.ellipse(image, (320, 240), size, angle, 0, 360, 200, -1, cv2.LINE_AA)
+        noise = rng.normal(0.0, 20.0, image.shape)
+        image = np.clip(cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 6.0)) + noise, 0, 255).astype(np.uint8)
+        try:
+            seen.append(measured_place(STRAIGHT, image))
+        except NotSeen as reason:
+            refused.append(str(reason))
+    assert len(seen) > 10
+    assert any("too thin or ragged" in reason for reason in refused)
+
+
+def test_two_objects_are_not_taken_for_one():
+    (first,) = pictured(STRAIGHT, SHAPES["rectangle"], 0.01, 0, Pose(0.05, 0.05, 0.2))
+    (second,) = pictured(STRAIGHT, SHAPES["rectangle"] * (0.6, 1.3), 0.01, 1, Pose(0.15, 0.05, 0.2))
+    with pytest.raises(InvalidInput, match=r"does not look the same everywhere: its corners are .* mm apart"):
+        measured_object(STRAIGHT, [first, second], 0.01)
 
 
 RADIUS, TOP = 0.004, 0.015

@@ -132,20 +132,19 @@ def measured_place(camera: Camera, image: Image, threshold: float | None = None)
     outline becomes a polygon that stays within a pixel or two of it.
 
     Raises:
-        NotSeen: there is not exactly one such object, or it is not sharp enough.
+        NotSeen: there is not exactly one such object, it is not sharp enough, or too thin or ragged.
     """
     pixel = camera.metres_per_pixel()
     contour = camera.unproject(_blob(image, threshold)[:, 0].astype(float))
     about = contour.mean(axis=0)  # single precision keeps more digits of small numbers
     rough = cv2.approxPolyDP((contour - about).astype(np.float32), _CORNER_PX * pixel, True).reshape(-1, 2) + about
-    corners = _simple(rough.astype(float), pixel)
+    outline = _polygon(_simple(rough.astype(float), pixel))
     for _ in range(_ROUNDS):
-        moved = _refined(camera, image, corners, pixel)
-        settled = len(moved) == len(corners) and np.abs(moved - corners).max() < _SETTLED_PX * pixel
-        corners = moved
-        if settled:
+        before, outline = outline, _refined(camera, image, outline, pixel)
+        moved = outline.vertices - before.vertices if len(outline.vertices) == len(before.vertices) else np.inf
+        if np.abs(moved).max() < _SETTLED_PX * pixel:
             break
-    return Place(corners, image)
+    return Place(outline.vertices, image)
 
 
 def height_of(camera: Camera, places: Sequence[Place], moved: float) -> float:
@@ -261,6 +260,18 @@ def _blob(image: Image, threshold: float | None) -> npt.NDArray[np.int32]:
     return np.asarray(largest, dtype=np.int32)
 
 
+def _polygon(corners: Array) -> Outline:
+    """The outline with these corners (n, 2).
+
+    Raises:
+        NotSeen: it crosses itself, or has no area.
+    """
+    try:
+        return Outline(corners)
+    except ValueError as error:
+        raise NotSeen("the object is too thin or ragged to be measured") from error
+
+
 def _simple(corners: Array, pixel: float) -> Array:
     """Corners (n, 2) counter-clockwise, without edges that are very short or go straight on."""
     if cross(corners, np.roll(corners, -1, axis=0)).sum() < 0:
@@ -269,6 +280,9 @@ def _simple(corners: Array, pixel: float) -> Array:
     while len(corners) > 3:
         edges = np.roll(corners, -1, axis=0) - corners
         lengths = np.hypot(*edges.T)
+        if not lengths.all():
+            corners = corners[lengths > 0]
+            continue
         turns = np.angle(np.exp(1j * np.diff(_headings(edges), append=_headings(edges[:1]))))  # at the end of each edge
         straight, short = int(np.argmin(np.abs(turns))), int(np.argmin(lengths))
         cut, depth = _shallowest_cut(corners, edges, turns)
@@ -304,9 +318,8 @@ def _meeting(point: Array, along: Array, other: Array, its: Array) -> Array:
     return np.asarray(point + along * (cross(other - point, its) / cross(along, its)))
 
 
-def _refined(camera: Camera, image: Image, corners: Array, pixel: float) -> Array:
-    """Corners where lines through the edges' samples meet."""
-    outline = Outline(corners)
+def _refined(camera: Camera, image: Image, outline: Outline, pixel: float) -> Outline:
+    """The outline whose corners are where lines through the edges' samples meet."""
     reach, slack = REACH_PX[0], 2
     points, normals = edge_samples(outline, (reach + slack) * pixel, _SAMPLES)
     if not len(points):
@@ -322,7 +335,7 @@ def _refined(camera: Camera, image: Image, corners: Array, pixel: float) -> Arra
     for before, after in zip(np.roll(np.arange(len(lines)), 1), range(len(lines)), strict=True):
         (p, n), (q, m) = lines[before], lines[after]
         meeting.append(np.linalg.solve(np.array((n, m)), np.array((n @ p, m @ q))))
-    return _simple(np.array(meeting), pixel)
+    return _polygon(_simple(np.array(meeting), pixel))
 
 
 def _line(points: Array, middle: Array, normal: Array, pixel: float) -> tuple[Array, Array]:
@@ -373,10 +386,12 @@ def _best_motion(shape: Array, other: Array) -> _Motion:
 
 
 def _check_alike(shapes: Sequence[Array]) -> None:
-    """Raises InvalidInput if some have more corners than others."""
+    """Raises InvalidInput if some have more corners than others, or corners elsewhere."""
+    hint = "is it the same object, sharp, and without shadows or reflections at its edge?"
     counts = sorted({len(shape) for shape in shapes})
     if len(counts) > 1:
-        raise InvalidInput(
-            f"the object does not look the same everywhere: {counts[0]} and {counts[-1]} corners;"
-            " is it sharp, and without shadows or reflections at its edge?"
-        )
+        raise InvalidInput(f"the object does not look the same everywhere: {counts[0]} and {counts[-1]} corners; {hint}")
+    size = float(np.ptp(shapes[0], axis=0).max())
+    apart = max((_best_motion(shapes[0], shape).rms for shape in shapes[1:]), default=0.0)
+    if apart > OTHER_SHAPE * size:
+        raise InvalidInput(f"the object does not look the same everywhere: its corners are {1e3 * apart:.1f} mm apart; {hint}")
