@@ -130,6 +130,7 @@ def test_few_pushes_say_nothing_of_it():
     for push in range(FEWEST_PUSHES - 1, 16):
         estimate = estimator.exclude(push)
     assert (estimate.pushes, estimate.confidence) == (FEWEST_PUSHES - 1, None)
+    assert estimate.lack.startswith("p_CF rests on 3 pushes, and fewer than 4 cannot tell how far it is off")
 
 
 def test_an_excluded_push_leaves_no_trace():

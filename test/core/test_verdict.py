@@ -16,9 +16,9 @@ from pushfric_core.push_plan import PlannedPush
 FEET = four_feet()
 
 
-def judged(change, points=FEET.truth.points):
+def judged(change, points=FEET.truth.points, pushes=None):
     estimator = Estimator(points)
-    for number, observation in enumerate(FEET.observations):
+    for number, observation in enumerate(FEET.observations[:pushes]):
         motion = velocity_at(observation.twist, FEET.truth.center_of_friction)
         force = tuple((5 * motion / np.hypot(*motion)).tolist())
         estimate = estimator.add(change(number, replace(observation, push_id=number, force=force)))
@@ -50,6 +50,36 @@ def test_each_mistake_has_a_sentence(change, reason):
     verdict = judged(change)
     assert not verdict.use
     assert any(reason in sentence for sentence in verdict.reasons), verdict.reasons
+
+
+def inward(which):
+    return lambda number, o: replace(o, contact_normal=(-o.contact_normal[0], -o.contact_normal[1])) if which(number) else o
+
+
+@pytest.mark.parametrize("which", [lambda _: True, lambda number: number % 3 == 0])
+def test_inward_normals_are_told_alone(which):
+    """They make the program infeasible; to leave a push out would be the wrong remedy."""
+    (reason,) = judged(inward(which)).reasons
+    assert "the normals point inward in" in reason
+
+
+def test_one_bad_normal_makes_its_push_contradict_the_others():
+    (reason,) = judged(inward(lambda number: number == 5)).reasons
+    assert "leave out a bad one" in reason
+
+
+def test_forces_are_not_blamed_for_a_wrong_motion():
+    (reason,) = judged(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega)))).reasons
+    assert "radians" in reason
+    (reason,) = judged(lambda _, o: replace(o, twist=Twist(*(-np.array(o.twist)).tolist()))).reasons
+    assert "the contact moves away from the pusher" in reason
+
+
+@pytest.mark.parametrize("pushes", [1, 2, 3])
+def test_too_few_pushes_tell_nothing_to_act_on(pushes):
+    (reason,) = judged(lambda _, o: o, pushes=pushes).reasons
+    assert reason.startswith(f"p_CF rests on {pushes} push")
+    assert judged(lambda _, o: o, pushes=5).use
 
 
 def test_supports_whose_hull_misses_the_center_of_friction_are_told():

@@ -106,7 +106,7 @@ def call(monkeypatch, capsys):
             ["estimate", "good.csv", "--object", "rubber_rect4", "--exclude-push", "5"],
             "no data point of push 5, which is to be left out",
         ),
-        (["estimate", "far.csv", "--object", "rubber_rect4"], "far.csv, line 2: contact_point must be within 5 mm"),
+        (["estimate", "far.csv", "--object", "rubber_rect4"], "far.csv, line 2: contact_x, contact_y must be within 5 mm"),
         (["recognize", "good.csv", "--object", "rubber_rect4"], "rubber_rect4 names no hypotheses"),
         (["calibrate", "board", "board.pdf", "--columns", "1"], "a board must have 4 x 4 to 500 squares, got 1 x 6"),
         (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),

@@ -29,7 +29,6 @@ from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Solver, Status
 from pushfric_core.spread import (
     DIRECTIONS,
-    FEWEST_PUSHES,
     REFRESHED,
     SELDOM,
     TURNS,
@@ -336,8 +335,8 @@ class Estimator:
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         stamp = self.newest.stamp if self.newest is not None else 0
         data_points, pushes = len(self._observations), len(self._pushes)
-        lack = self._variety.lack if pushes >= FEWEST_PUSHES else None
-        told = self._open and lack is None and pushes >= FEWEST_PUSHES and solution.status is Status.OPTIMAL
+        lack = self._variety.lack(pushes)
+        told = self._open and lack is None and solution.status is Status.OPTIMAL
         return Estimate(
             self.support_points,
             solution,

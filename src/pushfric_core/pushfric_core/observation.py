@@ -43,6 +43,8 @@ class Observation:
         force: measured force of the pusher ON the object [N]; None without a force sensor.
         tip_velocity: of the pusher's tip over the table, in the object frame [m/s], in the unit of time of the twist; None
             if unknown.
+        depth: how far the tip would be inside the outline, along -n [m]; an outline that is right makes it zero but for
+            errors of the poses. None if unknown.
     Raises:
         ValueError: a value is not finite, beyond its limit or of another type; the normal does not have unit length; the
             half-width or the duration is negative.
@@ -59,6 +61,7 @@ class Observation:
     pose: Pose | None = None
     force: Vector | None = None
     tip_velocity: Vector | None = None
+    depth: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("contact_point", "contact_normal", "force", "tip_velocity"):
@@ -81,6 +84,8 @@ class Observation:
             value = getattr(self, name)
             if value is not None and max(map(abs, value[:2])) > limit:
                 raise ValueError(f"{name} must lie within {limit:g} {unit}, got {tuple(map(float, value))}")
+        if self.depth is not None and not abs(self.depth) <= FARTHEST:
+            raise ValueError(f"depth must lie within {FARTHEST:g} m, got {self.depth}")
         length = math.hypot(*self.contact_normal)
         if abs(length - 1) > UNIT:
             raise ValueError(f"contact_normal must have length 1, got {self.contact_normal} of length {length:.4g}")

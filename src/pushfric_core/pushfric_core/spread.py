@@ -23,6 +23,7 @@ from pushfric_core.planar import Array, Indices
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import finite
 from pushfric_core.support import center_of_friction
+from pushfric_core.wording import counted
 
 SHARE = 0.9
 """The truth lies within the ellipse this often."""
@@ -49,7 +50,7 @@ TURNS = 8
 """The extents of all w_j are found over this many measurements of the set, a few in each."""
 
 FEWEST_PUSHES = 4
-"""For fewer pushes there is no spread."""
+"""For fewer pushes there is no spread: how far p_CF scatters would rest on two differences between pushes, or fewer."""
 
 SEPARATE = 0.12
 """Contacts at least this far apart are at different places, as a share of the support's size."""
@@ -191,7 +192,7 @@ class Variety:
         self._places: list[Array] = []
         self._normals: list[Array] = []
         self._last: int | None = None
-        self.lack: str | None = self._lack()  # what the pushes lack, in words; None if they vary enough
+        self._sameness: str | None = self._same()
 
     def add(self, push_id: int, contact: tuple[float, float], normal: tuple[float, float]) -> None:
         """Take a data point; the first one of each push says where it is."""
@@ -201,9 +202,19 @@ class Variety:
         if all(math.dist(contact, place) > self._apart for place in self._places):
             self._places.append(np.asarray(contact))
             self._normals.append(np.asarray(normal))
-            self.lack = self._lack()
+            self._sameness = self._same()
 
-    def _lack(self) -> str | None:
+    def lack(self, pushes: int) -> str | None:
+        """What this number of pushes lacks to tell how far p_CF is off, in words; None if it lacks nothing."""
+        if pushes < FEWEST_PUSHES:
+            return (
+                f"p_CF rests on {counted(pushes, 'push', 'pushes')}, and fewer than {FEWEST_PUSHES} cannot tell how far it is "
+                f"off: push at least {FEWEST_PUSHES} times, at {FEWEST_PLACES} places or more, on more than one side"
+            )
+        return self._sameness
+
+    def _same(self) -> str | None:
+        """In what the pushes are all the same, in words; None if they vary enough."""
         if len(self._places) < FEWEST_PLACES:
             where = "one place" if len(self._places) == 1 else f"{len(self._places)} places"
             return f"all pushes are at {where} and say the same: push at least {FEWEST_PLACES} places, on more than one side"

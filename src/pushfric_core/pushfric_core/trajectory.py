@@ -359,15 +359,16 @@ class Trajectory:
         twist = Twist(float(velocity[0]), float(velocity[1]), (following.theta - previous.theta) / duration)
         if not any(twist) or self._speed(twist) < self.config.minimum_speed:
             return None
+        first, at, last = (np.mean([frame.tip for frame in window], axis=0) for window in windows)
+        line = self._pusher.line
         if any(frame.free for frame in frames):
             if self._turns(frames):
                 return None
-            first, at, last = (np.mean([frame.tip for frame in window], axis=0) for window in windows)
-            touch = self._nearest(at, self._pusher.line.tip_radius, pose)
+            touch = self._nearest(at, line.tip_radius, pose)
             tip = rotation(-pose.theta) @ (last - first) / duration
         else:
-            touch = self._touch(self._pusher.line, pose)
-            tip = self._mean_travel(frames) / duration * rotation(-pose.theta) @ np.asarray(self._pusher.line.direction)
+            touch = self._touch(line, pose)
+            tip = self._mean_travel(frames) / duration * rotation(-pose.theta) @ np.asarray(line.direction)
         if touch is None:
             return None
         start = frames[0].stamp
@@ -380,6 +381,7 @@ class Trajectory:
             stamp=start + round(sum(frame.stamp - start for frame in windows[1]) / self.config.window),
             pose=pose,
             tip_velocity=(float(tip[0]), float(tip[1])),
+            depth=line.tip_radius - float((transform(inverse(pose), at) - touch.point) @ touch.normal),
         )
 
     def _window(self, frames: list[_Frame], index: int) -> list[_Frame]:

@@ -101,7 +101,7 @@ class InputCheck:
         self._points = points
         self._middle = points.mean(axis=0)
         self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1))))
-        self._count = self._inward = self._receding = self._about_origin = self._forces = 0
+        self._count = self._behind = self._inverted = self._receding = self._about_origin = self._forces = 0
         self._turn = 0j
         self._lines = _Lines()
 
@@ -110,8 +110,10 @@ class InputCheck:
         contact, normal = np.asarray(observation.contact_point), np.asarray(observation.contact_normal)
         vx, vy, omega = observation.twist
         self._count += 1
-        self._inward += bool((contact - self._middle) @ normal < 0)
-        self._receding += _recedes(observation.twist, contact, normal)
+        behind, recedes = bool((contact - self._middle) @ normal < 0), _recedes(observation.twist, contact, normal)
+        self._behind += behind
+        self._inverted += behind and recedes
+        self._receding += recedes and not behind
         self._about_origin += math.hypot(vx, vy) < ABOUT_ORIGIN * self._radius * abs(omega)
         self._lines.add(observation)
         if observation.force is not None and any(observation.force):
@@ -123,34 +125,34 @@ class InputCheck:
 
     def verdict(self, estimate: Estimate) -> Verdict:
         """On the estimate from these data points."""
-        reasons = self._mistakes()
-        if estimate.contradiction is not None:
-            reasons.append(f"{estimate.contradiction}: leave out a bad one of them with --exclude-push")
-        elif estimate.pushes >= FEWEST_PUSHES:
-            reasons += self._doubts(estimate)
-            if not reasons:  # otherwise the cause is known already
-                reasons += self._opposed(estimate)
-        return Verdict(tuple(reasons))
+        # what a mistake in the input brings about says nothing of its own, and its remedy would be the wrong one
+        reasons = self._mistakes() or self._contradictions(estimate)
+        if estimate.lack is not None:
+            reasons.append(estimate.lack)
+        return Verdict(tuple(reasons or self._doubts(estimate) or self._opposed(estimate)))
 
     def _mistakes(self) -> list[str]:
         """What the data points themselves show."""
         found = []
-        if self._inward > MOST * self._count:
+        wrong_motion = False  # against which forces would seem turned
+        if self._behind > MOST * self._count or self._inverted > MANY_RECEDE * self._count:
             found.append(
-                f"the normals point inward in {self._inward} of {self._count} data points: contact_normal must point away from "
+                f"the normals point inward in {self._behind} of {self._count} data points: contact_normal must point away from "
                 "the object; negate normal_x and normal_y"
             )
         elif self._about_origin > MOST * self._count:
+            wrong_motion = True
             found.append(
                 f"the object seems to turn about the origin of its frame in {self._about_origin} of {self._count} data points, "
                 "as if omega were in degrees: give omega in radians per unit of time"
             )
         elif self._receding > MANY_RECEDE * self._count:
+            wrong_motion = True
             found.append(
                 f"the contact moves away from the pusher in {self._receding} of {self._count} data points: vx, vy, omega must "
                 "be the velocity of the object-frame origin, in the object frame"
             )
-        if self._forces >= FEWEST_PUSHES:
+        if self._forces >= FEWEST_PUSHES and not wrong_motion:
             mean = self._turn / self._forces
             turn = math.degrees(cmath.phase(mean))
             if abs(mean) < SCATTERED:
@@ -165,10 +167,14 @@ class InputCheck:
                 )
         return found
 
+    def _contradictions(self, estimate: Estimate) -> list[str]:
+        """Whether pushes contradict each other."""
+        if estimate.contradiction is None:
+            return []
+        return [f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"]
+
     def _doubts(self, estimate: Estimate) -> list[str]:
         """What the fit shows."""
-        if estimate.lack is not None:
-            return [estimate.lack]
         found = []
         error = estimate.moment_error
         if error is not None and error > POOR_FIT * self._radius:

@@ -51,7 +51,7 @@ def test_units_and_signs(tmp_path):
         ([("triangle", "x", *ROW[2:])], "line 2: cx_mm must be a number, got 'x'"),
         ([("triangle", "nan", *ROW[2:])], "line 2: cx_mm must be finite, got nan"),
         ([(*ROW[:-1], 0)], "no push of triangle was stable"),
-        ([(*ROW[:3], 0, -2, *ROW[5:])], "triangle: contact_normal must have length 1"),
+        ([(*ROW[:3], 0, -2, *ROW[5:])], "triangle: nx, ny must have length 1"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, rows, expected):

@@ -14,6 +14,7 @@ from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, Twist
 from pushfric_ros.bags.zhou2015 import MILLIMETRE, SECOND, Imported, write_bag
 from pushfric_ros.files.csv_table import read_table
+from pushfric_ros.files.file_errors import as_named_here
 from pushfric_ros.files.pushes_file import TURNED, EdgePushes
 
 NAME = "stablepush"
@@ -24,6 +25,14 @@ COLUMNS = (
     *("object", "cx_mm", "cy_mm", "nx", "ny", "half_width_mm", "cor_x_mm", "cor_y_mm", "commanded_rad"),
     *("dx_mm", "dy_mm", "dtheta_rad", "stable"),
 )
+
+NAMES = {
+    "contact_point": "cx_mm, cy_mm",
+    "contact_normal": "nx, ny",
+    "the twist": "dx_mm, dy_mm, dtheta_rad",
+    "half_width": "half_width_mm",
+}
+"""The columns of each field of an observation."""
 
 
 class TwoFingerPushes(NamedTuple):
@@ -72,7 +81,7 @@ def import_stable_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Import
         try:
             observations = [_observation(found, index) for index in np.flatnonzero(found.stable).tolist()]
         except (ValueError, PushfricError) as error:
-            raise InvalidInput(f"{source}: {name}: {error}") from error
+            raise InvalidInput(f"{source}: {name}: {as_named_here(error, NAMES)}") from error
         if not observations:
             raise InvalidInput(f"{source}: no push of {name} was stable")
         written.append(write_bag(folder, name, observations))

@@ -24,6 +24,7 @@ from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.cdr import encoder
 from pushfric_ros.bags.offered_qos import OfferedQos
 from pushfric_ros.files.csv_table import Row, read_table
+from pushfric_ros.files.file_errors import as_named_here
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
 from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.messages.qos import RELIABLE
@@ -50,6 +51,15 @@ SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 """From the sensor's reading to the force ON the object, in the frame of the tool."""
 
 COLUMNS = ("object", "log", "push", "cx_mm", "cy_mm", "nx", "ny", "dx_mm", "dy_mm", "dtheta_rad", "fx_N", "fy_N")
+NAMES = {
+    "contact_point": "cx_mm, cy_mm",
+    "contact_normal": "nx, ny",
+    "the twist": "dx_mm, dy_mm, dtheta_rad",
+    "force": "fx_N, fy_N",
+    "push_id": "push",
+}
+"""The columns of each field of an observation."""
+
 TIPS = ("tip0x_mm", "tip0y_mm", "tip1x_mm", "tip1y_mm")
 MILLIMETRE = 1e-3
 
@@ -112,7 +122,9 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
                 tip_velocity=_tip_velocity(row, motion, (cx * MILLIMETRE, cy * MILLIMETRE)),
             )
         except (TypeError, ValueError, PushfricError) as error:
-            raise InvalidInput(f"{row.where}: {error}") from error
+            if isinstance(error, InvalidInput):
+                raise
+            raise InvalidInput(f"{row.where}: {as_named_here(error, NAMES)}") from error
         logs.setdefault(row.texts["log"] or "", []).append(observation)
     return logs
 

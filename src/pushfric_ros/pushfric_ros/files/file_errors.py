@@ -3,7 +3,8 @@
 import contextlib
 import csv
 import pathlib
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 
 from pushfric_core.errors import InvalidInput
 
@@ -45,3 +46,13 @@ def shortened(value: object) -> str:
     """A wrong value for people, on one line of bounded length."""
     text = repr(value)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+
+
+def as_named_here(error: Exception, names: Mapping[str, str]) -> str:
+    """What is wrong, in the words of the file.
+
+    Args:
+        error: of a record, which names its own fields.
+        names: how the file names them.
+    """
+    return re.sub("|".join(rf"\b{name}\b" for name in names), lambda field: names[field[0]], str(error))

@@ -21,12 +21,16 @@ from pushfric_core.prediction import FrictionModel, model_of
 from pushfric_core.quasi_static import SUM
 from pushfric_core.recognition import Hypothesis
 from pushfric_ros.files.estimator_settings import EstimatorSettings
+from pushfric_ros.files.file_errors import as_named_here
 from pushfric_ros.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml
 
 SUFFIXES = (".yaml", ".yml")
 FORMAT = 1
 VERSIONED = ("pushfric_core", "numpy", "scipy")
 """Packages whose versions a model names."""
+
+NAMES = {"contact_point": "contact", "contact_normal": "normal", "the twist": "twist"}
+"""The keys of those fields of an observation that have another name here."""
 
 Share = Annotated[float, pydantic.Field(ge=0, le=1)]
 Positive = Annotated[float, pydantic.Field(ge=0)]
@@ -61,6 +65,7 @@ class DataPointFile(Strict):
     pose: tuple[float, float, float] | None = None  # in the table frame
     force: Point | None = None
     tip_velocity: Point | None = None
+    depth: float | None = None
 
 
 class MadeFile(Strict):
@@ -124,6 +129,7 @@ class ModelFile(Strict):
                 pose=None if point.pose is None else Pose(*point.pose),
                 force=point.force,
                 tip_velocity=point.tip_velocity,
+                depth=point.depth,
             )
             for point in self.data_points
         ]
@@ -199,6 +205,7 @@ def _data_point(observation: Observation) -> DataPointFile:
         pose=None if observation.pose is None else (*observation.pose,),
         force=observation.force,
         tip_velocity=observation.tip_velocity,
+        depth=observation.depth,
     )
 
 
@@ -214,7 +221,7 @@ def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
         for observation in file.observations():
             observation.check_contact(model.outline)
     except (ValueError, PushfricError) as error:
-        raise InvalidInput(f"{path}: data_points: {error}") from error
+        raise InvalidInput(f"{path}: data_points: {as_named_here(error, NAMES)}") from error
     return file, model
 
 

@@ -7,10 +7,19 @@ from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.planar import Twist
 from pushfric_ros.files.csv_table import Row, read_table
+from pushfric_ros.files.file_errors import as_named_here
 
 REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
 PAIRS = (("force_x", "force_y"), ("tip_vx", "tip_vy"))
 OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1])
+NAMES = {
+    "contact_point": "contact_x, contact_y",
+    "contact_normal": "normal_x, normal_y",
+    "the twist": "vx, vy, omega",
+    "force": "force_x, force_y",
+    "tip_velocity": "tip_vx, tip_vy",
+}
+"""The columns of each field of an observation."""
 
 
 def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]:
@@ -50,5 +59,5 @@ def _observation(row: Row, outline: Outline) -> Observation:
         )
         observation.check_contact(outline)
     except (ValueError, PushfricError) as error:
-        raise error if isinstance(error, InvalidInput) else InvalidInput(f"{where}: {error}") from error
+        raise error if isinstance(error, InvalidInput) else InvalidInput(f"{where}: {as_named_here(error, NAMES)}") from error
     return observation

@@ -187,11 +187,13 @@ def observation_to_msg(observation: Observation, object_name: str) -> Observatio
         msg.force = [_vector(observation.force)]
     if observation.tip_velocity is not None:
         msg.tip_velocity = [_vector(observation.tip_velocity)]
+    if observation.depth is not None:
+        msg.depth = observation.depth
     return msg
 
 
 def observation_from_msg(msg: ObservationMsg) -> Observation:
-    """A data point; bags from before tip_velocity was recorded have no such field.
+    """A data point; bags from before tip_velocity and depth were recorded have no such fields.
 
     Raises:
         ValueError, UninformativePush: the message is not a data point, as for `Observation`.
@@ -208,6 +210,7 @@ def observation_from_msg(msg: ObservationMsg) -> Observation:
         pose=pose_from_msg(msg.pose[0]) if msg.pose else None,
         force=(msg.force[0].x, msg.force[0].y) if msg.force else None,
         tip_velocity=(tip_velocity[0].x, tip_velocity[0].y) if tip_velocity else None,
+        depth=getattr(msg, "depth", 0.0) or None,
     )
 
 

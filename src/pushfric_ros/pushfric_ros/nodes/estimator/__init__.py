@@ -17,6 +17,7 @@ from pushfric_core.observation import Observation
 from pushfric_core.observation_maker import ObservationMaker
 from pushfric_core.online_estimation import OnlineEstimation
 from pushfric_core.recognition import Recognizer
+from pushfric_core.spread import FEWEST_PUSHES
 from pushfric_core.verdict import Verdict
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
@@ -270,12 +271,14 @@ class EstimatorNode(Node):
             self._observations_out.publish(observation_to_msg(observation, self._object.name))
 
     def _judge(self) -> Verdict:
-        """The verdict on the estimate; the log says once that data points contradict each other."""
-        contradiction = None if self._online.estimate is None else self._online.estimate.contradiction
-        if contradiction is not None and self._problem is None:
-            self.get_logger().error(contradiction)
-        self._problem = contradiction
+        """The verdict on the estimate; the log says once that data points contradict each other, or why."""
         self._verdict = self._online.verdict()
+        problem = None
+        if self._online.estimate is not None and self._online.estimate.contradiction is not None:
+            problem = "; ".join(self._verdict.reasons)
+            if self._problem is None:
+                self.get_logger().error(problem)
+        self._problem = problem
         return self._verdict
 
     def _publish_settings(self) -> None:
@@ -409,7 +412,9 @@ class EstimatorNode(Node):
         if self._maker.contradiction is not None:
             return Health(Level.WARN, self._maker.contradiction, values)
         if not self._verdict.use:
-            return Health(Level.WARN, "; ".join(self._verdict.reasons), values)
+            # nobody need act while the first pushes are made
+            begun = estimate is not None and estimate.pushes < FEWEST_PUSHES and self._verdict.reasons == (estimate.lack,)
+            return Health(Level.OK if begun else Level.WARN, "; ".join(self._verdict.reasons), values)
         if self._verdict.rejected:
             words = "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in self._verdict.rejected)
             return Health(Level.OK, words, values)
