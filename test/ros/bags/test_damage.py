@@ -10,18 +10,21 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.bags import mcap_file
+from pushfric_ros.bags import mcap_records
 from pushfric_ros.bags.bag import Bag, DamagedBag
-from pushfric_ros.bags.cdr import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder, Definition
+from pushfric_ros.bags.cdr import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder, Definition, encoder
 from pushfric_ros.bags.contents import BagMessage
-from pushfric_ros.bags.mcap_file import CHUNK_LIMIT, MAGIC, McapFile
+from pushfric_ros.bags.mcap_file import McapFile
+from pushfric_ros.bags.mcap_records import CHUNK_LIMIT, MAGIC
 from pushfric_ros.bags.offered_qos import INFINITE_NS
 from pushfric_ros.bags.recovery import recover
 from pushfric_ros.commands import cli
+from pushfric_ros.messages.types import definition
 
 DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
 SECTOR = 4096
@@ -132,6 +135,152 @@ def test_verify_says_whether_a_bag_is_whole(copy, damage, code, monkeypatch, cap
         assert bool(said["gaps"]) == (code == 1)
 
 
+# --- chunks that are not compressed ---
+
+
+CHUNK_SIZE = 3 * 2**18
+"""As in the bags of `ros2 bag record`, whose chunks are not compressed either."""
+
+
+def write_uncompressed(path: pathlib.Path, messages: list[BagMessage], indexed: bool = True) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream, CHUNK_SIZE, CompressionType.NONE, index_types=IndexType.ALL if indexed else IndexType.NONE)
+        writer.start(profile="ros2")
+        channels = {}
+        for message in messages:
+            if message.topic not in channels:
+                schema = writer.register_schema(message.type_name, "ros2msg", definition(message.type_name).encode())
+                channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
+            writer.add_message(channels[message.topic], message.log_time_ns, message.raw, message.log_time_ns)
+        writer.finish()
+
+
+@pytest.fixture(scope="module")
+def recorded() -> list[BagMessage]:
+    """The messages of the demo's bag, and long ones among them."""
+    messages = messages_of(DEMO)
+    encode = encoder(STRING)
+    long = get_typestore(Stores.ROS2_JAZZY).types[STRING]
+    texts = [BagMessage("/text", STRING, one.log_time_ns, encode(long("x" * 20_000))) for one in messages[10::200]]
+    return sorted(messages + texts, key=lambda message: message.log_time_ns)
+
+
+def zeroed(content: bytes, begin: int, size: int, rng: np.random.Generator) -> bytes:
+    return content[:begin] + bytes(size) + content[begin + size :]
+
+
+def scrambled(content: bytes, begin: int, size: int, rng: np.random.Generator) -> bytes:
+    return content[:begin] + rng.bytes(size) + content[begin + size :]
+
+
+def shifted(content: bytes, begin: int, size: int, rng: np.random.Generator) -> bytes:
+    return content[:begin] + content[begin + 7 : begin + size] + bytes(7) + content[begin + size :]
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+@pytest.mark.parametrize("damage", [zeroed, scrambled, shifted])
+def test_messages_around_a_lost_block_of_an_uncompressed_chunk_are_saved(tmp_path, recorded, rng, damage, indexed):
+    path = tmp_path / "whole.mcap"
+    write_uncompressed(path, recorded, indexed)
+    content, known = path.read_bytes(), set(recorded)
+    assert McapFile(path).statistics.chunks == 2
+    saved = []
+    blocks = rng.choice(len(content) // SECTOR, 12, replace=False)
+    for number, block in enumerate(blocks):
+        hurt = tmp_path / f"{number}.mcap"
+        hurt.write_bytes(damage(content, int(block) * SECTOR, SECTOR, rng))
+        out = tmp_path / str(number)
+        bag = recover(hurt, out)
+        left = messages_of(out)
+        assert set(left) <= known  # none is wrong
+        assert len(left) == bag.summary.message_count + sum(bag.damage.unconfirmed.values())
+        assert [one.log_time_ns for one in left] == sorted(one.log_time_ns for one in left)
+        saved.append(len(left) / len(recorded))
+    assert np.mean(saved) >= 0.97
+
+
+def test_what_no_checksum_confirms_is_marked_and_read_only_on_demand(tmp_path, recorded, monkeypatch, capfd):
+    path, out, confirmed = tmp_path / "hurt.mcap", tmp_path / "out", tmp_path / "confirmed"
+    write_uncompressed(path, recorded)
+    shutil.copy(DEMO / "object.yaml", tmp_path / "object.yaml")
+    content = path.read_bytes()
+    path.write_bytes(content[:100_000] + bytes(SECTOR) + content[100_000 + SECTOR :])
+    run = CliRunner().invoke(cli.app, ["bag", "recover", str(path), "--out", str(out)])
+    assert run.exit_code == 0
+    unconfirmed = Bag(path).damage.unconfirmed
+    assert unconfirmed["/cell/object_pose"] > 100
+    assert f"no checksum confirms {sum(unconfirmed.values())} of them" in " ".join(run.output.split())
+    damage = Bag(out).damage
+    assert damage.loses_messages
+    assert not damage.missing
+    assert any(re.search(f"{unconfirmed['/cell/object_pose']} messages of /cell/object_pose, from", one)
+               for one in damage.contradictions)  # fmt: skip
+    refused = CliRunner().invoke(cli.app, ["estimate", str(out)])
+    assert isinstance(refused.exception, DamagedBag)
+    assert "may not be what was recorded" in str(refused.exception)
+    points, said = estimated(out, "--partial")
+    assert points > 0
+    assert "may not be what was recorded" in said
+    # recovered once more, the mark stays
+    recover(out, tmp_path / "again")
+    assert Bag(tmp_path / "again").damage.contradictions
+    CliRunner().invoke(cli.app, ["bag", "recover", str(path), "--out", str(confirmed), "--only-confirmed"])
+    assert Bag(confirmed).damage is None
+    assert Bag(confirmed).summary.message_count == Bag(path).summary.message_count
+
+
+def test_where_less_than_a_sector_is_damaged_nothing_of_the_chunk_is_believed(tmp_path, recorded):
+    """A changed byte in the content of a message cannot be told from a right one, and so all short messages are in doubt."""
+    path = tmp_path / "hurt.mcap"
+    short = [message for message in recorded if len(message.raw) < 450]
+    write_uncompressed(path, short)
+    content = path.read_bytes()
+    inside = content.index(short[100].raw) + 100
+    path.write_bytes(content[:inside] + bytes([content[inside] ^ 1]) + content[inside + 1 :])
+    damage = Bag(path).damage
+    assert not damage.unconfirmed
+    assert sum(damage.missing.values()) > 500
+
+
+def test_damage_in_a_long_message_leaves_the_short_ones(tmp_path, recorded):
+    path = tmp_path / "hurt.mcap"
+    write_uncompressed(path, recorded)
+    content = path.read_bytes()
+    inside = content.index(b"x" * 19_000) + 9000
+    path.write_bytes(content[:inside] + bytes(600) + content[inside + 600 :])
+    bag = Bag(path)
+    left = list(bag.messages(unconfirmed=True))
+    assert "/text" not in bag.damage.unconfirmed  # which of them is wrong cannot be known
+    assert set(left) <= set(recorded)
+    short = [message for message in recorded if len(message.raw) < 450]
+    assert len(set(short) & set(left)) > 0.97 * len(short)
+
+
+@pytest.mark.parametrize("cut", [300_000, CHUNK_SIZE + 400_000])
+def test_a_chunk_that_was_cut_short_is_saved_up_to_the_cut(tmp_path, recorded, cut):
+    path = tmp_path / "cut.mcap"
+    write_uncompressed(path, recorded)
+    path.write_bytes(path.read_bytes()[:cut])
+    recover(path, tmp_path / "out")
+    left = messages_of(tmp_path / "out")
+    before = recorded[: recorded.index(left[-1]) + 1]
+    assert set(left) >= {message for message in before if len(message.raw) < 450}
+    assert set(left) <= set(before)
+    assert sum(len(message.raw) + 31 for message in before) > cut - 100_000  # the rest are definitions and indexes
+
+
+def test_a_message_index_that_contradicts_its_chunk_is_damage(tmp_path, recorded):
+    path = tmp_path / "hurt.mcap"
+    write_uncompressed(path, recorded)
+    content = path.read_bytes()
+    time = struct.pack("<Q", recorded[50].log_time_ns)
+    second = content.index(time, CHUNK_SIZE)  # the first mention is in the chunk, the next one in its index
+    path.write_bytes(content[:second] + b"\1" + content[second + 1 :])
+    damage = Bag(path).damage
+    assert not damage.loses_messages
+    assert damage.gaps[0].gap.reason == "a message index contradicts its chunk"
+
+
 # --- hostile bytes ---
 
 
@@ -142,10 +291,10 @@ def record(code: int, content: bytes) -> bytes:
 def chunk(compression: str, stored: bytes, size: int, checksum: int = 0) -> bytes:
     name = compression.encode()
     head = struct.pack("<QQQII", 1, 1, size, checksum, len(name)) + name + struct.pack("<Q", len(stored))
-    return record(mcap_file.CHUNK, head + stored)
+    return record(mcap_records.CHUNK, head + stored)
 
 
-HEADER = MAGIC + record(mcap_file.HEADER, struct.pack("<I", 4) + b"ros2" + struct.pack("<I", 0))
+HEADER = MAGIC + record(mcap_records.HEADER, struct.pack("<I", 4) + b"ros2" + struct.pack("<I", 0))
 
 
 @pytest.mark.parametrize(
@@ -159,8 +308,8 @@ HEADER = MAGIC + record(mcap_file.HEADER, struct.pack("<I", 4) + b"ros2" + struc
         (b"x" * 10, "", 11, "a chunk has 10 bytes, expected 11"),
         (b"x" * 10, "brotli", 10, "compressed by 'brotli'"),
         (b"x" * 10, "", 10, "reaches beyond the end of its chunk"),
-        (record(mcap_file.MESSAGE, b"x" * 21), "", 30, "shorter than its head"),
-        (record(mcap_file.MESSAGE, struct.pack("<HIQQ", 1, 0, 2**63, 0)), "", 31, "beyond those of ROS"),
+        (record(mcap_records.MESSAGE, b"x" * 21), "", 30, "shorter than its head"),
+        (record(mcap_records.MESSAGE, struct.pack("<HIQQ", 1, 0, 2**63, 0)), "", 31, "beyond those of ROS"),
     ],
 )
 def test_a_chunk_that_lies_is_left_out(tmp_path, stored, compression, size, reason):

@@ -5,16 +5,18 @@ import os
 import pathlib
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import zstandard
 
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.wording import counted
 from pushfric_ros.bags.cdr import Decoder, Definition
 from pushfric_ros.bags.contents import BagMessage, Summary, Topic
-from pushfric_ros.bags.mcap_file import Channel, Gap, McapFile, Schema
+from pushfric_ros.bags.mcap_file import Gap, McapFile, Span
+from pushfric_ros.bags.mcap_records import Channel, Schema
 from pushfric_ros.bags.offered_qos import profiles_from
 from pushfric_ros.bags.rosbag2_metadata import METADATA, BagMetadata, read_metadata
 from pushfric_ros.files.bounded_yaml import load_yaml
@@ -46,6 +48,7 @@ class Damage:
 
     gaps: tuple[FileGap, ...]  # bytes that cannot be trusted
     missing: dict[str, int] | None  # messages that cannot be read, by topic; None: the bag does not say how many it had
+    unconfirmed: dict[str, int]  # those of them that are intact, though the checksum of their chunk fails
     contradictions: tuple[str, ...]  # between what the bag says and what it holds
 
     @property
@@ -59,7 +62,9 @@ class StoredFile(Protocol):
 
     path: pathlib.Path
     gaps: list[Gap]
-    doubtful: bool  # whether a message that is read may differ from what was written
+    doubts: list[str]  # why messages that are read may differ from what was written
+    unconfirmed: Mapping[str, Span]  # messages intact in damaged chunks, by topic; they are read only if asked for
+    marked: Mapping[str, Span]  # messages that `bag recover` marked as unconfirmed, by topic; they are read
     start_ns: int
     end_ns: int
 
@@ -73,7 +78,7 @@ class StoredFile(Protocol):
         """Number of messages of each topic according to the file; None if it does not say."""
         ...
 
-    def read(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
+    def read(self, topics: Collection[str] | None, unconfirmed: bool) -> Iterator[BagMessage]:
         """Messages by log time."""
         ...
 
@@ -110,7 +115,7 @@ class Bag:
             DamagedBag: messages are missing; one line says which.
         """
         if self.damage is not None and self.damage.loses_messages:
-            raise DamagedBag(f"{self.what_is_missing()}; --partial goes on without them, `pushfric bag verify` says more")
+            raise DamagedBag(f"{self.what_is_missing()}; --partial goes on with what there is, `pushfric bag verify` says more")
 
     def what_is_missing(self, with_places: bool = True) -> str:
         """A line that says how many messages of which topics are missing and, with places, when."""
@@ -140,7 +145,11 @@ class Bag:
         return f"{after} {before}"
 
     def messages(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        unconfirmed: bool = False,
     ) -> Iterator[BagMessage]:
         """All messages that can be read, in order of log time; those of the same time in the order they were written.
 
@@ -148,11 +157,12 @@ class Bag:
             topics: full names of the topics to read; None: all.
             start_ns: first log time to read.
             end_ns: first log time not to read.
+            unconfirmed: also those that are intact in chunks whose checksum fails.
         Raises:
             InvalidInput: a file can no longer be read.
         """
         for message in heapq.merge(
-            *(self._read(file, topics) for file in self._files), key=lambda message: message.log_time_ns
+            *(self._read(file, topics, unconfirmed) for file in self._files), key=lambda message: message.log_time_ns
         ):
             if end_ns is not None and message.log_time_ns >= end_ns:
                 return
@@ -171,9 +181,18 @@ class Bag:
             self._decoders[name] = Decoder(name, self._definitions.get(name, Definition("", "")))
         return self._decoders[name](message.raw)
 
-    def _read(self, file: StoredFile, topics: Collection[str] | None) -> Iterator[BagMessage]:
+    def unconfirmed(self, in_chunks: bool) -> dict[str, Span]:
+        """The messages of each topic that no sound checksum covers: those marked by `recover`, and those in damaged chunks.
+
+        Args:
+            in_chunks: count the latter, too.
+        """
+        marked = [item for file in self._files for item in file.marked.items()]
+        return _joined(marked + [item for file in self._files for item in file.unconfirmed.items() if in_chunks])
+
+    def _read(self, file: StoredFile, topics: Collection[str] | None, unconfirmed: bool) -> Iterator[BagMessage]:
         try:
-            for message in file.read(topics):
+            for message in file.read(topics, unconfirmed):
                 if self._compressed_messages:
                     message = message._replace(raw=_decompressed(message.raw, file.path))
                 yield message
@@ -254,12 +273,21 @@ class _McapBagFile:
     def __init__(self, path: pathlib.Path) -> None:
         self._file = file = McapFile(path)
         self.path, self.gaps, self.start_ns, self.end_ns = path, file.gaps, file.start_ns, file.end_ns
-        self.doubtful = file.doubtful
+        self.marked: Mapping[str, Span] = file.marked
+        self.doubts = ["messages may not be what was recorded"] if file.doubtful else []
+        for topic, span in file.marked.items():
+            when = f"from {(span.first_ns - file.start_ns) * 1e-9:.3f} s to {(span.last_ns - file.start_ns) * 1e-9:.3f} s"
+            self.doubts.append(
+                f"{counted(span.messages, 'message')} of {' '.join(topic.split())[:80]}, {when}, may not be what was recorded:"
+                " saved from a chunk that failed its checksum"
+            )
         self._topics: dict[int, Topic] = {}
         for number, channel in file.channels.items():
             schema = file.schemas.get(channel.schema_id)
             if schema is not None or not file.gaps:  # the schema may have been lost
                 self._topics[number] = _topic(path, channel, schema, file.counts[number])
+        known = [(topic.name, file.unconfirmed[number]) for number, topic in self._topics.items() if number in file.unconfirmed]
+        self.unconfirmed: Mapping[str, Span] = _joined(known)
 
     @property
     def topics(self) -> list[Topic]:
@@ -281,11 +309,19 @@ class _McapBagFile:
             by_topic[_UNKNOWN] = by_topic.get(_UNKNOWN, 0) + statistics.messages - sum(by_topic.values())
         return by_topic
 
-    def read(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
+    def read(self, topics: Collection[str] | None, unconfirmed: bool) -> Iterator[BagMessage]:
         wanted = {n: t for n, t in self._topics.items() if topics is None or t.name in topics}
-        for message in self._file.messages(wanted.__contains__):
+        for message in self._file.messages(wanted.__contains__, unconfirmed):
             topic = wanted[message.channel_id]
             yield BagMessage(topic.name, topic.type_name, message.log_time_ns, message.data)
+
+
+def _joined(spans: Iterable[tuple[str, Span]]) -> dict[str, Span]:
+    """One span for each topic."""
+    found: dict[str, Span] = {}
+    for topic, span in spans:
+        found[topic] = span.joined(found[topic]) if topic in found else span
+    return found
 
 
 _UNKNOWN = "a topic that is no longer known"
@@ -327,7 +363,7 @@ def _damage(files: list[StoredFile], summary: Summary, metadata: BagMetadata | N
     found: Counter[str] = Counter()
     for topic in summary.topics:
         found[topic.name] += topic.message_count
-    contradictions = [f"{file.path.name}: messages may not be what was recorded" for file in files if file.doubtful]
+    contradictions = [f"{file.path.name}: {doubt}" for file in files for doubt in file.doubts]
     missing: dict[str, int] | None = None
     expected_of_files = [file.expected for file in files]
     if all(expected is not None for expected in expected_of_files):
@@ -346,7 +382,10 @@ def _damage(files: list[StoredFile], summary: Summary, metadata: BagMetadata | N
             contradictions.append(f"{METADATA} and the files say different numbers of messages")
     if missing is None and not gaps:
         missing = {}  # nothing in the bag says how many there were, and nothing is damaged
-    return Damage(gaps, missing, tuple(contradictions)) if gaps or missing or contradictions else None
+    if not (gaps or missing or contradictions):
+        return None
+    unconfirmed = _joined(item for file in files for item in file.unconfirmed.items())
+    return Damage(gaps, missing, {topic: span.messages for topic, span in unconfirmed.items()}, tuple(contradictions))
 
 
 def _compared(expected: Counter[str], found: Counter[str], said: str, contradictions: list[str]) -> dict[str, int]:

@@ -3,7 +3,7 @@
 import contextlib
 import os
 import pathlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, BinaryIO
 
@@ -202,6 +202,11 @@ class BagWriter:
         self._counts[channel] += 1
         start, end = self._span or (stamp_ns, stamp_ns)
         self._span = min(start, stamp_ns), max(end, stamp_ns)
+
+    def add_metadata(self, name: str, content: Mapping[str, str]) -> None:
+        """Add a record of metadata to the file."""
+        with self.writing():
+            self._writer.add_metadata(name, dict(content))
 
     def _information(self) -> dict[str, Any]:
         """The bag's rosbag2_bagfile_information."""

@@ -1,72 +1,62 @@
-"""The records of an MCAP file, each checked before it is trusted; after damage, reading resumes at the next sound record.
-
-The format is that of https://mcap.dev/spec. A chunk is trusted if its checksum is right, and any other record if its inner
-lengths add up to its outer one.
-"""
+"""The sound parts of an MCAP file; after damage, reading resumes at the next sound record."""
 
 import heapq
 import pathlib
 import re
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple
 
-import lz4.frame
-import zstandard
+from pushfric_ros.bags import salvage
+from pushfric_ros.bags.mcap_records import (
+    ATTACHMENT,
+    BLOCK,
+    CHANNEL,
+    CHUNK,
+    CHUNK_HEAD,
+    DATA_END,
+    FOOTER,
+    LAST_KNOWN,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_HEAD,
+    MESSAGE_INDEX,
+    METADATA,
+    RECORD_HEAD,
+    SCHEMA,
+    STATISTICS,
+    Channel,
+    CutShort,
+    Schema,
+    Statistics,
+    Unsound,
+    channel_of,
+    checksum_of,
+    chunk_content,
+    index_of,
+    message_head,
+    metadata_of,
+    read,
+    records,
+    schema_of,
+    sound_record,
+    statistics_of,
+)
 
-MAGIC = b"\x89MCAP0\r\n"
+UNCONFIRMED = "pushfric_unconfirmed_messages"
+"""Name of the metadata record that says which messages of a recovered file have no checksum that holds."""
 
-CHUNK_LIMIT = 256 * 2**20
-"""Largest size of a chunk after decompression [bytes]; recorders write 1 MiB, or one large message."""
+_SPAN = re.compile(r"([0-9]{1,18}) from ([0-9]{1,19}) to ([0-9]{1,19})")
 
-RECORD_LIMIT = 16 * 2**20
-"""Largest size of a record that is not a chunk, a message or an attachment [bytes]."""
-
-LATEST_NS = 2**63 - 1
-"""ROS cannot express a later time [ns]."""
-
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
-CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(8, 16)
-LAST_KNOWN, FIRST_PRIVATE = DATA_END, 0x80
-
-_RECORD_HEAD = struct.Struct("<BQ")  # operation code, length
-_CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of the compression's name
-_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_STATISTICS = struct.Struct("<QHIIIIQQI")  # counts of messages, schemas, channels, ...; start, end; length of the map
+_DEFINITIONS = 1000  # of so many one after the other, one follows the other
+_DAY_NS = 86_400 * 10**9
 
 _CANDIDATE = re.compile(rb"[\x01-\x0f](?=[\x00-\xff]{5}\x00\x00\x00)")
 """How a record shorter than 1 TiB begins."""
 
-_SEARCH_BLOCK = 2**20
 _LOOSE_RUN = 2**20  # bytes of messages outside chunks that are taken as one piece
-
-
-class _Unsound(Exception):
-    """Bytes that do not follow the format; the text says why."""
-
-
-class _CutShort(_Unsound):
-    """A record within which the file ends."""
-
-
-class Schema(NamedTuple):
-    """The definition of a message type."""
-
-    name: str
-    encoding: str
-    data: bytes
-
-
-class Channel(NamedTuple):
-    """A channel: the messages of one publisher or topic."""
-
-    schema_id: int
-    topic: str
-    message_encoding: str
-    metadata: dict[str, str]
 
 
 class Message(NamedTuple):
@@ -77,12 +67,27 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Statistics(NamedTuple):
-    """The contents of the file, according to the file itself."""
+class Span(NamedTuple):
+    """Some messages: how many, and when the first and the last of them were logged [ns]."""
 
     messages: int
-    chunks: int
-    by_channel: dict[int, int]  # empty if the writer did not count them
+    first_ns: int
+    last_ns: int
+
+    def joined(self, other: "Span") -> "Span":
+        first, last = min(self.first_ns, other.first_ns), max(self.last_ns, other.last_ns)
+        return Span(self.messages + other.messages, first, last)
+
+    def text(self) -> str:
+        return f"{self.messages} from {self.first_ns} to {self.last_ns}"
+
+    @classmethod
+    def from_text(cls, text: str) -> "Span":
+        """Raises Unsound."""
+        found = _SPAN.fullmatch(text)
+        if found is None:
+            raise Unsound(f"expected a number of messages and two times, got {text[:80]!r}")
+        return cls(*map(int, found.groups()))
 
 
 class Gap(NamedTuple):
@@ -96,13 +101,21 @@ class Gap(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """A chunk, or a run of messages outside chunks."""
+    """A chunk, or a run of messages outside chunks or in a damaged one."""
 
     begin: int
     end: int
     is_chunk: bool
     start_ns: int
     end_ns: int
+    confirmed: bool = True  # whether no checksum says that some of these messages may be wrong
+
+
+class _Suspect(NamedTuple):
+    """A damaged part of the file that may contain intact messages."""
+
+    begin: int
+    end: int
 
 
 @dataclass
@@ -119,6 +132,8 @@ class McapFile:
     schemas: dict[int, Schema] = field(default_factory=dict, init=False)
     channels: dict[int, Channel] = field(default_factory=dict, init=False)
     counts: Counter[int] = field(default_factory=Counter, init=False)  # of sound messages, by channel
+    unconfirmed: dict[int, Span] = field(default_factory=dict, init=False)  # messages intact in damaged chunks, by channel
+    marked: dict[str, Span] = field(default_factory=dict, init=False)  # messages marked as unconfirmed, by topic
     gaps: list[Gap] = field(default_factory=list, init=False)
     statistics: Statistics | None = field(default=None, init=False)
     finished: bool = field(default=False, init=False)  # whether the file ends as a finished one does
@@ -133,6 +148,8 @@ class McapFile:
         self._summary: int | None = None  # position where it begins
         self._chunked = False
         self._checked = True  # whether each message had a checksum
+        self._suspects: list[_Suspect] = []  # where intact messages may be
+        self._places: dict[int, dict[int, int]] | None = None  # what the indexes of the last chunk must say; None: not known
         with self.path.open("rb") as stream:
             self._survey(stream)
         self._pieces.sort(key=lambda piece: (piece.start_ns, piece.begin))
@@ -151,22 +168,27 @@ class McapFile:
             stream.seek(max(0, path.stat().st_size - len(MAGIC)))
             return MAGIC in (begin, stream.read())
 
-    def messages(self, wanted: Callable[[int], bool]) -> Iterator[Message]:
+    def messages(self, wanted: Callable[[int], bool], unconfirmed: bool = False) -> Iterator[Message]:
         """The sound messages of the wanted channels in order of log time; those of the same time in the order of the file.
 
+        Args:
+            wanted: which channels.
+            unconfirmed: also those that are intact in damaged chunks.
         Raises:
             OSError: the file can no longer be read.
         """
         waiting: list[tuple[int, int, int, Message]] = []
         with self.path.open("rb") as stream:
             for piece in self._pieces:
+                if not (piece.confirmed or unconfirmed):
+                    continue
                 while waiting and waiting[0][0] < piece.start_ns:
                     yield heapq.heappop(waiting)[3]
                 try:
                     for number, message in enumerate(self._content(stream, piece)):
                         if message.channel_id in self.channels and wanted(message.channel_id):
                             heapq.heappush(waiting, (message.log_time_ns, piece.begin, number, message))
-                except _Unsound as error:
+                except Unsound as error:
                     raise OSError(0, f"changed while it was read ({error})") from error
         while waiting:
             yield heapq.heappop(waiting)[3]
@@ -182,7 +204,7 @@ class McapFile:
         while position < size and not self.finished:
             try:
                 position = self._take(stream, position, size)
-            except _Unsound as error:
+            except Unsound as error:
                 position = self._skip(stream, position, size, str(error))
         if not self.finished:
             counts = self.statistics
@@ -194,6 +216,9 @@ class McapFile:
         # the summary repeats definitions that may have been in lost chunks
         self.channels = self._summary_channels | self.channels
         self.schemas = self._summary_schemas | self.schemas
+        confirmed = list(self._pieces)
+        for suspect in self._suspects if self._chunked else ():
+            self._search(stream, suspect, size, confirmed)
 
     def _last_ns(self) -> int | None:
         return self._pieces[-1].end_ns if self._pieces else None
@@ -204,6 +229,8 @@ class McapFile:
         if self.gaps and self.gaps[-1].end == position:  # one gap, for the first reason
             position, reason = self.gaps[-1].begin, self.gaps[-1].reason
             self.gaps.pop()
+            self._suspects = [one for one in self._suspects if one.begin < position]
+        self._suspects.append(_Suspect(position, resumed))
         self.gaps.append(Gap(position, resumed, reason, self._last_ns(), None))
         return resumed
 
@@ -215,91 +242,99 @@ class McapFile:
             self.gaps[index] = self.gaps[index]._replace(before_ns=piece.start_ns)
 
     def _take(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Read the record at `position`; return where the next one begins. Raises _Unsound."""
-        code, length = _sound_record(stream, position, size)
-        begin, end = position + _RECORD_HEAD.size, position + _RECORD_HEAD.size + length
+        """Read the record at `position`; return where the next one begins. Raises Unsound."""
+        code, length = sound_record(stream, position, size)
+        begin, end = position + RECORD_HEAD.size, position + RECORD_HEAD.size + length
         if code == CHUNK:
             self._chunked = True
             self._take_chunk(stream, position, end, size)
         elif code == MESSAGE:
             return self._take_loose(stream, position, size)
+        elif code == MESSAGE_INDEX and self._places is not None:
+            channel_id, entries = index_of(read(stream, begin, length))
+            if entries != self._places.get(channel_id, {}):
+                raise Unsound("a message index contradicts its chunk")
         elif code == FOOTER:
             self._take_footer(stream, position, end)
             return end + len(MAGIC)
-        elif code in (SCHEMA, CHANNEL, STATISTICS, DATA_END):
+        elif code in (SCHEMA, CHANNEL, STATISTICS, METADATA, DATA_END):
             stream.seek(begin)
             content = stream.read(length)
             in_summary = self._summary is not None
             if code == SCHEMA:
-                number, schema = _schema(content)
+                number, schema = schema_of(content)
                 (self._summary_schemas if in_summary else self.schemas).setdefault(number, schema)
             elif code == CHANNEL:
-                number, channel = _channel(content)
+                number, channel = channel_of(content)
                 (self._summary_channels if in_summary else self.channels).setdefault(number, channel)
             elif code == STATISTICS:
-                self.statistics = _statistics(content)
+                self.statistics = statistics_of(content)
+            elif code == METADATA:
+                name, texts = metadata_of(content)
+                if name == UNCONFIRMED:
+                    self.marked = {topic: Span.from_text(text) for topic, text in texts.items()}
             else:
                 self._check_data(stream, position, content)
                 self._summary = end
-        elif code == ATTACHMENT and _checksum(stream, begin, end - 4) != int.from_bytes(_read(stream, end - 4, 4), "little"):
-            raise _Unsound("an attachment fails its checksum")
+        elif code == ATTACHMENT and checksum_of(stream, begin, end - 4) != int.from_bytes(read(stream, end - 4, 4), "little"):
+            raise Unsound("an attachment fails its checksum")
         return end
 
     def _take_chunk(self, stream: BinaryIO, position: int, end: int, size: int) -> None:
+        self._places = None
         try:
-            content = _chunk(stream, position, end)
-            has_checksum = any(_read(stream, position + _RECORD_HEAD.size + 24, 4))
-            counts: Counter[int] = Counter()
-            times: list[int] = []
+            content = chunk_content(stream, position, end)
+            has_checksum = any(read(stream, position + RECORD_HEAD.size + 24, 4))
+            places: dict[int, dict[int, int]] = {}
             schemas, channels = {}, {}
-            for code, begin, length in _records(content):
+            for code, begin, length in records(content):
                 if code == MESSAGE:
-                    channel_id, _, log_time, _ = _message_head(content, begin, length)
-                    counts[channel_id] += 1
-                    times.append(log_time)
+                    channel_id, _, log_time, _ = message_head(content, begin, length)
+                    places.setdefault(channel_id, {})[begin - RECORD_HEAD.size] = log_time
                 elif code == SCHEMA:
-                    number, schema = _schema(content[begin : begin + length])
+                    number, schema = schema_of(content[begin : begin + length])
                     schemas[number] = schema
                 elif code == CHANNEL:
-                    number, channel = _channel(content[begin : begin + length])
+                    number, channel = channel_of(content[begin : begin + length])
                     channels[number] = channel
-        except _Unsound as error:
+        except Unsound as error:
             # if a sound record follows, the length of the chunk can be trusted, and only the chunk is lost
             try:
-                _sound_record(stream, end, size)
-            except _Unsound:
+                sound_record(stream, end, size)
+            except Unsound:
                 raise error from None
             self.gaps.append(Gap(position, end, str(error), self._last_ns(), None))
+            self._suspects.append(_Suspect(position, end))
             return
         for number, schema in schemas.items():
             self.schemas.setdefault(number, schema)
         for number, channel in channels.items():
             self.channels.setdefault(number, channel)
-        self.counts.update(counts)
-        if times:
+        self._places = places
+        self.counts.update({channel_id: len(one) for channel_id, one in places.items()})
+        if places:
             self._checked = self._checked and has_checksum
+            times = [log_time for one in places.values() for log_time in one.values()]
             self._note_piece(_Piece(position, end, True, min(times), max(times)))
 
     def _take_loose(self, stream: BinaryIO, position: int, size: int) -> int:
         """Read the messages outside chunks that begin at `position`; return where they end, or where a gap after them ends."""
         taken: list[tuple[int, int, int]] = []  # begin, channel, log time
         begin = position
-        unsound: _Unsound | None = None
+        unsound: Unsound | None = None
         while position < size and position - begin < _LOOSE_RUN:
             try:
-                code, length = _sound_record(stream, position, size)
-            except _Unsound as error:
+                code, length = sound_record(stream, position, size)
+            except Unsound as error:
                 unsound = error
                 break
             if code != MESSAGE:
                 break
-            channel_id, _, log_time, _ = _message_head(
-                _read(stream, position + _RECORD_HEAD.size, _MESSAGE_HEAD.size), 0, length
-            )
+            channel_id, _, log_time, _ = message_head(read(stream, position + RECORD_HEAD.size, MESSAGE_HEAD.size), 0, length)
             taken.append((position, channel_id, log_time))
-            position += _RECORD_HEAD.size + length
+            position += RECORD_HEAD.size + length
         end = position
-        if unsound is not None and not isinstance(unsound, _CutShort):
+        if unsound is not None and not isinstance(unsound, CutShort):
             end, _, _ = taken.pop()  # it has no checksum, and the damage after it may have begun in it
         if taken:
             self._checked = False
@@ -310,59 +345,113 @@ class McapFile:
 
     def _check_data(self, stream: BinaryIO, position: int, content: bytes) -> None:
         expected = int.from_bytes(content, "little")
-        if expected and not self.gaps and _checksum(stream, 0, position) != expected:
+        if expected and not self.gaps and checksum_of(stream, 0, position) != expected:
             self.gaps.append(Gap(0, position, "the data section fails its checksum", None, None))
             self.doubtful = not self._checked
 
     def _take_footer(self, stream: BinaryIO, position: int, end: int) -> None:
-        summary, _, expected = struct.unpack("<QQI", _read(stream, position + 9, 20))
+        summary, _, expected = struct.unpack("<QQI", read(stream, position + 9, 20))
         self.finished = True
-        if _read(stream, end, len(MAGIC)) != MAGIC:
+        if read(stream, end, len(MAGIC)) != MAGIC:
             self.finished = False
-            raise _Unsound("the file does not end as an MCAP file")
-        if summary and expected and (summary > position or _checksum(stream, summary, position + 25) != expected):
+            raise Unsound("the file does not end as an MCAP file")
+        if summary and expected and (summary > position or checksum_of(stream, summary, position + 25) != expected):
             self.gaps.append(Gap(min(summary, position), position, "the summary fails its checksum", self._last_ns(), None))
             self.statistics = None
             self._summary_channels, self._summary_schemas = {}, {}
 
+    def _search(self, stream: BinaryIO, suspect: _Suspect, size: int, confirmed: list[_Piece]) -> None:
+        """Search a damaged part of the file for intact messages."""
+        region = self._region(stream, suspect, size, confirmed)
+        if region is None:
+            return
+        found = salvage.intact(region, self.channels.keys())
+        self.channels = found.channels | self.channels
+        self.schemas = found.schemas | self.schemas
+        for run in found.runs:
+            times = [log_time for _, log_time in run.messages]
+            self._pieces.append(_Piece(run.begin, run.end, False, min(times), max(times), False))
+            for channel_id, log_time in run.messages:
+                one = Span(1, log_time, log_time)
+                self.unconfirmed[channel_id] = one.joined(self.unconfirmed.get(channel_id, one._replace(messages=0)))
+
+    def _region(self, stream: BinaryIO, suspect: _Suspect, size: int, confirmed: list[_Piece]) -> salvage.Region | None:
+        """The records in a damaged part of the file; None if they are compressed, or too many."""
+        begin, end = suspect
+        first = min((piece.start_ns for piece in confirmed), default=0) - _DAY_NS
+        last = max((piece.end_ns for piece in confirmed), default=2**64) + _DAY_NS
+        opened, index = False, {}
+        code, length = RECORD_HEAD.unpack(read(stream, begin, RECORD_HEAD.size).ljust(RECORD_HEAD.size, b"\0"))
+        head = stream.read(CHUNK_HEAD.size + 8)
+        if code == CHUNK and len(head) == CHUNK_HEAD.size + 8:
+            start_ns, end_ns, _, _, names = CHUNK_HEAD.unpack_from(head)
+            if 0 < names <= 16 and length - CHUNK_HEAD.size - names < 2**40:
+                return None  # compressed
+            if names == 0 and length - len(head) == int.from_bytes(head[CHUNK_HEAD.size :], "little"):
+                begin += RECORD_HEAD.size + len(head)
+                first, last, opened = start_ns, end_ns, True
+                if suspect.begin + RECORD_HEAD.size + length == end:
+                    index = self._index_after(stream, end, size)
+        if end - begin > salvage.LARGEST:
+            return None
+        return salvage.Region(begin, read(stream, begin, end - begin), opened, end < size, first, last, index)
+
+    def _index_after(self, stream: BinaryIO, position: int, size: int) -> dict[int, dict[int, int]]:
+        """The message index that follows a chunk, as far as it is sound."""
+        found = {}
+        try:
+            while position < size:
+                code, length = sound_record(stream, position, size)
+                if code != MESSAGE_INDEX:
+                    break
+                channel_id, entries = index_of(read(stream, position + RECORD_HEAD.size, length))
+                found[channel_id] = entries
+                position += RECORD_HEAD.size + length
+        except Unsound:
+            pass  # the rest is damaged
+        return found
+
     def _next_sound(self, stream: BinaryIO, position: int, size: int) -> int:
         """Where the first trustworthy record at or after `position` begins; the size of the file if there is no such record."""
-        overlap = _RECORD_HEAD.size - 1
+        overlap = RECORD_HEAD.size - 1
         while position < size:
-            block = _read(stream, position, _SEARCH_BLOCK + overlap)
+            block = read(stream, position, BLOCK + overlap)
             for match in _CANDIDATE.finditer(block):
-                if match.start() < _SEARCH_BLOCK and self._trusted(stream, position + match.start(), size):
+                if match.start() < BLOCK and self._trusted(stream, position + match.start(), size):
                     return position + match.start()
-            position += _SEARCH_BLOCK
+            position += BLOCK
         return size
 
     def _trusted(self, stream: BinaryIO, position: int, size: int) -> bool:
         """Whether what looks like a record is one. A message has little structure, so two sound records must follow it."""
-        following = 2
+        following, definitions = 2, _DEFINITIONS
         try:
-            while following and position < size - len(MAGIC):
-                code, length = _sound_record(stream, position, size)
+            while following and definitions and position < size - len(MAGIC):
+                code, length = sound_record(stream, position, size)
                 if code > LAST_KNOWN:
                     return False
-                if code != MESSAGE:
+                if self._chunked and code in (SCHEMA, CHANNEL):  # of the summary; or of a chunk, then messages follow
+                    definitions -= 1
+                elif code != MESSAGE:
                     return True
-                if self._chunked:  # it would be part of a chunk that fails its checksum
+                elif self._chunked:  # it would be part of a chunk that fails its checksum
                     return False
-                following -= 1
-                position += _RECORD_HEAD.size + length
-        except _Unsound:
+                else:
+                    following -= 1
+                position += RECORD_HEAD.size + length
+        except Unsound:
             return False
         return True
 
     def _content(self, stream: BinaryIO, piece: _Piece) -> Iterator[Message]:
         if piece.is_chunk:
-            content = _chunk(stream, piece.begin, piece.end)
+            content = chunk_content(stream, piece.begin, piece.end)
         else:
-            content = _read(stream, piece.begin, piece.end - piece.begin)
-        for code, begin, length in _records(content):
+            content = read(stream, piece.begin, piece.end - piece.begin)
+        for code, begin, length in records(content):
             if code == MESSAGE:
-                channel_id, _, log_time, _ = _message_head(content, begin, length)
-                yield Message(log_time, channel_id, content[begin + _MESSAGE_HEAD.size : begin + length])
+                channel_id, _, log_time, _ = message_head(content, begin, length)
+                yield Message(log_time, channel_id, content[begin + MESSAGE_HEAD.size : begin + length])
 
 
 class GrowingFile:
@@ -392,251 +481,22 @@ class GrowingFile:
             with self.path.open("rb") as stream:
                 while True:
                     try:
-                        code, length = _sound_record(stream, self._position, size)
-                    except _CutShort:
+                        code, length = sound_record(stream, self._position, size)
+                    except CutShort:
                         return found
-                    begin = self._position + _RECORD_HEAD.size
-                    content = _chunk(stream, self._position, begin + length) if code == CHUNK else b""
+                    begin = self._position + RECORD_HEAD.size
+                    content = chunk_content(stream, self._position, begin + length) if code == CHUNK else b""
                     if code == CHANNEL:
                         stream.seek(begin)
-                        number, channel = _channel(stream.read(length))
+                        number, channel = channel_of(stream.read(length))
                         self.channels.setdefault(number, channel)
-                    for inner, at, size_of in _records(content):
+                    for inner, at, size_of in records(content):
                         if inner == CHANNEL:
-                            number, channel = _channel(content[at : at + size_of])
+                            number, channel = channel_of(content[at : at + size_of])
                             self.channels.setdefault(number, channel)
                         elif inner == MESSAGE:
-                            channel_id, _, log_time, _ = _message_head(content, at, size_of)
-                            found.append(Message(log_time, channel_id, content[at + _MESSAGE_HEAD.size : at + size_of]))
+                            channel_id, _, log_time, _ = message_head(content, at, size_of)
+                            found.append(Message(log_time, channel_id, content[at + MESSAGE_HEAD.size : at + size_of]))
                     self._position = begin + length
-        except _Unsound as error:
+        except Unsound as error:
             raise ValueError(f"{self.path}: {error}") from error
-
-
-# --- records ---
-
-
-def _read(stream: BinaryIO, position: int, count: int) -> bytes:
-    stream.seek(position)
-    return stream.read(count)
-
-
-def _checksum(stream: BinaryIO, begin: int, end: int) -> int:
-    stream.seek(begin)
-    value = 0
-    while begin < end and (block := stream.read(min(_SEARCH_BLOCK, end - begin))):
-        value = zlib.crc32(block, value)
-        begin += len(block)
-    return value
-
-
-def _sound_record(stream: BinaryIO, position: int, size: int) -> tuple[int, int]:
-    """Operation code and length of the record at `position`.
-
-    Raises:
-        _Unsound: it reaches beyond the file, or its inner lengths do not add up to its length.
-    """
-    head = _read(stream, position, _RECORD_HEAD.size)
-    if len(head) < _RECORD_HEAD.size:
-        raise _CutShort("the file ends within a record")
-    code, length = _RECORD_HEAD.unpack(head)
-    if not (HEADER <= code <= LAST_KNOWN or code >= FIRST_PRIVATE):
-        raise _Unsound("no record begins here")
-    if length > size - position - _RECORD_HEAD.size:
-        raise _CutShort("a record reaches beyond the end of the file")
-    if code == CHUNK:
-        content = stream.read(_CHUNK_HEAD.size + 32)
-        names = _CHUNK_HEAD.unpack_from(content)[4] if len(content) > _CHUNK_HEAD.size else 33
-        if names > 16 or length < _CHUNK_HEAD.size + names + 8:
-            raise _Unsound("a chunk is not what its length says")
-        (stored,) = struct.unpack_from("<Q", content, _CHUNK_HEAD.size + names)
-        if length != _CHUNK_HEAD.size + names + 8 + stored:
-            raise _Unsound("a chunk is not what its length says")
-    elif code == MESSAGE:
-        _message_head(stream.read(_MESSAGE_HEAD.size), 0, length)
-    elif code == ATTACHMENT:
-        _attachment(stream, length)
-    elif code < FIRST_PRIVATE:
-        if length > RECORD_LIMIT:
-            raise _Unsound(f"a record is longer than {RECORD_LIMIT} bytes")
-        _CHECKS[code](stream.read(length))
-    return code, length
-
-
-def _records(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Operation code, begin and length of the records in a chunk."""
-    position, size = 0, len(content)
-    while position < size:
-        if size - position < _RECORD_HEAD.size:
-            raise _Unsound("a chunk ends within a record")
-        code, length = _RECORD_HEAD.unpack_from(content, position)
-        position += _RECORD_HEAD.size
-        if length > size - position:
-            raise _Unsound("a record reaches beyond the end of its chunk")
-        yield code, position, length
-        position += length
-
-
-def _message_head(content: bytes, begin: int, length: int) -> tuple[int, int, int, int]:
-    if length < _MESSAGE_HEAD.size or len(content) - begin < _MESSAGE_HEAD.size:
-        raise _Unsound("a message is shorter than its head")
-    head = _MESSAGE_HEAD.unpack_from(content, begin)
-    if head[2] > LATEST_NS:
-        raise _Unsound("a message was logged at a time beyond those of ROS")
-    return head
-
-
-def _chunk(stream: BinaryIO, position: int, end: int) -> bytes:
-    """The records of a chunk, decompressed, and checked against its checksum if it has one."""
-    content = memoryview(_read(stream, position + _RECORD_HEAD.size, end - position - _RECORD_HEAD.size))
-    _, _, size, expected, names = _CHUNK_HEAD.unpack_from(content)
-    compression = bytes(content[_CHUNK_HEAD.size : _CHUNK_HEAD.size + names]).decode("ascii", "replace")
-    stored = content[_CHUNK_HEAD.size + names + 8 :]
-    if size > CHUNK_LIMIT:
-        raise _Unsound(f"a chunk of {size} bytes is larger than the limit of {CHUNK_LIMIT}")
-    try:
-        if compression == "zstd":
-            declared = zstandard.frame_content_size(stored)
-            if declared not in (-1, size):  # the size that a frame declares is allocated before it is read
-                raise _Unsound(f"a chunk of {size} bytes declares {declared}")
-            raw = zstandard.ZstdDecompressor().decompress(stored, max_output_size=size, allow_extra_data=False) if size else b""
-        elif compression == "lz4":
-            frame = lz4.frame.LZ4FrameDecompressor()
-            raw = frame.decompress(stored, max_length=size + 1)
-        elif compression == "":
-            raw = bytes(stored)
-        else:
-            raise _Unsound(f"a chunk is compressed by {compression!r}, expected zstd, lz4 or nothing")
-    except (zstandard.ZstdError, RuntimeError, ValueError, EOFError, MemoryError) as error:
-        raise _Unsound("a chunk cannot be decompressed") from error
-    if len(raw) != size:
-        raise _Unsound(f"a chunk has {len(raw)} bytes, expected {size}")
-    if expected and zlib.crc32(raw) != expected:
-        raise _Unsound("a chunk fails its checksum")
-    return raw
-
-
-class _Fields:
-    """Reads the content of a record; raises _Unsound if it ends too early."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content = content
-        self._position = 0
-
-    def number(self, size: int) -> int:
-        return int.from_bytes(self.raw(size), "little")
-
-    def raw(self, size: int) -> bytes:
-        begin, self._position = self._position, self._position + size
-        if self._position > len(self._content):
-            raise _Unsound("a record is shorter than what it holds")
-        return self._content[begin : self._position]
-
-    def sized(self) -> bytes:
-        return self.raw(self.number(4))
-
-    def text(self) -> str:
-        try:
-            text = self.sized().decode()
-        except UnicodeDecodeError as error:
-            raise _Unsound("a text in a record is not UTF-8") from error
-        if "\0" in text:  # as in a sector that was never written
-            raise _Unsound("a text in a record holds zeros")
-        return text
-
-    def texts(self) -> dict[str, str]:
-        inner = _Fields(self.sized())
-        found = {}
-        while not inner.ended:
-            key = inner.text()
-            found[key] = inner.text()
-        return found
-
-    @property
-    def ended(self) -> bool:
-        return self._position == len(self._content)
-
-    def finish(self) -> None:
-        if not self.ended:
-            raise _Unsound("a record is longer than what it holds")
-
-
-def _schema(content: bytes) -> tuple[int, Schema]:
-    fields = _Fields(content)
-    number, schema = fields.number(2), Schema(fields.text(), fields.text(), fields.sized())
-    fields.finish()
-    if number == 0:
-        raise _Unsound("a schema has the number 0")
-    return number, schema
-
-
-def _channel(content: bytes) -> tuple[int, Channel]:
-    fields = _Fields(content)
-    number, schema_id = fields.number(2), fields.number(2)
-    channel = Channel(schema_id, fields.text(), fields.text(), fields.texts())
-    fields.finish()
-    return number, channel
-
-
-def _metadata(content: bytes) -> None:
-    fields = _Fields(content)
-    fields.text()
-    fields.texts()
-    fields.finish()
-
-
-def _statistics(content: bytes) -> Statistics:
-    fields = _Fields(content)
-    messages = fields.number(8)
-    fields.raw(2 + 4 + 4 + 4)
-    chunks = fields.number(4)
-    fields.raw(8 + 8)
-    inner = _Fields(fields.sized())
-    fields.finish()
-    by_channel = {}
-    while not inner.ended:
-        channel_id = inner.number(2)
-        by_channel[channel_id] = inner.number(8)
-    return Statistics(messages, chunks, by_channel)
-
-
-def _attachment(stream: BinaryIO, length: int) -> None:
-    head = stream.read(min(length, 16 + RECORD_LIMIT))
-    fields = _Fields(head)
-    fields.raw(16)
-    fields.sized()
-    fields.sized()
-    size = fields.number(8)
-    if fields._position + size + 4 != length:
-        raise _Unsound("an attachment is not what its length says")
-
-
-def _parts(*sizes: int | None) -> Callable[[bytes], None]:
-    """A check that a record consists of numbers of these sizes; None stands for a part with its own size."""
-
-    def check(content: bytes) -> None:
-        fields = _Fields(content)
-        for size in sizes:
-            if size is None:
-                fields.sized()
-            else:
-                fields.raw(size)
-        fields.finish()
-
-    return check
-
-
-_CHECKS: dict[int, Callable[[bytes], object]] = {
-    HEADER: _parts(None, None),
-    FOOTER: _parts(8, 8, 4),
-    SCHEMA: _schema,
-    CHANNEL: _channel,
-    MESSAGE_INDEX: _parts(2, None),
-    CHUNK_INDEX: _parts(8, 8, 8, 8, None, 8, None, 8, 8),
-    ATTACHMENT_INDEX: _parts(8, 8, 8, 8, 8, None, None),
-    STATISTICS: _statistics,
-    METADATA: _metadata,
-    METADATA_INDEX: _parts(8, 8, None),
-    SUMMARY_OFFSET: _parts(1, 8, 8),
-    DATA_END: _parts(4),
-}

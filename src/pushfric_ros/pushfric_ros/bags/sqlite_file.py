@@ -2,7 +2,7 @@
 
 import pathlib
 import urllib.parse
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 
 import apsw
@@ -13,7 +13,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.bags.cdr import Definition
 from pushfric_ros.bags.contents import BagMessage, Topic
-from pushfric_ros.bags.mcap_file import Gap
+from pushfric_ros.bags.mcap_file import Gap, Span
 from pushfric_ros.bags.offered_qos import SECOND_NS, OfferedQos
 
 ENCODINGS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl", MessageDefinitionFormat.NONE: ""}
@@ -31,6 +31,8 @@ class SqliteFile:
     def __init__(self, path: pathlib.Path) -> None:
         self.path = path
         self.gaps: list[Gap] = []
+        self.unconfirmed: Mapping[str, Span] = {}  # there is no checksum that could fail
+        self.marked: Mapping[str, Span] = {}
         with self._opened() as reader:
             self.topics = [_topic(path, connection) for connection in reader.connections]
             has_messages = bool(reader.metadata.message_count)
@@ -39,14 +41,15 @@ class SqliteFile:
             assert reader.dbconn is not None
             (finding,) = next(iter(reader.dbconn.execute("PRAGMA quick_check(1)")))
         log = path.with_name(f"{path.name}-wal")
-        self.doubtful = finding != "ok"
-        if self.doubtful:
+        self.doubts: list[str] = []
+        if finding != "ok":
+            self.doubts.append("messages may not be what was recorded")
             self.gaps.append(Gap(0, path.stat().st_size, f"SQLite says: {' '.join(finding.split())[:160]}", None, None))
         if log.is_file() and log.stat().st_size:
-            self.doubtful = True
+            self.doubts.append("messages may be missing")
             self.gaps.append(Gap(0, 0, f"the recording was cut short, part of it is in {log.name}", self.end_ns, None))
 
-    def read(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
+    def read(self, topics: Collection[str] | None, unconfirmed: bool) -> Iterator[BagMessage]:
         """Messages in order of log time."""
         with self._opened() as reader:
             wanted = [each for each in reader.connections if topics is None or each.topic in topics]

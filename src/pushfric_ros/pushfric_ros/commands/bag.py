@@ -25,11 +25,27 @@ def recover(
         pathlib.Path, typer.Argument(help="Bag that was damaged or cut short, or one of its files.", show_default=False)
     ],
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the new bag.", show_default=False)],
+    only_confirmed: Annotated[
+        bool,
+        typer.Option("--only-confirmed", help="Leave out messages that are intact in chunks whose checksum fails."),
+    ] = False,
 ) -> None:
-    """Save everything that can be read of a damaged bag into a new one, and say what is lost."""
-    bag = recovered(damaged, out)
+    """Save everything that can be read of a damaged bag into a new one, and say what is lost.
+
+    In an uncompressed chunk that fails its checksum, those messages are saved that the damage does not seem to have reached.
+    The new bag says so, and is then read with --partial only.
+    """
+    bag = recovered(damaged, out, unconfirmed=not only_confirmed)
     _print(bag, console)
-    console.print(f"{out}: {counted(bag.summary.message_count, 'message')} saved", markup=False)
+    unconfirmed = {} if bag.damage is None or only_confirmed else bag.damage.unconfirmed
+    saved = bag.summary.message_count + sum(unconfirmed.values())
+    console.print(f"{out}: {counted(saved, 'message')} saved", markup=False)
+    if unconfirmed:
+        console.print(
+            f"{out}: no checksum confirms {sum(unconfirmed.values())} of them: {_each(unconfirmed)}; --partial reads them,"
+            " --only-confirmed leaves them out here",
+            markup=False,
+        )
 
 
 @app.command()
@@ -57,5 +73,15 @@ def _print(bag: Bag, output: Console) -> None:
     output.print(bag.what_is_missing(with_places=False), markup=False)
     for file, gap in bag.damage.gaps:
         output.print(f"{file.name}, bytes {gap.begin} to {gap.end}: {gap.reason}, {bag.when(gap)}", markup=False)
+    if bag.damage.unconfirmed:
+        output.print(
+            f"intact in damaged chunks, though no checksum confirms it: {_each(bag.damage.unconfirmed)};"
+            " `pushfric bag recover` saves them",
+            markup=False,
+        )
     for contradiction in bag.damage.contradictions:
         output.print(contradiction, markup=False)
+
+
+def _each(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} of {topic}" for topic, count in counts.items())

@@ -14,6 +14,7 @@ def condition(bag: Bag) -> dict[str, Any]:
         "messages": bag.summary.message_count,
         "topics": {topic.name: topic.message_count for topic in bag.summary.topics},
         "missing": {} if damage is None else damage.missing,
+        "unconfirmed": {} if damage is None else damage.unconfirmed,
         "gaps": [
             {
                 "file": file.name,
