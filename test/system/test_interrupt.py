@@ -2,12 +2,16 @@
 
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 
+import cv2
+import numpy as np
 import pytest
 
 from pushfric_ros.commands.recorded_run import left_behind
+from pushfric_ros.vision.camera import Camera, save_camera
 
 RECORDED = pathlib.Path(__file__).resolve().parents[2] / "bags/rubber_rect4"
 
@@ -43,6 +47,21 @@ def test_ctrl_c_is_quiet_whenever_it_comes(moment):
     assert (ended.returncode, ended.stdout) == (130, "")
     assert ended.stderr.startswith(said)
     assert ended.stderr.count("\n") == bool(said)
+
+
+def test_ctrl_c_says_that_no_calibration_was_written(tmp_path):
+    camera = Camera.looking_down(64, 48, center=(0.0, 0.0), metres_per_pixel=0.001)
+    save_camera(camera, tmp_path / "camera.yaml")
+    (tmp_path / "pictures").mkdir()
+    cv2.imwrite(str(tmp_path / "pictures/1.png"), np.zeros((48, 64), np.uint8))
+    before = (tmp_path / "camera.yaml").read_text()
+    command = [sys.executable, "-m", "pushfric_ros", "calibrate", "table", "pictures", "--camera", "camera.yaml", "--view", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as clicking:
+        assert clicking.stderr.readline().startswith("view: http://127.0.0.1:")
+        clicking.send_signal(signal.SIGINT)
+        said = clicking.stderr.read()
+    assert (clicking.returncode, said) == (130, "no calibration of the table was written to camera.yaml\n")
+    assert (tmp_path / "camera.yaml").read_text() == before
 
 
 AFTER_A_RUN = """

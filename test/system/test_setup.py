@@ -12,6 +12,8 @@ import sys
 import pytest
 from documents import has_the_form, shown
 
+from pushfric_ros.graph.lock import lock
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = """
 <package format="3">
@@ -96,6 +98,30 @@ def test_the_set_up_compiles_every_function_of_the_solver(script):
     done = subprocess.run([sys.executable, "-c", script.WARM_UP + tell], capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
+
+
+def test_a_busy_domain_is_refused_before_the_set_up(workspace):
+    for package in ("pushfric_core/pushfric_core", "pushfric_ros/pushfric_ros"):
+        shutil.copytree(ROOT / "src" / package, workspace / "src" / package, dirs_exist_ok=True)
+    nothing = {name: value for name, value in os.environ.items() if name not in ("AMENT_PREFIX_PATH", "PYTHONPATH")}
+    with lock("/cell"):
+        done = subprocess.run([workspace / "pushfric", "demo"], env=nothing, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(r"pushfric: a cell named /cell is already running on ROS domain \d+, .*\n", done.stderr)
+    assert not (workspace / ".venv").exists()
+
+
+@pytest.mark.parametrize("far", [80, 300])
+def test_a_line_of_progress_is_cut_between_words(script, tmp_path, capfd, monkeypatch, far):
+    monkeypatch.setattr(script, "ROOT", tmp_path)
+    monkeypatch.setattr(script, "SHOW_EVERY", 0.0)
+    long = " ".join(["word"] * (far // 5))
+    script.run([sys.executable, "-c", f"import time; print({long!r}, flush=True); time.sleep(2)"], "a step", os.environ)
+    shown = {line.partition("s  ")[2] for line in capfd.readouterr().err.splitlines() if "word" in line}
+    (line,) = shown
+    assert set(line.removesuffix(" ...").split()) == {"word"}
+    assert line.endswith(" ...") == (far > script.SHOWN)
+    assert len(line) < script.SHOWN
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,18 @@
 """`./pushfric run CELL --simulated` and `--simulated-camera`: the user's own files, simulated parts, the whole graph."""
 
+import contextlib
 import json
 import os
+import pathlib
 import pty
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 
 import pytest
 import yaml
@@ -114,6 +118,37 @@ def test_the_rendered_camera_follows_a_real_tip(cell):
     last = estimate(cell.parent / "bag")
     assert last["pushes"] == 2
     assert last["center_of_friction"] == pytest.approx([0.0, 0.0], abs=0.02)
+
+
+def test_an_alarm_ends_a_simulated_run_that_nobody_attends(cell, monkeypatch):
+    """Switches and sensors of the real controller do not hold it up; another program, which drives it into a limit, does."""
+    (cell.parent / "plan.yaml").write_text(json.dumps({"pushes": [{"edge": edge} for edge in (0, 2, 0, 2)]}))
+    content = json.loads(cell.read_text())
+    content["pusher"] |= {"home": True, "axis": "-X", "max_force": 5.0, "enable_timeout": 1.0}
+    cell.write_text(json.dumps(content))
+    (cell.parent / "scratch").mkdir()
+    monkeypatch.setenv("TMPDIR", str(cell.parent / "scratch"))
+    command = [sys.executable, "-m", "pushfric_ros", "run", str(cell), "--simulated", "--bag", str(cell.parent / "bag")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as ended:
+        said = [next(line for line in ended.stderr if line.startswith("push   1"))]  # another push is under way
+        (port,) = (cell.parent / "scratch").glob("pushfric-run-*/pusher")
+        other = threading.Thread(target=drive_back_until, args=(port, lambda: ended.poll() is not None))
+        other.start()
+        said += ended.stderr
+        other.join()
+    assert ended.returncode == 1, said
+    assert said[-1].startswith("error: waiting for the pusher: it is in alarm: do what the actuator asks for"), said
+    assert said[-1].endswith("; nobody is here to do that\n")
+    assert re.search(r"p_CF \( *\S+, +\S+\) mm  mu_c 90 % \d\.\d\d, 100 % \d\.\d\d  fit error", said[0])
+
+
+def drive_back_until(port: pathlib.Path, done: Callable[[], bool]) -> None:
+    """Send a controller backwards, beyond its home end, again and again."""
+    with contextlib.suppress(OSError):  # the simulation has ended
+        line = os.open(port, os.O_WRONLY | os.O_NOCTTY)
+        while not done():
+            os.write(line, b"$J=G91G21X-90F6000\n")
+            time.sleep(0.05)
 
 
 def test_what_cannot_be_simulated_is_one_line(cell):

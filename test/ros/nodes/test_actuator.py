@@ -32,6 +32,7 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.nodes import actuator
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.pushers.position_memory import PositionMemory
 from pushfric_ros.pushers.pusher import Mode, NotReady
@@ -759,6 +760,17 @@ def test_a_port_that_appears_later_is_connected(ros, tmp_path, capfd):
         (tmp_path / "port").symlink_to(controller.port)
         cell.wait_for_mode(PusherState.MODE_IDLE)
     assert capfd.readouterr().err.count(f"no serial port at {tmp_path}/port, retrying") == 1
+
+
+def test_a_simulated_port_is_not_missed_before_time_begins(ros, tmp_path, capfd, monkeypatch):
+    """On a busy machine, the simulated cell makes its port seconds after the actuator has started."""
+    monkeypatch.setattr(actuator, "GRACE", 0.0)
+    clock = ros.node("clock").create_publisher(Clock, "/clock", RELIABLE)
+    cell = Cell(ros, tmp_path / "port", use_sim_time=True)
+    ros.wait_for(lambda: cell.node._retry_after > 4 * actuator.FIRST_RETRY, what="some attempts to connect")
+    assert capfd.readouterr().err == ""
+    ros.wait_for(lambda: clock.publish(Clock(clock=Time(sec=1).to_msg())) or cell.node._told is not None, what="the complaint")
+    assert f"no serial port at {tmp_path}/port, retrying" in capfd.readouterr().err
 
 
 def test_a_port_that_sends_garbage_is_no_controller(ros, tmp_path, capfd):

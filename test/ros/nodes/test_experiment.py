@@ -335,7 +335,7 @@ def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, c
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.hit_limit()
     waiting = table.wait_for_message(ALARM)
-    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
+    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_ALARM, 1)
     rest = controller.position()
     assert rest > 0.005
     assert table.call("actuator/reset")
@@ -364,7 +364,7 @@ def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.reset()
     waiting = table.wait_for_message(ALARM)
-    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_WAITING, 1)
+    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_ALARM, 1)
     assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
     assert controller.position() > 0.005
     controller._carriage = 0.0  # the operator moves it by hand

@@ -12,6 +12,7 @@ from pushfric_ros.commands.clicking import click_points
 from pushfric_ros.commands.console import console
 from pushfric_ros.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_ros.commands.group import Group
+from pushfric_ros.commands.interrupt import telling_what_is_left
 from pushfric_ros.commands.options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
 from pushfric_ros.files.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
 from pushfric_ros.vision.board import Board
@@ -58,7 +59,8 @@ def lens(
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     """Calibrate the lens from views of the board: near and far, tilted, in all parts of the image."""
-    found = lens_from_frames(frames_from(source, namespace), _board(columns, rows, square), _say)
+    with telling_what_is_left(lambda: f"nothing was written to {out}"):
+        found = lens_from_frames(frames_from(source, namespace), _board(columns, rows, square), _say)
     save_camera(found.lens, out)
     console.print(
         f"{out}: reprojection error {found.rms_px:.3f} px, worst view {found.view_rms_px.max():.3f} px of"
@@ -111,16 +113,17 @@ def table(
     shown = view_at(view, ViewConfig())
     if marks is not None and shown is None:
         raise InvalidInput("--marks are clicked in a browser: give --view as well")
-    if shown is not None:
-        places = [] if marks is None else read_table_places(marks).tolist()
-        found = click_points(frames_from(source, namespace, (known.width, known.height)), known, places, shown, camera)
-    elif source.endswith(".csv"):
-        found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
-        save_camera(found.camera, camera)
-    else:
-        frames = frames_from(source, namespace, (known.width, known.height))
-        found = table_from_frames(frames, _board(columns, rows, square), known, _say)
-        save_camera(found.camera, camera)
+    with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
+        if shown is not None:
+            places = [] if marks is None else read_table_places(marks).tolist()
+            found = click_points(frames_from(source, namespace, (known.width, known.height)), known, places, shown, camera)
+        elif source.endswith(".csv"):
+            found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
+            save_camera(found.camera, camera)
+        else:
+            frames = frames_from(source, namespace, (known.width, known.height))
+            found = table_from_frames(frames, _board(columns, rows, square), known, _say)
+            save_camera(found.camera, camera)
     console.print(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",

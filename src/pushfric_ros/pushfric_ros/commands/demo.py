@@ -16,9 +16,10 @@ from pushfric_core.table_1 import TABLE_1
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.console import console, fail
+from pushfric_ros.commands.interrupt import telling_what_is_left
 from pushfric_ros.commands.json_option import JsonOption, write_json
 from pushfric_ros.commands.options import HeadlessFlag, ViewOption, WithView, view_at
-from pushfric_ros.commands.recorded_run import RUNS, course_of, telling_what_is_left
+from pushfric_ros.commands.recorded_run import RUNS, course_of, left_behind
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.cell_file import CellFile
@@ -65,7 +66,7 @@ def demo(
     pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
     shown = view_at(view, ViewConfig())
-    with telling_what_is_left(bag):
+    with telling_what_is_left(lambda: left_behind(bag)):
         last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes, shown)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
@@ -115,7 +116,8 @@ def run_demo(
         if view is not None:
             specs = graph.with_view(specs, object_name, view)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
-        ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live, recorded=bag)
+        what, attended = f"pushing {object_name}", live or view is not None
+        ended, last = watch(console, specs, cell.namespace, what, live, recorded=bag, attended=attended)
     return last, ended
 
 

@@ -1,8 +1,14 @@
-"""Ctrl-C while there is nothing to undo: it ends the process at once and quietly."""
+"""Ctrl-C: what it leaves is said; while there is nothing to undo, it ends the process at once and quietly."""
 
+import contextlib
 import os
 import signal
+from collections.abc import Callable, Iterator
 from typing import Any
+
+import typer
+
+from pushfric_ros.commands.console import console
 
 EXIT_INTERRUPTED = 130
 
@@ -17,3 +23,13 @@ def end_at_once() -> Any:
     if before is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     return before
+
+
+@contextlib.contextmanager
+def telling_what_is_left(left: Callable[[], str]) -> Iterator[None]:
+    """If Ctrl-C, or a no to a question, ends what is done within, tell the operator what that leaves: what `left` says."""
+    try:
+        yield
+    except (KeyboardInterrupt, typer.Abort):
+        console.print(left(), highlight=False, markup=False)
+        raise

@@ -1,30 +1,19 @@
 """The bag of a run: where it goes, what an interrupted run leaves in it, and the course of its estimates."""
 
-import contextlib
 import pathlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimate import Estimate
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Twist
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.commands.console import console, warn
+from pushfric_ros.commands.console import warn
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel, load_object
 
 RUNS = pathlib.Path("runs")
 """Folder for bags, unless the command line gives another."""
-
-
-@contextlib.contextmanager
-def telling_what_is_left(bag: pathlib.Path) -> Iterator[None]:
-    """If Ctrl-C interrupts the run, tell the operator which bag it leaves."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        console.print(left_behind(bag), markup=False)
-        raise
 
 
 def left_behind(bag: pathlib.Path) -> str:

@@ -10,8 +10,9 @@ import typer
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console, fail
+from pushfric_ros.commands.interrupt import telling_what_is_left
 from pushfric_ros.commands.options import HeadlessFlag, ViewOption, WithView, view_at
-from pushfric_ros.commands.recorded_run import RUNS, telling_what_is_left
+from pushfric_ros.commands.recorded_run import RUNS, left_behind
 from pushfric_ros.commands.settings_options import option
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.files.cell_file import load_cell
@@ -66,7 +67,7 @@ def run(
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
     live = console.is_terminal and not headless
-    with telling_what_is_left(bag), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
+    with telling_what_is_left(lambda: left_behind(bag)), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
         if simulated:
             specs = graph.simulated_cell(
                 graph.rendered(file, f"{scratch}/pusher"), str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start
@@ -77,7 +78,9 @@ def run(
             specs = graph.cell(file, str(bag), start)
         if shown is not None:
             specs = graph.with_view(specs, file.object, shown)
-        ended, _ = watch(console, specs, file.namespace, f"pushing {model.name}", live, unfinished=go_on, recorded=bag)
+        attended = live or shown is not None or not simulated  # who runs a real pusher is near it
+        what = f"pushing {model.name}"
+        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, recorded=bag, attended=attended)
     if ended.code:
         fail(ended.reason, ended.code)
     console.print(f"bag: {bag}", markup=False)

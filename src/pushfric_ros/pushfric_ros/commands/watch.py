@@ -1,6 +1,7 @@
 """Runs a graph and shows the operator the last estimate of every push, and how far the plan has come."""
 
 import contextlib
+import math
 import pathlib
 import time
 from collections.abc import Callable, Sequence
@@ -26,6 +27,11 @@ from pushfric_ros.nodes.monitor import MonitorNode
 PATIENCE = 10.0
 """After the end of a run, its last estimate is awaited; the wait ends if the estimator makes no progress for this long [s]."""
 
+ALARM_PATIENCE = 5.0
+"""An alarm of the pusher that lasts this long [s] ends a run that nobody attends; while it homes, one may come and go."""
+
+PROMPTING = (PlanProgress.PHASE_WAITING, PlanProgress.PHASE_PLACING, PlanProgress.PHASE_ALARM)
+
 
 def watch(
     console: Console,
@@ -37,6 +43,7 @@ def watch(
     unfinished: Callable[[int], None] | None = None,
     recorded: pathlib.Path | None = None,
     stay: Callable[[FrictionEstimate | None], None] | None = None,
+    attended: bool = True,
 ) -> tuple[Ended, FrictionEstimate | None]:
     """Run a graph with a monitor until it has ended and its last estimate has come; afterwards Ctrl-C ends the process.
 
@@ -50,6 +57,7 @@ def watch(
         recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
             estimate and its plan disagree.
         stay: called with the last estimate when the run has ended well; the other nodes then run on until Ctrl-C.
+        attended: somebody is there to end an alarm of the pusher. Otherwise it ends the run.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
@@ -63,7 +71,7 @@ def watch(
             return replayed is not None and monitor.complete >= len(replayed)
 
         # made here, where the supervisor holds signals back, so that no signal interrupts its start or its end
-        with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts=unfinished is not None)) as monitor:
+        with contextlib.closing(Monitor(console, namespace, what, steps, live, unfinished is not None, attended)) as monitor:
             try:
                 ended = monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed)
                 if stay is not None and ended.code == 0:
@@ -96,16 +104,25 @@ class Monitor:
         steps: number of pushes expected; None: the plan's progress gives it.
         live: show a table that is redrawn in place; otherwise print a line for each push.
         prompts: without the table, print what the run waits for; the table shows it anyway.
+        attended: as for `watch`.
     """
 
     def __init__(
-        self, console: Console, namespace: str, what: str, steps: int | None, live: bool, prompts: bool = False
+        self,
+        console: Console,
+        namespace: str,
+        what: str,
+        steps: int | None,
+        live: bool,
+        prompts: bool = False,
+        attended: bool = True,
     ) -> None:
         self.estimate: FrictionEstimate | None = None
         self.next_push: int | None = None  # number of the current push in the plan; None: no plan is under way
         self.pushed: set[int] = set()  # the pushes of the plan that were carried out
         self.aborted = 0  # number of these that did not reach their end
-        self._prompts = prompts and not live
+        self._prompts, self._attended = prompts and not live, attended
+        self._alarmed = math.inf  # since when the pusher is in alarm
         self._console, self._live = console, live
         self._rows: dict[int, FrictionEstimate] = {}
         self._progress = Progress(
@@ -134,6 +151,8 @@ class Monitor:
                 self._visit.spin_once(0.05)
                 view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
+                if now is None and not self._attended and time.monotonic() - self._alarmed > ALARM_PATIENCE:
+                    now = Ended(1, f"{self._message}; nobody is here to do that")
                 if now is not None and (ended is None or now.code):
                     ended, deadline = now, time.monotonic() + PATIENCE
                 if self._visit.node.settled != settled and self._catches_up():
@@ -178,7 +197,8 @@ class Monitor:
             self._progress.update(self._task, completed=push)
 
     def _on_progress(self, msg: PlanProgress) -> None:
-        if self._prompts and msg.message != self._message and msg.phase in (msg.PHASE_WAITING, msg.PHASE_PLACING):
+        self._alarmed = time.monotonic() if msg.phase == PlanProgress.PHASE_ALARM else math.inf
+        if self._prompts and msg.message != self._message and msg.phase in PROMPTING:
             self._console.print(msg.message, highlight=False, markup=False)
         self._message = msg.message
         finished = msg.phase == PlanProgress.PHASE_FINISHED
@@ -204,7 +224,8 @@ def line_of(msg: FrictionEstimate) -> str:
     """An estimate as a line of text."""
     points, x, y, p90, largest, error = _cells(msg)
     noun = "data point " if msg.data_points == 1 else "data points"
-    return f"push {msg.pushes:3d}  {points} {noun}  p_CF ({x}, {y}) mm  mu_c {p90} / {largest}  fit error {error} mm"
+    bounds = f"mu_c 90 % {p90}, 100 % {largest}"
+    return f"push {msg.pushes:3d}  {points} {noun}  p_CF ({x}, {y}) mm  {bounds}  fit error {error} mm"
 
 
 def _cells(msg: FrictionEstimate) -> tuple[str, ...]:

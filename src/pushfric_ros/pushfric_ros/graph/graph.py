@@ -153,7 +153,8 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
     """The nodes of a cell whose camera and serial port are simulated.
 
     Args:
-        file: the cell; its camera source must be `topic`, and its port is where the simulated controller appears.
+        file: the cell; its camera source must be `topic`, and its port is where the simulated controller appears. Its axis
+            and switches are those of the real controller, and do not count.
         bag: folder of the bag to record.
         seed: of the simulation.
         speed: of the simulated clock, as a multiple of real time.
@@ -175,9 +176,10 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
         clock_tolerance=max(file.plan.clock_tolerance, late),
         follow_tolerance=max(file.plan.follow_tolerance, late * file.plan.speed),
     )
-    driver = replace(file.driver, real_time_factor=speed, silence=max(file.driver.silence, PATIENCE))
+    driver = replace(file.driver, axis="X", real_time_factor=speed, silence=max(file.driver.silence, PATIENCE))
     slow = {name: max(getattr(file.pusher, name), PATIENCE) for name in ("owner_timeout", "requires_timeout")}
-    pusher = replace(file.pusher, memory="", **slow)  # a simulated pusher does not outlive its run
+    # a simulated pusher does not outlive its run; it has no home switch, no force sensor and nobody with an enabling switch
+    pusher = replace(file.pusher, memory="", home=False, max_force=0.0, enable_timeout=0.0, **slow)
     patient = replace(file, plan=plan, pusher=pusher, driver=driver)
     specs = [_simulation(file, simulation), *map(with_simulated_time, cell(patient, bag, start))]
     return with_own_clock(specs, file.namespace)

@@ -2,7 +2,8 @@
 
 The name is an abstract address of Unix sockets (unix(7)). It holds for all users and environments that share the loopback
 interface, that is, exactly where nodes hear each other without a network between them. It needs no file. The name is free again
-when the last process that holds its socket has ended, however it ended.
+when the last process that holds its socket has ended, however it ended. `./pushfric` looks before there is an environment, so
+this module needs the standard library alone.
 """
 
 import contextlib
@@ -12,7 +13,7 @@ import socket
 from collections.abc import Iterator
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.node_kit import network
+from pushfric_ros.node_kit.domain import domain
 
 
 @contextlib.contextmanager
@@ -25,8 +26,8 @@ def lock(namespace: str) -> Iterator[int]:
         InvalidInput: another run holds the name (two would mistake each other's messages for their own), or ROS_DOMAIN_ID is
             not a domain.
     """
-    domain = network.domain()
-    digest = hashlib.sha256(f"{domain} {namespace}".encode()).hexdigest()  # an address is short
+    number = domain()
+    digest = hashlib.sha256(f"{number} {namespace}".encode()).hexdigest()  # an address is short
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as claim:
         try:
             claim.bind(f"\0pushfric-{digest}")
@@ -34,7 +35,7 @@ def lock(namespace: str) -> Iterator[int]:
             if error.errno != errno.EADDRINUSE:
                 raise
             raise InvalidInput(
-                f"a cell named {namespace} is already running on ROS domain {domain}, or its nodes have not ended yet; "
+                f"a cell named {namespace} is already running on ROS domain {number}, or its nodes have not ended yet; "
                 "end it, or set another ROS_DOMAIN_ID"
             ) from None
         yield claim.fileno()

@@ -22,15 +22,13 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.files.node_settings import Discovery
+from pushfric_ros.node_kit.domain import domain
 
 RCLError = rclpy_implementation.RCLError
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 """Environment variables of ROS 2 by which users say whom their nodes may reach; they override a cell's file."""
-
-LAST_DOMAIN = 232
-"""The largest ROS_DOMAIN_ID whose ports exist (RTPS 2.5, 9.6.2.3)."""
 
 REFUSALS = ("failed to initialize", "error creating node")
 """What errors of rcl begin with if a variable such as ROS_LOG_DIR or ROS_STATIC_PEERS has an impossible value."""
@@ -51,18 +49,6 @@ SHARED_MEMORY = pathlib.Path("/dev/shm")
 
 FREE = 48 * 2**20
 """Least free shared memory [bytes]; if Fast DDS cannot make a segment, it falls back to the network."""
-
-
-def domain() -> int:
-    """The ROS domain that the environment names.
-
-    Raises:
-        InvalidInput: it is none.
-    """
-    text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) <= LAST_DOMAIN):
-        raise InvalidInput(f"ROS_DOMAIN_ID must be a number from 0 to {LAST_DOMAIN}, got {text[:40]!r}")
-    return int(text)
 
 
 @contextlib.contextmanager

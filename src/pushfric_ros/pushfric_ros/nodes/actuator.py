@@ -42,7 +42,7 @@ READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.1, 5.0
 FORCE_SILENCE = 0.5
 OWNER_GRACE = 1.0  # until the first sign of life of a goal's owner
-GRACE = 3.0  # a port may appear this late without an error message
+GRACE = 3.0  # a port may appear this late without an error message; simulated time begins once a simulated port is there
 ROUNDING = 1e-5  # tolerance of positions [m]
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
 NOT_ENABLED = "the topic enable does not say true, or said so too long ago"
@@ -81,7 +81,7 @@ class ActuatorNode(LifecycleNode):
         self._problem: PusherError | None = None
         self._lost_at: float | None = None  # where it rested when the connection was lost; NaN: it did not rest
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
-        self._quiet_until = time.monotonic() + GRACE
+        self._quiet_until = math.inf  # set when time has begun
         self._told: str | None = None  # the last problem logged
         self._unsure = False  # the position is unknown, and only a person can say so
         self._fault = Fault.NONE
@@ -286,6 +286,8 @@ class ActuatorNode(LifecycleNode):
             return
         self._guard()
         pusher = self._pusher
+        if math.isinf(self._quiet_until) and self.get_clock().now().nanoseconds:
+            self._quiet_until = time.monotonic() + GRACE
         try:
             if pusher.mode is Mode.DISCONNECTED and not pusher.busy:
                 if time.monotonic() < self._retry_at:

@@ -51,14 +51,14 @@ LAST_WORDS = 20.0
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
 PASSED = "a person went on to the next push"
 
+IN_ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+
 HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
     PusherState.MODE_HOMING: "it seeks its home switch",
     PusherState.MODE_RUNNING: "",  # for a moment only
     PusherState.MODE_HOLD: "it is held: release it at the controller, or activate the actuator",
-    PusherState.MODE_ALARM: (
-        "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
-    ),
+    PusherState.MODE_ALARM: IN_ALARM,
 }
 """Why a pusher in this mode cannot push, and what the operator can do about it."""
 
@@ -272,7 +272,8 @@ class ExperimentNode(Node):
             return problem() != said
 
         while (said := problem()) is not None:
-            self._report(phase, f"{prompt}: {said}" if said else prompt)
+            phase_now = PlanProgress.PHASE_ALARM if said == IN_ALARM else phase
+            self._report(phase_now, f"{prompt}: {said}" if said else prompt)
             await self._until(changed)
 
     def _until(self, condition: Callable[[], bool]) -> Future:

@@ -37,6 +37,7 @@ PHASES = {
     PlanProgress.PHASE_PLACING: "placing",
     PlanProgress.PHASE_PUSHING: "pushing",
     PlanProgress.PHASE_FINISHED: "finished",
+    PlanProgress.PHASE_ALARM: "alarm",
 }
 LEVELS = {
     DiagnosticStatus.OK: "ok",

@@ -14,6 +14,7 @@ from rich.console import Console
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.console import console, warn
 from pushfric_ros.commands.frames import frames_from
+from pushfric_ros.commands.interrupt import telling_what_is_left
 from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_ros.commands.measure.stroke import along_the_stroke, pictures
 from pushfric_ros.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, object_text, permit, write
@@ -126,16 +127,17 @@ def measure(
     def frames() -> Frames:
         return frames_from(source, file.namespace, (camera.width, camera.height))
 
-    for part in parts:
-        if part is Part.OBJECT:
-            target = object_target(file, cell, folder)
-            permit(target, force)
-            figures["object"] = _measure_object(file, camera, frames(), height, moved, target, figures, output)
-        else:
-            target = folder / PUSHER_FILE if out is not None else cell
-            permit(target, force)
-            at = _numbers(positions)
-            figures["pusher"] = _measure_tip(file, cell, camera, frames(), at, speed, tip_height, target, figures, output)
+    with telling_what_is_left(lambda: f"{', '.join(figures['files']) or 'nothing'} was written"):
+        for part in parts:
+            if part is Part.OBJECT:
+                target = object_target(file, cell, folder)
+                permit(target, force)
+                figures["object"] = _measure_object(file, camera, frames(), height, moved, target, figures, output)
+            else:
+                target = folder / PUSHER_FILE if out is not None else cell
+                permit(target, force)
+                at = _numbers(positions)
+                figures["pusher"] = _measure_tip(file, cell, camera, frames(), at, speed, tip_height, target, figures, output)
     for finding in figures["findings"]:
         warn(finding)
     write_json(to_json(figures), json)
