@@ -769,7 +769,9 @@ def test_a_simulated_port_is_not_missed_before_time_begins(ros, tmp_path, capfd,
     cell = Cell(ros, tmp_path / "port", use_sim_time=True)
     ros.wait_for(lambda: cell.node._retry_after > 4 * actuator.FIRST_RETRY, what="some attempts to connect")
     assert capfd.readouterr().err == ""
-    ros.wait_for(lambda: clock.publish(Clock(clock=Time(sec=1).to_msg())) or cell.node._told is not None, what="the complaint")
+    ros.wait_for(
+        lambda: clock.publish(Clock(clock=Time(seconds=1).to_msg())) or cell.node._told is not None, what="the complaint"
+    )
     assert f"no serial port at {tmp_path}/port, retrying" in capfd.readouterr().err
 
 
