@@ -5,56 +5,86 @@
 A failure names the target and the seed; `bench.fuzz.repeat(target, seed)` gives its bytes again.
 """
 
+import atexit
+import contextlib
 import csv
 import functools
 import gzip
 import io
+import logging
 import os
 import pathlib
 import pty
 import select
+import shutil
+import socket
 import tempfile
 import time
 import tty
 from collections.abc import Callable
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from mcap.writer import CompressionType, Writer
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimator import Estimator
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Pose, Twist
+from pushfric_core.prediction import FrictionModel, model_of, predict, stability
 from pushfric_core.trajectory import Trajectory
+from pushfric_msgs.srv import ExcludePush, PredictPush, StablePushes
 from pushfric_ros.bags import zhou2015
 from pushfric_ros.bags.bag import Bag
 from pushfric_ros.bags.bag_writer import BagWriter
 from pushfric_ros.bags.cdr import Decoder, Definition, encoder
 from pushfric_ros.bags.data_points import TYPES, observations
+from pushfric_ros.bags.mcap_file import GrowingFile
+from pushfric_ros.bags.recovery import recover
 from pushfric_ros.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_ros.files.bounded_yaml import load_yaml
 from pushfric_ros.files.cell_file import load_cell
 from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.files.model_file import load_model, make_model, save_model
+from pushfric_ros.files.node_settings import RecorderConfig, ViewConfig
 from pushfric_ros.files.object_file import load_object, read_points
 from pushfric_ros.files.observation_file import OPTIONAL, REQUIRED, read_observations
 from pushfric_ros.files.plan_file import load_plan
-from pushfric_ros.files.pushes_file import read_edge_pushes
+from pushfric_ros.files.pushes_file import read_edge_pushes, read_point_pushes
+from pushfric_ros.files.yaml_edit import with_values
 from pushfric_ros.messages.conversions import (
     force_sample_from_msg,
     observation_from_msg,
     observation_to_msg,
     pose_sample_from_msg,
+    predictions_to_msg,
     pusher_sample_from_msg,
+    pushes_from_msg,
+    stability_to_msg,
+    turns_from_msg,
 )
 from pushfric_ros.messages.types import definition
+from pushfric_ros.node_kit.network import domain
+from pushfric_ros.offline.estimation import Choices
+from pushfric_ros.offline.many import RESULTS, estimate_many
+from pushfric_ros.offline.table import write_table
 from pushfric_ros.pushers.grbl import Grbl
 from pushfric_ros.pushers.grbl_protocol import parse_status
 from pushfric_ros.pushers.position_memory import PositionMemory
 from pushfric_ros.pushers.pusher import PusherError
-from pushfric_ros.vision.camera import load_camera, picture_from
+from pushfric_ros.report.report import to_json
+from pushfric_ros.view.clicked_points import ClickedPoints
+from pushfric_ros.view.server import Answer, Request, Server
+from pushfric_ros.vision.camera import Lens, load_camera, picture_from
 from pushfric_ros.vision.fiducial_tracker import load_fiducials
+from pushfric_ros.vision.table_calibration import read_table_points
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 DEMO, EXAMPLE = ROOT / "bags/rubber_rect4", ROOT / "docs/example_cell"
@@ -88,6 +118,8 @@ SLOW = 5.0
 
 LONGEST_CONVERSATION = 20_000
 """Number of bytes that are given to the driver."""
+
+OBJECT_NAME = "rubber_rect4"
 
 LONGEST_REFUSAL = 1100
 """Largest number of characters of an error."""
@@ -183,7 +215,7 @@ def campaign(seconds: float, say: Callable[[str], None], first_seed: int = 0) ->
 def targets() -> dict[str, Target]:
     """All parsers of what comes from outside."""
     texts = {name: (EXAMPLE / f"{name}.yaml").read_bytes() for name in ("cell", "object", "plan")}
-    table = load_object("rubber_rect4")
+    table = load_object(OBJECT_NAME)
     outline = table.outline
     yamls = [*texts.values(), (DEMO / METADATA).read_bytes(), b"a: &a [1, 2]\nb: *a\nc: {d: 1.5, e: 'text'}\n"]
     camera = _camera()
@@ -204,6 +236,9 @@ def targets() -> dict[str, Target]:
         "compressed log": Target(_of_file("cut__exp.txt.gz", zhou2015.read_log), [gzip.compress(_log())], (InvalidInput,)),
         "push points": Target(_of_file("push_points.csv", zhou2015.read_push_points), [_push_points()], (InvalidInput,)),
         "bag": Target(_of_file("bag.mcap", _read_bag), [_small_bag()], (InvalidInput, PushfricError)),
+        "database": Target(_of_file("bag.db3", _read_bag), [_database()], (InvalidInput, PushfricError)),
+        "uncompressed bag": Target(_of_file("bag.mcap", _recover), [_uncompressed_bag()], (InvalidInput,)),
+        "growing bag": Target(_of_file("bag.mcap", _follow), [_small_bag(), _uncompressed_bag()], (ValueError,)),
         "definition": Target(_decode_with, [definition(TYPES["observation"]).encode()], (InvalidInput, ValueError)),
         "messages": Target(_use_messages, _messages(), (ValueError, PushfricError)),
         "settings": Target(
@@ -220,6 +255,20 @@ def targets() -> dict[str, Target]:
         "serial line": Target(_converse, [CONVERSATION], (PusherError,)),
         "position memory": Target(_recall, [b'{"position": 0.0123}', b'{"position": null}'], ()),
         "pushes": Target(_of_file("pushes.csv", lambda path: read_edge_pushes(path, outline)), [PUSHES], (InvalidInput,)),
+        "moves": Target(_of_file("moves.csv", lambda path: read_point_pushes(path, outline)), [MOVES], (InvalidInput,)),
+        "table points": Target(_of_file("points.csv", read_table_points), [b"u,v,x,y\n320,240,0.1,0.0\n10,20,0.0,0.1\n"],
+                               (InvalidInput,)),
+        "clicked points": Target(_click, [b"[[1, 1, 0, 0], [600, 1, 0.5, 0], [600, 400, 0.5, 0.4], [1, 400, 0, 0.4]]"],
+                                 (InvalidInput,)),
+        "edited file": Target(_edit, [texts["cell"], b"a: 1\npusher: {line_origin: [0, 0]}\n<<: {c: 2}\n"], (ValueError,)),
+        "earlier results": Target(_go_on, [_results()], ()),
+        "question of a planner": Target(_answer, _questions(), (ValueError, PushfricError)),
+        "topic to record": Target(
+            lambda data, _: RecorderConfig((data.decode("utf-8", "replace"),)), [b"/cell/text std_msgs/msg/String reliable"],
+            (ValueError,)
+        ),
+        "domain": Target(_domain, [b"0", b"17", b"232"], (InvalidInput,)),
+        "live view": Target(_visit, VISITS, ()),
         "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
     }  # fmt: skip
 
@@ -267,7 +316,7 @@ def _recall(data: bytes, folder: pathlib.Path) -> None:
 
 def _model() -> bytes:
     data = _observations()
-    estimator, known = Estimator(load_object("rubber_rect4").support_points), load_object("rubber_rect4")
+    estimator, known = Estimator(load_object(OBJECT_NAME).support_points), load_object(OBJECT_NAME)
     for observation in data:
         estimate = estimator.add(observation)
     model = make_model(known, estimate, estimator.observations, "a test", EstimatorSettings())
@@ -296,7 +345,7 @@ def _of_file(name: str, read: Callable[[pathlib.Path], Any]) -> Callable[[bytes,
 
 
 def _estimated(data: list[Observation]) -> None:
-    estimator = Estimator(load_object("rubber_rect4").support_points)
+    estimator = Estimator(load_object(OBJECT_NAME).support_points)
     for observation in data:
         try:
             estimator.add(observation)
@@ -358,12 +407,12 @@ def _small_bag() -> bytes:
             writer.add_topic("/cell/observation", TYPES["observation"], [])
             for stamp in range(40):
                 for observation in _observations():
-                    writer.write("/cell/observation", stamp, encode(observation_to_msg(observation, "rubber_rect4")))
+                    writer.write("/cell/observation", stamp, encode(observation_to_msg(observation, OBJECT_NAME)))
         return (path / "bag_0.mcap").read_bytes()
 
 
 def _read_bag(path: pathlib.Path) -> None:
-    observations(path, load_object("rubber_rect4"), EstimatorSettings(), lambda line: None, partial=True)
+    observations(path, load_object(OBJECT_NAME), EstimatorSettings(), lambda line: None, partial=True)
 
 
 def _decode_with(data: bytes, _: pathlib.Path) -> None:
@@ -381,7 +430,7 @@ def _messages() -> list[bytes]:
     """Messages of each type; the first byte says which type."""
     demo = {message.topic.rpartition("/")[2]: message.raw for message in Bag(DEMO).messages()}
     encode = encoder(TYPES["observation"])
-    full = [encode(observation_to_msg(observation, "rubber_rect4")) for observation in _observations()]
+    full = [encode(observation_to_msg(observation, OBJECT_NAME)) for observation in _observations()]
     found = [bytes([list(TYPES).index("observation")]) + raw for raw in full]
     return found + [bytes([list(TYPES).index(name)]) + demo[name] for name in ("object_pose", "pusher_state", "observation")]
 
@@ -397,8 +446,197 @@ def _use_messages(data: bytes, _: pathlib.Path) -> None:
     elif name == "wrench":
         force_sample_from_msg(content)
     else:
-        trajectory = Trajectory(load_object("rubber_rect4").outline)
+        trajectory = Trajectory(load_object(OBJECT_NAME).outline)
         if name == "object_pose":
             trajectory.add_pose(pose_sample_from_msg(content))
         else:
             trajectory.add_pusher(pusher_sample_from_msg(content))
+
+
+MOVES = b"contact_x,contact_y,normal_x,normal_y,tip_vx,tip_vy\n0.0,-0.032,0,-1,0.0,1.0\n"
+
+
+def _database() -> bytes:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "bag"
+        with RosbagsWriter(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+            connection = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+            message = store.types["std_msgs/msg/String"](data="text")
+            for stamp in range(20):
+                writer.write(connection, stamp, store.serialize_cdr(message, "std_msgs/msg/String"))
+        return (path / "bag.db3").read_bytes()
+
+
+def _uncompressed_bag() -> bytes:
+    """Several chunks, as `ros2 bag record` writes them."""
+    encode = encoder(TYPES["observation"])
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=4000, compression=CompressionType.NONE)
+    writer.start(profile="ros2")
+    schema = writer.register_schema(TYPES["observation"], "ros2msg", definition(TYPES["observation"]).encode())
+    channel = writer.register_channel("/cell/observation", "cdr", schema)
+    for stamp in range(20):
+        for observation in _observations():
+            writer.add_message(channel, stamp, encode(observation_to_msg(observation, OBJECT_NAME)), stamp)
+    writer.finish()
+    return stream.getvalue()
+
+
+def _recover(path: pathlib.Path) -> None:
+    """What is recovered can be read, and is no more than there is."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        damaged = recover(path, pathlib.Path(folder) / "saved")
+        saved = sum(1 for _ in Bag(pathlib.Path(folder) / "saved").messages())
+        unconfirmed = damaged.damage.unconfirmed if damaged.damage is not None else {}
+        if saved != damaged.summary.message_count + sum(unconfirmed.values()):
+            raise Failure(f"{saved} messages are saved of {damaged.summary.message_count} and {unconfirmed}")
+
+
+def _follow(path: pathlib.Path) -> None:
+    """Read a file on while it grows."""
+    content = path.read_bytes()
+    path.write_bytes(b"")
+    file = GrowingFile(path)
+    for end in range(0, len(content) + 1, max(1, len(content) // 7)):
+        path.write_bytes(content[:end])
+        file.read_on()
+
+
+def _click(data: bytes, _: pathlib.Path) -> None:
+    clicked = ClickedPoints(Lens(640, 480, np.array(((500.0, 0, 320), (0, 500, 240), (0, 0, 1))), np.zeros(5)))
+    clicked.take(data)
+    to_json(clicked.figures())
+
+
+def _edit(data: bytes, _: pathlib.Path) -> None:
+    with_values(data.decode("utf-8", "replace"), "pusher", {"line_origin": [0.1, 0.2]})
+
+
+@functools.cache
+def _input() -> pathlib.Path:
+    """A CSV of data points that stays as long as this process."""
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="pushfric-fuzz-"))
+    atexit.register(shutil.rmtree, folder)
+    path = folder / "data.csv"
+    path.write_bytes(_csv())
+    return path
+
+
+def _results() -> bytes:
+    """What an earlier run has kept."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        estimate_many([_input()], Choices(OBJECT_NAME), pathlib.Path(folder), 1, None, lambda line: None)
+        return (pathlib.Path(folder) / RESULTS).read_bytes()
+
+
+def _go_on(data: bytes, folder: pathlib.Path) -> None:
+    """Go on where an earlier run stopped, whatever its results look like now."""
+    out = folder / "many"
+    out.mkdir(exist_ok=True)
+    (out / RESULTS).write_bytes(data)
+    lines = estimate_many([_input()], Choices(OBJECT_NAME), out, 1, None, lambda line: None)
+    if "traceback" in lines[0]:
+        raise Failure(lines[0]["traceback"])
+    write_table(lines, out)
+
+
+def _questions() -> list[bytes]:
+    """Requests of both kinds; the first byte says which."""
+    point, normal = Point(x=0.0, y=-0.032), Vector3(y=-1.0)
+    moved = PredictPush.Request(contact_points=[point], contact_normals=[normal], tip_velocities=[Vector3(y=1.0)])
+    turned = StablePushes.Request(
+        contact_points=[point], contact_normals=[normal], half_widths=[0.01], centers_of_rotation=[Point(x=0.1)], turns=[1]
+    )
+    return [b"\0" + serialize_message(moved), b"\1" + serialize_message(turned)]
+
+
+@functools.cache
+def _friction() -> FrictionModel:
+    estimator = Estimator(load_object(OBJECT_NAME).support_points)
+    for observation in _observations():
+        estimate = estimator.add(observation)
+    return model_of(estimate, estimator.observations)
+
+
+def _answer(data: bytes, _: pathlib.Path) -> None:
+    kind = PredictPush.Request if data[:1] != b"\1" else StablePushes.Request
+    try:
+        request = deserialize_message(data[1:], kind)
+    except RuntimeError:  # the middleware's: such a request never reaches a node
+        return
+    if kind is PredictPush.Request:
+        predictions_to_msg(predict(_friction(), *pushes_from_msg(request)), PredictPush.Response())
+    else:
+        stability_to_msg(stability(_friction(), *turns_from_msg(request)), StablePushes.Response())
+
+
+def _domain(data: bytes, _: pathlib.Path) -> None:
+    text = data.replace(b"\0", b"").decode("utf-8", "replace")  # no variable of an environment holds a NUL
+    before = os.environ.get("ROS_DOMAIN_ID")
+    os.environ["ROS_DOMAIN_ID"] = text
+    try:
+        domain()
+    finally:
+        if before is None:
+            del os.environ["ROS_DOMAIN_ID"]
+        else:
+            os.environ["ROS_DOMAIN_ID"] = before
+
+
+HOST = b"Host: 127.0.0.1:8080\r\n"
+
+UPGRADE = (
+    b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
+)
+
+VISITS = [
+    b"GET / HTTP/1.1\r\n" + HOST + b"Origin: http://127.0.0.1:8080\r\n\r\n",
+    b"POST /exclude/3?token=a%20b HTTP/1.1\r\n" + HOST + b"Authorization: Bearer abc\r\nContent-Length: 2\r\n\r\n{}",
+    b"POST /keep/2147483647 HTTP/1.1\r\nHost: [::1]:80\r\nTransfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
+    b"GET /live?token=x HTTP/1.1\r\n" + HOST + UPGRADE + b'\r\n\x81\x8f\0\0\0\0{"looks": false}\x88\x80\0\0\0\0',
+]
+"""What visitors of the live view send, up to the bytes of their WebSocket messages."""
+
+
+@functools.cache
+def _view() -> tuple[Server, list[str]]:
+    """A live view, and what it has logged."""
+    logged: list[str] = []
+
+    class Kept(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            logged.append(record.getMessage() + str(record.exc_info or ""))
+
+    for name in ("tornado.application", "asyncio"):
+        logging.getLogger(name).addHandler(Kept())
+        logging.getLogger(name).propagate = False
+
+    def carried_out(request: Request) -> None:
+        if request.push is not None:
+            ExcludePush.Request(push_id=request.push)
+        request.answer(Answer(True, ""))
+
+    server = Server(ViewConfig(port=0), carried_out, lambda looking: None)
+    atexit.register(server.close)
+    return server, logged
+
+
+def _visit(data: bytes, _: pathlib.Path) -> None:
+    """Whatever a visitor sends, the server logs no failure, and serves the next one."""
+    server, logged = _view()
+    place = urlsplit(server.url)
+    for sent in (data, b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"):
+        with socket.create_connection((place.hostname, place.port), timeout=SLOW) as visitor:
+            received = b""
+            with contextlib.suppress(ConnectionError):
+                visitor.sendall(sent[:LONGEST_CONVERSATION])
+                if sent is data:
+                    select.select([visitor], [], [], 0.05)  # it may wait for more
+                    visitor.shutdown(socket.SHUT_WR)
+                while part := visitor.recv(65536):
+                    received += part
+    if logged:
+        raise Failure(f"the live view has logged: {logged.pop()[:300]}")
+    if not received.startswith(b"HTTP/1.1 200"):
+        raise Failure(f"the live view answers {received[:60]!r}")

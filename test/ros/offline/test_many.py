@@ -17,7 +17,8 @@ from pyarrow import parquet
 from pushfric_core.support import Support
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.files.model_file import load_model
-from pushfric_ros.offline.many import model_names
+from pushfric_ros.offline.estimation import Choices
+from pushfric_ros.offline.many import RESULTS, estimate_many, model_names
 from pushfric_ros.offline.outliers import differing
 
 BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
@@ -58,6 +59,19 @@ def estimate(*arguments):
 def table_of(out: pathlib.Path) -> dict[str, dict[str, str]]:
     with (out / "table.csv").open(newline="") as stream:
         return {pathlib.Path(row["input"]).name: row for row in csv.DictReader(stream)}
+
+
+def test_a_result_that_was_changed_is_made_again(tmp_path):
+    write_pushes(tmp_path / "data.csv", 1)
+    inputs, out = [tmp_path / "data.csv"], tmp_path / "out"
+    (first,) = estimate_many(inputs, Choices(NAME), out, 1, None, lambda line: None)
+    kept = (out / RESULTS).read_text()
+    for text in (kept, kept.replace('"data_points": 12', '"data_points": 13'), kept.replace('"mu_c": {', '"mu_c": {"w": 0, '),
+                 "[" * 100_000 + "\n", '"\\ud800"\n'):  # fmt: skip
+        (out / RESULTS).write_text(text)
+        (again,) = estimate_many(inputs, Choices(NAME), out, 1, None, lambda line: None)
+        assert again == first
+        assert len((out / RESULTS).read_text().splitlines()) == (1 if text == kept else 2)
 
 
 def test_a_broken_input_costs_only_itself(inputs, tmp_path):

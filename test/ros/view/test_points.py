@@ -137,12 +137,16 @@ def test_strangers_are_refused(server, asked, what, method, headers, code):
     assert asked == []
 
 
-def test_another_sites_name_for_this_machine_is_refused(asked):
+def test_another_sites_name_for_this_machine_is_refused(asked, caplog):
     server = PointsServer(ViewConfig(port=0), asked.append)
     try:
         assert fetched(server, "state", headers={"Host": "evil.example"}).code == 403
+        for name in ("[::1", "::1]:80", "[]"):  # of no address
+            assert fetched(server, "state", headers={"Host": name}).code == 403
+        assert fetched(server, "state", headers={"Origin": "http://[::1"}).code == 403
         assert fetched(server, "", headers={"Host": "evil.example"}).code == 403
         assert fetched(server, "save").code == 405  # a picture on another site must not save
     finally:
         server.close()
     assert asked == []
+    assert "Uncaught" not in caplog.text

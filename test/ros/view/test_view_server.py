@@ -4,7 +4,7 @@ import asyncio
 import json
 
 import pytest
-from tornado.httpclient import AsyncHTTPClient
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from pushfric_ros.files.node_settings import ViewConfig
@@ -85,6 +85,36 @@ def test_a_key_that_is_taken_back_is_not_told_to_late_visitors(server):
         socket.close()
 
     asyncio.run(visit())
+
+
+@pytest.mark.parametrize("push", [-1, 2**31, 9_999_999_999])
+def test_a_number_that_no_push_has_is_refused(server, told, push):
+    async def visit():
+        return await AsyncHTTPClient().fetch(f"{server.url}exclude/{push}", method="POST", body="", raise_error=False)
+
+    answer = asyncio.run(visit())
+    assert answer.code == 400
+    assert "a push has a number in [0, 2147483648)" in json.loads(answer.body)["message"]
+    assert told.requests == []
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://[::1"},
+        {"Origin": "http://evil.example"},
+        {"Origin": "http://evil.example", "Host": "evil.example"},
+        {"Origin": "http://evil.example", "Host": "evil.example", "Sec-Fetch-Site": "same-origin"},
+        {"Host": "::1]:80"},
+    ],
+)
+def test_the_page_of_another_site_is_shown_out(server, caplog, headers):
+    async def visit():
+        with pytest.raises(HTTPClientError, match="403"):
+            await websocket_connect(HTTPRequest(live(server), headers=headers))
+
+    asyncio.run(visit())
+    assert "Uncaught" not in caplog.text
 
 
 @pytest.mark.parametrize("said", ["", "[]", "{}", "looks", '"looks"', "[" * 5000, b"\xff", "x" * 20_000])

@@ -26,7 +26,8 @@ RESULTS, MODELS = "results.jsonl", "models"
 """Names in the folder of the results."""
 
 Line = dict[str, Any]
-"""What is known of an input: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`."""
+"""What is known of an input: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`; at
+last `checksum`."""
 
 
 def inputs_of(sources: Iterable[pathlib.Path]) -> list[pathlib.Path]:
@@ -122,12 +123,22 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
     for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             line = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             continue  # an interrupted run leaves half a line
         known = isinstance(line, dict) and isinstance(line.get("input"), str)
-        if known and wanted.get(line["input"], "") == line.get("fingerprint"):
+        if known and wanted.get(line["input"], "") == line.get("fingerprint") and _is_unchanged(line):
             lines[line["input"]] = line
     yield from lines.values()
+
+
+def _checksum(line: Line) -> str:
+    """Of all that a line says besides; it shows whether somebody, or a failing disk, has changed it."""
+    said = {key: value for key, value in line.items() if key != "checksum"}
+    return hashlib.sha256(to_json(said).encode()).hexdigest()[:16]
+
+
+def _is_unchanged(line: Line) -> bool:
+    return line.get("checksum") == _checksum(line)
 
 
 def _torn(file: pathlib.Path) -> bool:
@@ -157,4 +168,4 @@ def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Pat
     except Exception as error:  # noqa: BLE001 - a fault of ours must not stop the other inputs; its traceback is reported
         line["error"] = f"{type(error).__name__}: {error}"
         line["traceback"] = traceback.format_exc()
-    return to_json(line)
+    return to_json({**line, "checksum": _checksum(line)})

@@ -85,7 +85,7 @@ def _kept(out: pathlib.Path, seed: int) -> dict[str, Any] | None:
             raise ValueError(f"it is not the result of seed {seed}")
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InvalidInput(f"{path}: cannot be read: {error}; remove it to have it computed again") from error
     return result
 

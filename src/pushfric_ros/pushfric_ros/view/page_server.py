@@ -90,8 +90,18 @@ class PageServer:
         On the loopback, another site's name that leads here is refused: the site's page could otherwise read and steer the cell
         through the browser of its visitor. On other addresses, the token protects the server.
         """
-        name = urlsplit(f"//{host}").hostname or ""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:  # no address, as [::1
+            return False
         return not self._local or name == self._host or is_loopback(name)
+
+    def is_from_here(self, origin: str, host: str) -> bool:
+        """Whether the page with this origin is one of the server that was asked by this name."""
+        try:
+            return urlsplit(origin).netloc == host
+        except ValueError:
+            return False
 
     def awaited(self) -> tuple[Awaitable[Any], Callable[[Any], None]]:
         """An answer that comes later, and the function that gives it, from any thread; only the first answer counts."""
@@ -165,7 +175,8 @@ class Asked(_Served):
     def admit(self, free: bool = False) -> None:
         """Refuse a request that comes from the page of another site or, unless it is free for all, without the token."""
         origin = self.request.headers.get("Origin")
-        if not self.server.is_own(self.request.host) or (origin and urlsplit(origin).netloc != self.request.host):
+        host = self.request.host
+        if not self.server.is_own(host) or (origin and not self.server.is_from_here(origin, host)):
             raise HTTPError(403, "asked by the page of another site")
         shown = self.request.headers.get("Authorization", "").removeprefix("Bearer ")
         shown = shown or self.get_query_argument("token", "")

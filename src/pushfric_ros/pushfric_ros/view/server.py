@@ -9,8 +9,10 @@ import json
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple
 
+from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from pushfric_core.observation import PUSH_IDS
 from pushfric_ros.files.node_settings import ViewConfig
 from pushfric_ros.report.report import to_json
 from pushfric_ros.view.page_server import Asked, PageServer
@@ -123,9 +125,15 @@ class Visitor(WebSocketHandler):
         self._news = asyncio.Event()
         self._sending: asyncio.Task[None] | None = None
 
-    def check_origin(self, origin: str) -> bool:
-        """Accept only pages of this server: those of other sites must not read the story."""
-        return super().check_origin(origin) and self._server.is_own(self.request.host)
+    def prepare(self) -> None:
+        """Accept only pages of this server: those of other sites must not read the story.
+
+        The library asks `check_origin` only where origin and host differ: not where another site's name leads here.
+        """
+        host, headers = self.request.host, self.request.headers
+        origin = headers.get("Origin") or headers.get("Sec-Websocket-Origin")
+        if not self._server.is_own(host) or (origin and not self._server.is_from_here(origin, host)):
+            raise HTTPError(403)
 
     def open(self, *_: str, **__: str) -> None:
         """Refuse a visitor without the right token; the page then says so."""
@@ -191,8 +199,11 @@ class Action(Asked):
     async def post(self, action: str, push: str | None = None) -> None:
         """Carry out a request, unless it comes from the page of another site or without the token."""
         self.admit(free=action == FREE_FOR_ALL)
+        number = None if push is None else int(push)
+        if number is not None and not 0 <= number < PUSH_IDS:
+            raise HTTPError(400, f"a push has a number in [0, {PUSH_IDS})")
         try:
-            answer = await self.server.ask(action, None if push is None else int(push))
+            answer = await self.server.ask(action, number)
         except TimeoutError:
             answer = Answer(False, f"nobody answered within {ANSWER_WITHIN:g} s")
         self.write(answer._asdict())
