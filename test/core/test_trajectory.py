@@ -474,3 +474,29 @@ def test_a_free_tip_that_turns_at_once_gives_no_data_point_of_both_motions():
     found = feed(Trajectory(OUTLINE), in_time(*arm_samples(path, stamps, tip_rate=1)))
     assert found
     assert all(abs(one.stamp * 1e-9 - 1.2) > 1.5 / 14 for one in found)
+
+
+def pushes_of(outline, count):
+    """What a trajectory with this outline says of that many pushes of the object."""
+    trajectory = Trajectory(outline)
+    found = []
+    for push_id in range(count):
+        found += feed(trajectory, in_time(*samples_of_a_push(push_id, start=push_id * 10_000_000_000)))
+    return trajectory, found
+
+
+@pytest.mark.parametrize("error", [-0.0008, 0.0, 0.003])
+def test_the_depth_is_how_much_too_large_the_outline_is(error):
+    trajectory, found = pushes_of(Outline.rectangle(0.127 + 2 * error, 0.064 + 2 * error), 1)
+    assert [one.depth for one in found] == pytest.approx([error] * len(found), abs=1e-4)
+    assert trajectory.apart is None
+
+
+def test_a_tip_that_moves_the_object_without_touching_its_outline_is_told():
+    small = Outline.rectangle(0.123, 0.060)
+    assert pushes_of(small, 2)[0].apart is None  # twice may be late stamps
+    trajectory, found = pushes_of(small, 4)
+    assert found == []
+    pushes, of, distance = trajectory.apart
+    assert (pushes, of) == (4, 4)
+    assert distance == pytest.approx(0.002, abs=1e-4)

@@ -3,7 +3,7 @@
 from pushfric_core.observation import Observation
 from pushfric_core.outline import Outline
 from pushfric_core.sensed_force import ForceSample, SensedForce
-from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory, TrajectoryConfig
+from pushfric_core.trajectory import Apart, PoseSample, PusherSample, Trajectory, TrajectoryConfig
 
 
 class ObservationMaker:
@@ -23,6 +23,11 @@ class ObservationMaker:
     def contradiction(self) -> str | None:
         """As `Trajectory.contradiction`."""
         return self._trajectory.contradiction
+
+    @property
+    def apart(self) -> Apart | None:
+        """As `Trajectory.apart`."""
+        return self._trajectory.apart
 
     @property
     def settled(self) -> int:

@@ -49,6 +49,12 @@ PERSISTS = 3
 LEAPS = 5.0
 """In a push, no point of an object moves faster than this multiple of the tip's speed."""
 
+OFTEN = 0.2
+"""If the tip seems not to touch the object in less than this share of the pushes, single late stamps may be the cause."""
+
+FOLLOWED = 0.005
+"""An object whose contact has moved inward by this much [m] is pushed, whether or not the tip seems to touch it."""
+
 REMEMBERED = 10_000
 """Number of pusher states kept while no frame comes."""
 
@@ -85,6 +91,14 @@ class _Frame(NamedTuple):
     speed: float  # of the tip along its line [m/s]
     steady: bool  # whether the reports before and after tell the same speed
     free: bool  # whether the reports before and after differ in their lines
+
+
+class Apart(NamedTuple):
+    """Pushes in which the object moves although the tip stays too far away from the outline to touch it."""
+
+    pushes: int
+    of: int  # all pushes so far
+    distance: float  # the mean [m]
 
 
 @dataclass(frozen=True)
@@ -132,11 +146,23 @@ class Trajectory:
         self._parted: PoseSample | None = None  # the first of the consecutive frames in which the tip is away from the object
         self._wrong = 0  # number of wrong poses in a row
         self._contradiction: str | None = None
+        self._away: Pose | None = None  # where the object was when the tip, in this push, was first seen away from it
+        self._apart, self._distance = 0, 0.0  # pushes in which the tip stayed away, and how far in the mean [m]
+        self._apart_in: int | None = None  # the newest of them
+        self._newest: int | None = None  # the newest push
+        self._pushes = 0
 
     @property
     def contradiction(self) -> str | None:
         """How the poses contradict the newest push, in words; None if the object was seen to follow the tip."""
         return self._contradiction
+
+    @property
+    def apart(self) -> Apart | None:
+        """The pushes in which the tip seems not to touch the object that it moves; None unless that happens often."""
+        if self._apart < max(PERSISTS, OFTEN * self._pushes):
+            return None
+        return Apart(self._apart, self._pushes, self._distance)
 
     @property
     def settled(self) -> int:
@@ -193,6 +219,8 @@ class Trajectory:
         if before.push_id is None or before.push_id != after.push_id or before.stamp == after.stamp:
             self._before = self._parted = None
             return None
+        self._pushes += before.push_id != self._newest
+        self._newest = before.push_id
         share = (sample.stamp - before.stamp) / (after.stamp - before.stamp)
         tip = before.tip + share * (after.tip - before.tip)
         free = before.line != after.line
@@ -213,12 +241,25 @@ class Trajectory:
         near = touch is not None and touch.edge is not None and depth >= -self.config.contact_tolerance
         if not near:
             self._wait(sample.pose)
+            if touch is not None and touch.edge is not None:
+                approach = 1.0 if free else -float(rotation(sample.pose.theta) @ touch.normal @ before.line.direction)
+                self._stays_away(sample.pose, touch, -depth * approach, before.push_id)
             return None
+        self._away = None
         assert touch is not None
         if not self._has_pushed(sample.pose, touch):
             return None
         steady = slow > 0 and (free or slow >= (1 - STEADY) * fast)
         return _Frame(*sample, before, tip, (slow + fast) / 2, steady, free)
+
+    def _stays_away(self, pose: Pose, touch: Touch, distance: float, push_id: int) -> None:
+        """The tip of this push is at a distance [m] from the outline: count the push if the object moves all the same."""
+        if self._away is None:
+            self._away = pose
+        moved = transform(pose, touch.point) - transform(self._away, touch.point)
+        if push_id != self._apart_in and float(rotation(pose.theta) @ touch.normal @ moved) <= -FOLLOWED:
+            self._apart, self._apart_in = self._apart + 1, push_id
+            self._distance += (distance - self._distance) / self._apart
 
     def _wait(self, pose: Pose) -> None:
         """In this pose, the object rests, as far as one knows, until its contact has been seen to move."""
@@ -245,6 +286,7 @@ class Trajectory:
         before, self._before = self._before, sample
         if before is None:  # a new push
             self._contradiction, self._wrong = None, 0
+            self._away = None
             self._resting, self._pushed = 0, False
             return False
         moved = self._moved(before, sample)

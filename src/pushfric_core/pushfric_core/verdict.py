@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pushfric_core.estimate import Estimate
+from pushfric_core.misplacement import ContactCheck
 from pushfric_core.observation import Observation
 from pushfric_core.planar import Array, Twist, cross, velocity_at
 from pushfric_core.screening import Change, Rejected
@@ -65,11 +66,13 @@ class Verdict:
         mistakes: of the input, a sentence each with the likely cause and what to do.
         rejected: pushes that were left out; the estimate may be used without them.
         change: since when the object is another one; None while it seems to be the same.
+        notes: what should be put right although the estimate may be used, a sentence each.
     """
 
     mistakes: tuple[str, ...] = ()
     rejected: tuple[Rejected, ...] = ()
     change: Change | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -104,6 +107,7 @@ class InputCheck:
         self._count = self._behind = self._inverted = self._receding = self._about_origin = self._forces = 0
         self._turn = 0j
         self._lines = _Lines()
+        self._contacts = ContactCheck()
 
     def add(self, observation: Observation) -> None:
         """Take a data point."""
@@ -116,6 +120,7 @@ class InputCheck:
         self._receding += recedes and not behind
         self._about_origin += math.hypot(vx, vy) < ABOUT_ORIGIN * self._radius * abs(omega)
         self._lines.add(observation)
+        self._contacts.add(observation)
         if observation.force is not None and any(observation.force):
             motion = complex(*velocity_at(observation.twist, self._middle))
             if motion != 0:
@@ -126,10 +131,18 @@ class InputCheck:
     def verdict(self, estimate: Estimate) -> Verdict:
         """On the estimate from these data points."""
         # what a mistake in the input brings about says nothing of its own, and its remedy would be the wrong one
-        reasons = self._mistakes() or self._contradictions(estimate)
-        if estimate.lack is not None:
-            reasons.append(estimate.lack)
-        return Verdict(tuple(reasons or self._doubts(estimate) or self._opposed(estimate)))
+        lack = [] if estimate.lack is None else [estimate.lack]
+        if mistakes := self._mistakes():
+            return Verdict((*mistakes, *lack))
+        wrong = self._contradictions(estimate) or (not lack and (self._doubts(estimate) or self._opposed(estimate))) or []
+        found = self._contacts.found()
+        if not found:
+            return Verdict((*wrong, *lack))
+        within = math.inf if estimate.confidence is None else estimate.confidence
+        misplaced = [one.sentence for one in found]
+        if wrong or any(one.displaces and one.size > within for one in found):
+            return Verdict((*misplaced, *lack))
+        return Verdict(tuple(lack), notes=tuple(misplaced))
 
     def _mistakes(self) -> list[str]:
         """What the data points themselves show."""

@@ -1,6 +1,7 @@
 """One estimate from a file, with supports anywhere on the object."""
 
 import pathlib
+import re
 
 import pytest
 
@@ -30,3 +31,26 @@ def test_supports_anywhere_fit_better_and_that_is_certified():
 def test_a_spacing_that_makes_no_sense_is_refused(spacing):
     with pytest.raises(InvalidInput, match="--refine"):
         estimate_from(BAG, Choices(refine=spacing), lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (0.003, r"the tip seems to be 3\.\d mm inside the outline while it pushes"),
+        (-0.003, r"the object moves in 14 of 14 pushes though the tip is 2\.\d mm away from its outline"),
+    ],
+)
+def test_an_outline_that_is_off_is_told(tmp_path, error, sentence):
+    wrong = tmp_path / "wrong.yaml"
+    x, y = 0.0635 + error, 0.032 + error
+    wrong.write_text(f"name: rubber_rect4\noutline: [[-{x}, -{y}], [{x}, -{y}], [{x}, {y}], [-{x}, {y}]]\n")
+    warnings = []
+    if error < 0:
+        with pytest.raises(InvalidInput, match="its poses give no data point"):
+            estimate_from(BAG, Choices(object_name=str(wrong)), warnings.append)
+    else:
+        verdict = estimate_from(BAG, Choices(object_name=str(wrong)), warnings.append).figures()["verdict"]
+        assert verdict["use"]
+        assert verdict["notes"] == warnings
+    (warning,) = warnings
+    assert re.search(sentence, warning), warning

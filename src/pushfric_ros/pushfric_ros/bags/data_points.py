@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
 from pushfric_core.estimator import FORCE_TERMS, Estimator
+from pushfric_core.misplacement import tip_stays_away
 from pushfric_core.observation import Observation
 from pushfric_core.observation_maker import ObservationMaker
 from pushfric_core.recognition import Ranking, Recognizer
@@ -216,6 +217,8 @@ def _from_poses(bag: Bag, source: Source, model: ObjectModel, config: Trajectory
                 yield from maker.add_force(_content(bag, message, force_sample_from_msg))
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
+    if maker.apart is not None:
+        warn(f"{bag.path}: {tip_stays_away(maker.apart)}")
     if maker.waiting:
         warn(f"{bag.path}: ends before the force of its last data points was measured; left out: {maker.waiting}")
 

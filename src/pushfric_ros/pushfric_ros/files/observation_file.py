@@ -1,6 +1,7 @@
 """Observations as a CSV file: SI units, object frame, one data point in each row."""
 
 import pathlib
+from dataclasses import replace
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.observation import Observation
@@ -60,4 +61,6 @@ def _observation(row: Row, outline: Outline) -> Observation:
         observation.check_contact(outline)
     except (ValueError, PushfricError) as error:
         raise error if isinstance(error, InvalidInput) else InvalidInput(f"{where}: {as_named_here(error, NAMES)}") from error
-    return observation
+    nearest = outline.nearest(observation.contact_point)
+    # a contact that was measured tells where the tip was
+    return observation if nearest.edge is None else replace(observation, depth=-nearest.distance)

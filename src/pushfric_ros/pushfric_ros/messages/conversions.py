@@ -288,7 +288,7 @@ def estimate_to_msg(
         low, high = spread.intervals.T
         msg.spread = [Spread(covariance=spread.covariance.ravel(), middle=spread.middle, low=low, high=high)]
     if verdict is not None:
-        msg.reasons = list(verdict.reasons)
+        msg.reasons, msg.notes = list(verdict.reasons), list(verdict.notes)
         msg.rejected = [RejectedPush(push_id=one.push_id, reason=one.reason) for one in verdict.rejected]
         if verdict.change is not None:
             msg.change = [ObjectChange(since_push=verdict.change.since, shift=_vector(verdict.change.shift))]

@@ -75,7 +75,7 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     Args:
         source: the bag or the CSV.
         choices: what the caller chose.
-        warn: called with a line for each message or data point that is refused.
+        warn: called with a line for each message or data point that is refused, and for each note of the verdict.
         whole_course: keep the estimates after each data point.
     Raises:
         InvalidInput: the input, or a file that the choices name, is unusable.
@@ -96,7 +96,10 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
         estimator = settings.new_estimator(refined.points, free_radii(estimator.support_points, settings.estimator))
         course = deque(data_points.taken(estimator.take, data, warn), maxlen=kept)
         result = data_points.last(course)
-    return Estimation(source, model, settings, estimator, tuple(course), estimator.verdict(result), refined)
+    verdict = estimator.verdict(result)
+    for note in verdict.notes:
+        warn(note)
+    return Estimation(source, model, settings, estimator, tuple(course), verdict, refined)
 
 
 def _candidates(model: ObjectModel, spacing: float) -> Array:

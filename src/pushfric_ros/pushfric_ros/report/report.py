@@ -55,7 +55,7 @@ def report(msg: FrictionEstimate) -> dict[str, Any]:
         figures["mu_c"] |= {"value": value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind}
     if msg.contact_friction.slips:
         figures["mu_c"]["slips"] = dict(zip(SLIP_NAMES, msg.contact_friction.slips, strict=True))
-    figures["verdict"] = {"use": not msg.reasons, "reasons": list(msg.reasons)}
+    figures["verdict"] = {"use": not msg.reasons, "reasons": list(msg.reasons), "notes": list(msg.notes)}
     figures["rejected"] = [{"push": one.push_id, "reason": one.reason} for one in msg.rejected]
     for change in msg.change:
         figures["change"] = {"since_push": change.since_push, "shift": [change.shift.x, change.shift.y]}

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimate import Estimate
+from pushfric_core.misplacement import tip_stays_away
 from pushfric_core.observation import Observation
 from pushfric_core.observation_maker import ObservationMaker
 from pushfric_core.online_estimation import OnlineEstimation
@@ -411,10 +412,14 @@ class EstimatorNode(Node):
             return Health(Level.ERROR, self._problem, values)
         if self._maker.contradiction is not None:
             return Health(Level.WARN, self._maker.contradiction, values)
+        if (apart := self._maker.apart) is not None:
+            return Health(Level.WARN, tip_stays_away(apart), values)
         if not self._verdict.use:
             # nobody need act while the first pushes are made
             begun = estimate is not None and estimate.pushes < FEWEST_PUSHES and self._verdict.reasons == (estimate.lack,)
             return Health(Level.OK if begun else Level.WARN, "; ".join(self._verdict.reasons), values)
+        if self._verdict.notes:
+            return Health(Level.WARN, "; ".join(self._verdict.notes), values)
         if self._verdict.rejected:
             words = "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in self._verdict.rejected)
             return Health(Level.OK, words, values)

@@ -133,6 +133,7 @@ function drawNow() {
   }
   const verdict = estimate?.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${verdict.reasons.join("; ")}`;
+  if (verdict?.notes.length) at("trust").textContent += ` To be put right: ${verdict.notes.join("; ")}.`;
   if (known(estimate?.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.change.since_push + 1}.`;
 }
 
