@@ -104,10 +104,18 @@ class ContactCheck:
         """Whether the tip is inside the outline, or away from it."""
         fit = _better(self._depth, self._shift)
         if fit is self._depth:
-            (depth,) = fit.lengths()
-            where = "inside" if depth > 0 else "away from"
-            seen = f"the tip seems to be {1e3 * fit.size:.1f} mm {where} the outline while it pushes"
-            return Misplacement(f"{seen}: {_why(float(depth))}", fit.size, False)
+            where, size, ahead, late = (
+                ("inside", "large", "less far ahead", "late")
+                if fit.lengths()[0] > 0
+                else ("away from", "small", "further ahead", "early")
+            )
+            return Misplacement(
+                f"the tip seems to be {1e3 * fit.size:.1f} mm {where} the outline while it pushes: "
+                f"the outline or tip_radius is too {size}, the tip is {ahead} than line_origin says, or images have {late} "
+                "stamps; measure these again",
+                fit.size,
+                False,
+            )
         if fit is self._shift:
             x, y = 1e3 * fit.lengths()
             return Misplacement(
@@ -144,16 +152,8 @@ def tip_stays_away(apart: Apart) -> str:
     """That the tip often seems not to touch the object that it pushes, with the likely cause and what to do."""
     return (
         f"the object moves in {apart.pushes} of {counted(apart.of, 'push', 'pushes')} though the tip is "
-        f"{1e3 * apart.distance:.1f} mm away from its outline: {_why(-apart.distance)}"
-    )
-
-
-def _why(depth: float) -> str:
-    """The likely cause of a depth [m] that is not zero, and what to do."""
-    size, ahead, late = ("large", "less far ahead", "late") if depth > 0 else ("small", "further ahead", "early")
-    return (
-        f"the outline or tip_radius is too {size}, the tip is {ahead} than line_origin says, or images have {late} stamps; "
-        "measure these again"
+        f"{1e3 * apart.distance:.1f} mm away from its outline: the outline is too small or shifted, tip_radius is too small, "
+        "the line is off, or images have early stamps; measure these again"
     )
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from problems import observations_of
 from rclpy.parameter import Parameter
@@ -428,13 +429,20 @@ def test_pushes_are_left_out_from_the_start(ros):
 def test_contradicting_data_give_a_status_and_no_values(ros):
     node, out, estimates = estimator_of_observations(ros)
     parts = latest(ros, node)
+    reports = collect(ros, node, DiagnosticArray, "/diagnostics", RELIABLE)
+
+    def said(level, words):
+        return any(one.level == level and words in one.message for report in reports for one in report.status)
+
     out.publish(observation_to_msg(DATA[0], NAME))
     ros.wait_for(lambda: parts["support_friction"] is not None and parts["support_friction"].weights, what="w")
+    ros.wait_for(lambda: said(DiagnosticStatus.OK, "p_CF rests on 1 push"), what="the word that one push tells nothing")
     pulled = observation_to_msg(DATA[1], NAME)
     pulled.contact_normal.x, pulled.contact_normal.y = -pulled.contact_normal.x, -pulled.contact_normal.y
     out.publish(pulled)  # no support friction lets the pusher pull
     ros.wait_for(lambda: len(estimates) == 2 and nothing_is_known(parts), what="that w, p_CF and mu_c are taken back")
     assert estimates[-1].status == FrictionEstimate.STATUS_INFEASIBLE
+    ros.wait_for(lambda: said(DiagnosticStatus.ERROR, "the normals point inward in 1 of 2"), what="the cause")
     assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
     ros.wait_for(lambda: parts["support_friction"].weights, what="w without the push that contradicts")
 
