@@ -12,6 +12,8 @@ from pushfric_core import verdict as verdict_room
 from pushfric_core.estimator import Estimator
 from pushfric_core.planar import Twist, rotation, velocity_at
 from pushfric_core.push_plan import PlannedPush
+from pushfric_core.screening import Change
+from pushfric_core.verdict import InputCheck
 
 FEET = four_feet()
 
@@ -73,6 +75,24 @@ def test_forces_are_not_blamed_for_a_wrong_motion():
     assert "radians" in reason
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*(-np.array(o.twist)).tolist()))).reasons
     assert "the contact moves away from the pusher" in reason
+
+
+def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
+    change = Change(7, (0.008, 0.0))
+
+    def reasons(spoil):
+        estimator, check = Estimator(FEET.truth.points), InputCheck(FEET.truth.points)
+        for number, one in enumerate(FEET.observations):
+            spoilt = spoil(number, replace(one, push_id=number))
+            check.add(spoilt)
+            estimate = estimator.add(spoilt)
+        return check.verdict(estimate).reasons, check.verdict(estimate, change).reasons
+
+    (contradiction,), (told,) = reasons(inward(lambda number: number == 5))
+    assert "leave out a bad one" in contradiction
+    assert "the object is another one since push 7" in told
+    (mistake,), (same,) = reasons(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega))))
+    assert mistake == same  # it may have brought about the change
 
 
 @pytest.mark.parametrize("pushes", [1, 2, 3])

@@ -357,9 +357,8 @@ class Estimator:
         for observation in self._unchecked:
             self._input.add(observation)
         self._unchecked.clear()
-        verdict = self._input.verdict(estimate)
         change = None if self._screening is None else self._screening.change
-        return replace(verdict, rejected=self.rejected, change=change)
+        return replace(self._input.verdict(estimate, change), rejected=self.rejected)
 
     def _forget(self) -> None:
         """Begin to look at the data points from the first one on."""

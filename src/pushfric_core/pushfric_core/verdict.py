@@ -128,21 +128,21 @@ class InputCheck:
                 self._turn += turned / abs(turned)
                 self._forces += 1
 
-    def verdict(self, estimate: Estimate) -> Verdict:
-        """On the estimate from these data points."""
+    def verdict(self, estimate: Estimate, change: Change | None = None) -> Verdict:
+        """On the estimate from these data points, with a change of the object that they have shown."""
         # what a mistake in the input brings about says nothing of its own, and its remedy would be the wrong one
         lack = [] if estimate.lack is None else [estimate.lack]
         if mistakes := self._mistakes():
             return Verdict((*mistakes, *lack))
-        wrong = self._contradictions(estimate) or (not lack and (self._doubts(estimate) or self._opposed(estimate))) or []
+        wrong = [] if change is not None else self._conflicts(estimate)
         found = self._contacts.found()
         if not found:
-            return Verdict((*wrong, *lack))
+            return Verdict((*wrong, *lack), change=change)
         within = math.inf if estimate.confidence is None else estimate.confidence
         misplaced = [one.sentence for one in found]
         if wrong or any(one.displaces and one.size > within for one in found):
-            return Verdict((*misplaced, *lack))
-        return Verdict(tuple(lack), notes=tuple(misplaced))
+            return Verdict((*misplaced, *lack), change=change)
+        return Verdict(tuple(lack), change=change, notes=tuple(misplaced))
 
     def _mistakes(self) -> list[str]:
         """What the data points themselves show."""
@@ -180,28 +180,27 @@ class InputCheck:
                 )
         return found
 
-    def _contradictions(self, estimate: Estimate) -> list[str]:
-        """Whether pushes contradict each other."""
-        if estimate.contradiction is None:
-            return []
-        return [f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"]
+    def _conflicts(self, estimate: Estimate) -> list[str]:
+        """Whether pushes contradict each other, or what is known of the object."""
+        if estimate.contradiction is not None:
+            return [f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"]
+        return [] if estimate.lack is not None else self._doubts(estimate) or self._opposed(estimate)
 
     def _doubts(self, estimate: Estimate) -> list[str]:
         """What the fit shows."""
-        found = []
         error = estimate.moment_error
         if error is not None and error > POOR_FIT * self._radius:
-            found.append(
+            return [
                 f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: check the units and "
                 "frames of contact, twist and outline, and the support points"
-            )
+            ]
         w = estimate.w if estimate.spread is None else estimate.spread.middle
         reach = (DIRECTIONS @ (self._points - w @ self._points).T).max(axis=1)
         extent = reach[:32] + reach[32:]
         thick = extent.min() > 0.1 * extent.max()
         if estimate.status is not Status.INFEASIBLE and thick and reach.min() < AT_THE_EDGE * extent.max():
-            found.append("p_CF lies at the edge of the hull of the support points: give support points further out")
-        return found
+            return ["p_CF lies at the edge of the hull of the support points: give support points further out"]
+        return []
 
     def _opposed(self, estimate: Estimate) -> list[str]:
         """Whether the half-planes of section 6.2, which need no support points, contradict the p_CF of the program."""
