@@ -1,4 +1,4 @@
-"""Limit surfaces as planners write them down: an ellipsoid by name, and a convex quartic; each with its error."""
+"""Limit surfaces as planners write them down: the ellipsoid that most assume, and a convex quartic; each with its error."""
 
 import itertools
 import math
