@@ -36,6 +36,8 @@ def test_a_flow_mapping_and_the_whole():
         ("pusher: {stroke: 1}\n", "pusher", "expected tip_radius in pusher"),
         ("r: &r 1.0\npusher: {tip_radius: *r}\n", "pusher", "alias"),
         ("a: [", None, "expected"),
+        ("pusher:\n  tip_radius: 0.003\n  a\t: 1\n", "pusher", "cannot start any token"),
+        ("a: &a {pusher: {tip_radius: 1.0}}\n<<: *a\n", "pusher", "expected tip_radius in pusher"),
     ],
 )
 def test_what_cannot_be_replaced_is_refused(text, section, said):

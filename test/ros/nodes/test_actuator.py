@@ -422,6 +422,18 @@ def test_a_node_that_a_push_needs_must_live(ros, controller, tmp_path):
     assert cell.result(handle).result.message == "tracker showed no sign of life for 0.5 s"
 
 
+def test_a_push_waits_for_a_node_that_is_heard_late(ros, controller, tmp_path):
+    """On a busy machine, the actuator may find a node later than the experiment does."""
+    cell = Cell(ros, tmp_path / "port", requires=["tracker"], requires_timeout=60.0).ready()
+    handle = cell.send(0.01)
+    cell.states.clear()
+    ros.wait_for(lambda: len(cell.states) > 10, what="states")
+    assert controller.position() == 0.0  # nothing moves yet
+    life = Heartbeat(ros.node("tracker", namespace=cell.node.get_namespace()))
+    assert cell.result(handle).result.message == "reached"
+    life.end()
+
+
 def test_a_force_beyond_the_limit_stops_until_a_person_says_so(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port", max_force=3.0).ready()
     out = cell._other.create_publisher(WrenchStamped, "wrench", SENSOR_DATA)

@@ -27,8 +27,11 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
     part = wanted if section is None else wanted.get(section) if isinstance(wanted, dict) else None
     if not isinstance(part, dict):
         raise ValueError(f"expected keys with values{f' in {section}' if section else ''}")
-    nodes = _nodes(yaml.compose(text, Loader=yaml.SafeLoader))
-    nodes = nodes if section is None else _nodes(nodes[section])
+    try:
+        nodes = _nodes(yaml.compose(text, Loader=yaml.SafeLoader))
+    except yaml.YAMLError as error:  # it is stricter than the loader that `load_yaml` uses where that is installed
+        raise ValueError(" ".join(str(error).split())) from error
+    nodes = nodes if section is None else _nodes(nodes.get(section))  # a section may come from an alias
     lacking = [key for key in values if key not in nodes]
     if lacking and section is not None:
         raise ValueError(f"expected {', '.join(lacking)} in {section}")

@@ -92,7 +92,7 @@ class ActuatorNode(LifecycleNode):
         self._lost_at = self._memory.recall()
         self._unsure = self._lost_at is not None and math.isnan(self._lost_at)
         self._goal: ServerGoalHandle | None = None
-        self._may_go: Future | None = None  # until the goal's owner has shown a sign of life
+        self._may_go: Future | None = None  # until the goal's owner and the required nodes have shown a sign of life
         self._revoked: str | None = None  # why the goal may not go on
         self._push_id = PusherState.NO_PUSH
         self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
@@ -244,18 +244,18 @@ class ActuatorNode(LifecycleNode):
             self._revoke(Fault.DISABLED, NOT_ENABLED)
         if goal is None or self._revoked is not None:
             return
+        lasted = time.monotonic() - self._accepted
         waits = self._may_go is not None and not self._may_go.done()
-        if config.owner_timeout:
-            silent = self._life.ownerless(bytes(goal.goal_id.uuid))
-            if self._may_go is not None and waits and silent <= config.owner_timeout:
-                self._may_go.set_result(None)
-            elif silent > config.owner_timeout and not (waits and time.monotonic() - self._accepted < OWNER_GRACE):
-                how = f"its client published no heartbeat for {config.owner_timeout:g} s"
-                self._revoke(Fault.OWNER, f"{how}; docs/graph.md says how, or set owner_timeout to 0")
-        for name in config.requires:
-            if self._life.silent(name) > config.requires_timeout:
-                self._revoke(Fault.NODES, f"{name} showed no sign of life for {config.requires_timeout:g} s")
-        if time.monotonic() - self._accepted > config.max_time:
+        ownerless = bool(config.owner_timeout) and self._life.ownerless(bytes(goal.goal_id.uuid)) > config.owner_timeout
+        if ownerless and not (waits and lasted < OWNER_GRACE):
+            how = f"its client published no heartbeat for {config.owner_timeout:g} s"
+            self._revoke(Fault.OWNER, f"{how}; docs/graph.md says how, or set owner_timeout to 0")
+        lacking = [name for name in config.requires if self._life.silent(name) > config.requires_timeout]
+        if lacking and not (waits and lasted < config.requires_timeout):
+            self._revoke(Fault.NODES, f"{lacking[0]} showed no sign of life for {config.requires_timeout:g} s")
+        if self._may_go is not None and waits and not (ownerless or lacking):
+            self._may_go.set_result(None)
+        if lasted > config.max_time:
             self._revoke(Fault.TIME, f"the push took longer than max_time {config.max_time:g} s")
         if config.max_force and time.monotonic() - self._forced > FORCE_SILENCE:
             self._revoke(Fault.FORCE, f"no force was measured for {FORCE_SILENCE:g} s")
@@ -486,8 +486,6 @@ class ActuatorNode(LifecycleNode):
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
         self._goal, self._revoked, self._fault = goal, None, Fault.NONE
         self._may_go, self._accepted = Future(), time.monotonic()
-        if not self._config.owner_timeout:
-            self._may_go.set_result(None)
         goal.execute()
 
     def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:
@@ -501,7 +499,7 @@ class ActuatorNode(LifecycleNode):
             self.get_logger().warning(f"push {push.push_id} is slower than asked: the controller allows {fastest:.4f} m/s")
         try:
             assert self._may_go is not None
-            await self._may_go  # nothing moves for a client that shows no sign of life
+            await self._may_go  # nothing moves for a client that shows no sign of life, or without the required nodes
             self._start = start
             problem = await self._stroke(goal, start + push.distance, push.speed)
             self._start = None
