@@ -34,6 +34,7 @@ autodoc_member_order, autodoc_typehints, autodoc_class_signature = "bysource", "
 python_use_unqualified_type_names, add_module_names = True, False
 autodoc_typehints_description_target = "documented"
 smartquotes = False
+html_static_path, html_css_files = ["print.css"], ["print.css"]
 
 
 def setup(app):
@@ -46,6 +47,7 @@ PARTS = {
     "How to": ("hardware", "pushes", "planning", "limit_surface", "view", "many", "safety", "security"),
     "Reference": ("commands", "files", "cell", "estimator", "graph", "interfaces", "python", "conventions", "reliability"),
     "Explanation": ("estimation", "derivation", "paper", "architecture"),
+    "Project": ("contributing",),
 }
 """The parts of the site and their pages; those of this folder, and those made here."""
 
@@ -58,7 +60,16 @@ def front_page() -> str:
         for part, pages in PARTS.items()
         if pages
     ]
-    return text.replace("](docs/", "](") + "".join(contents)
+    return as_here(text) + "".join(contents)
+
+
+def as_here(text: str) -> str:
+    """A page from the folder above, with links as they are from this one."""
+    return text.replace("](docs/", "](").replace("](CONTRIBUTING.md)", "](contributing.md)")
+
+
+def contributing() -> str:
+    return as_here((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
 
 
 def commands() -> str:
@@ -137,7 +148,8 @@ def write_sources(folder: pathlib.Path) -> None:
     shutil.copytree(
         ROOT / "docs", folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "requirements.txt", "api.md")
     )
-    for page, text in {"index": front_page(), "commands": commands(), "python": python_names()}.items():
+    made = {"index": front_page(), "commands": commands(), "python": python_names(), "contributing": contributing()}
+    for page, text in made.items():
         (folder / f"{page}.md").write_text(text, encoding="utf-8")
     for page in folder.glob("*.md"):
         text = page.read_text(encoding="utf-8").replace("](api.md)", "](python.md)").replace("```csv", "```text")

@@ -6,7 +6,6 @@ import io
 import os
 import pathlib
 import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -16,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PusherState, RejectedPush
 from pushfric_msgs.srv import ExcludePush
@@ -29,7 +28,6 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.view import ViewNode
 from pushfric_ros.vision.camera import Camera, Lens, load_camera, save_camera
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PATIENCE = 120.0  # [s]
 OBJECT = "wood_rect4"
 STROKE = 0.05  # of each push [m]
@@ -49,30 +47,6 @@ FRAME_MS = 600
 """Time between two images of the moving picture."""
 
 expect.set_options(timeout=PATIENCE * 1e3)
-
-
-def usable_browser() -> str | None:
-    """A browser of the distribution that runs here; on some, the package is only a pointer to another store."""
-    for name in BROWSERS:
-        found = shutil.which(name)
-        if found is None:
-            continue
-        answer = subprocess.run([found, "--version"], capture_output=True, text=True, timeout=60, check=False)
-        if answer.returncode == 0 and "Chrom" in answer.stdout:
-            return found
-    return None
-
-
-@pytest.fixture(scope="module")
-def browser():
-    found = usable_browser()
-    if found is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} runs here; apt-get install chromium brings one")
-    with sync_playwright() as playwright:
-        # the sandbox of Chromium does not work for root
-        browser = playwright.chromium.launch(executable_path=found, chromium_sandbox=os.geteuid() != 0)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")

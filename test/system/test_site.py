@@ -1,5 +1,6 @@
 """The documentation as a site: it builds without a warning, loads nothing from other sites, and lacks no page."""
 
+import contextlib
 import pathlib
 import re
 import subprocess
@@ -39,7 +40,7 @@ class Loaded(HTMLParser):
 
 def test_every_page_is_reached_from_the_front_page(site):
     front = (site / "index.html").read_text()
-    pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"api"} | {"commands", "python"}
+    pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"api"} | {"commands", "python", "contributing"}
     assert {name for name in pages if f'href="{name}.html"' not in front} == set()
 
 
@@ -48,6 +49,26 @@ def test_the_reference_has_every_command_and_every_public_name(site):
     assert [name for name in COMMANDS if f">pushfric {name}<" not in commands] == []
     public = {name for name in pushfric_core.__all__ if name in pushfric_core._HOMES}
     assert {name for name in public if not re.search(rf'id="pushfric_core\.[a-z0-9_.]*{name}"', names)} == set()
+
+
+CUT_OFF = """() => {
+  const width = document.documentElement.clientWidth;
+  return [...document.querySelectorAll("article pre, article table, article img")]
+    .filter(one => one.scrollWidth > one.clientWidth + 1 || one.getBoundingClientRect().right > width + 1)
+    .map(one => one.textContent.slice(0, 60));
+}"""
+
+
+def test_nothing_is_cut_off_on_paper_or_makes_a_phone_scroll_sideways(site, browser):
+    with contextlib.closing(browser.new_page()) as page:
+        for file in site.glob("*.html"):
+            page.goto(file.as_uri())
+            page.emulate_media(media="print")
+            page.set_viewport_size({"width": 718, "height": 1000})  # A4 with margins of 1 cm
+            assert page.evaluate(CUT_OFF) == [], file.name
+            page.emulate_media(media="screen")
+            page.set_viewport_size({"width": 360, "height": 740})
+            assert page.evaluate("document.documentElement.scrollWidth") == 360, file.name
 
 
 def test_nothing_is_loaded_from_elsewhere(site):
