@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
+from mcap.reader import make_reader
 
 from pushfric_core.errors import PushfricError
+from pushfric_ros.bags.contents import mcap_file
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.files.node_settings import PlanConfig
 from pushfric_ros.graph import graph
@@ -32,8 +34,8 @@ WARM_UP = 0.3
 PER_DATA_POINT = 4.0
 """Memory that a data point may take in the estimator [kB]."""
 
-PER_MESSAGE = 0.02
-"""Memory that a message may take in the recorder [kB]: the index of an MCAP file is written at its end."""
+PER_CHUNK = 1.2
+"""Memory that a chunk of the bag may take in the recorder [kB]: MCAP's index of chunks is written at the end of the file."""
 
 ALLOWED = 4096.0
 """Memory that any process may take over the whole time, as noise of its allocator [kB]."""
@@ -78,14 +80,13 @@ def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
                     samples.setdefault(node, []).append((now, *_figures(pid)))
                 progress(f"{now / 60:.0f} of {minutes:g} minutes")
                 time.sleep(PERIOD)
-        messages = _messages(here / "bag")
+        data_points, chunks = _recorded(mcap_file(here / "bag"))
         camera = load_camera(cell.camera.calibration)
-    data_points = sum(count for topic, count in messages.items() if topic.endswith("/observation"))
     # the middleware keeps the memory of a queue that was full once, which happens when the machine is busy
     queue = IMAGE_QUEUE.depth * camera.width * camera.height / 1024
     keeps = {
         "estimator": PER_DATA_POINT * data_points,
-        "recorder": PER_MESSAGE * sum(messages.values()),
+        "recorder": PER_CHUNK * chunks,
         "tracker": queue,
     }
     growth = [one for node, taken in samples.items() for one in _growth(node, np.array(taken), keeps.get(node, 0.0))]
@@ -114,8 +115,12 @@ def _growth(node: str, samples: np.ndarray, keeps: float) -> Iterator[Growth]:
         yield Growth(node, kind, float(first), float(last), float(slope), bool(flat))
 
 
-def _messages(bag: pathlib.Path) -> dict[str, int]:
-    """Number of messages of each topic."""
-    from pushfric_ros.bags.bag import Bag
-
-    return {topic.name: topic.message_count for topic in Bag(bag).summary.topics}
+def _recorded(file: pathlib.Path) -> tuple[int, int]:
+    """Number of data points and of chunks of a finished bag."""
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    counts = summary.statistics.channel_message_counts
+    points = sum(counts.get(number, 0) for number, one in summary.channels.items() if one.topic.endswith("/observation"))
+    return points, summary.statistics.chunk_count
