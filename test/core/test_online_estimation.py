@@ -9,7 +9,7 @@ from pushfric_core.estimator import Estimator, EstimatorConfig
 from pushfric_core.observation import Observation
 from pushfric_core.online_estimation import OnlineEstimation
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Twist
+from pushfric_core.planar import Twist, velocity_at
 from pushfric_core.recognition import Hypothesis, Recognizer
 from pushfric_core.region import HalfPlanes, line_of_motion
 from pushfric_core.support import Support
@@ -87,3 +87,32 @@ def test_what_cannot_be_used_is_told_and_changes_nothing():
     assert refused == [("observation", UninformativePush)]
     assert online.estimate is before
     assert online.observations == (DATA[0],)
+
+
+def test_a_push_that_is_left_out_by_itself_is_left_out_of_everything_until_it_is_kept():
+    pushes = observations_of(BAR, TRUTH, 0.3, 9, np.random.default_rng(6))
+    tips = [velocity_at(one.twist, np.asarray(one.contact_point)) for one in pushes]
+    data = [
+        replace(one, push_id=number, tip_velocity=tuple((tip * (3 if number == 2 else 1)).tolist()))
+        for number, (one, tip) in enumerate(zip(pushes, tips, strict=True))
+    ]
+    online, rest = started(screening=True), [one for one in data if one.push_id != 2]
+    for observation in data:
+        online.learn(observation)
+        expected = data[: observation.push_id + 1] if observation.push_id < 5 else rest[: observation.push_id]
+        assert sorted(one.push_id for one in online.observations) == [one.push_id for one in expected]
+        assert online.ranking.data_points == len(expected)
+    assert [one.push_id for one in online.verdict().rejected] == [2]
+    alone = Recognizer([THERE, HERE])
+    for observation in rest:
+        ranking = alone.add(observation)
+    assert fits(online.ranking) == fits(ranking)
+    np.testing.assert_allclose(online.region().corners, corners(rest))
+    online.keep(2)
+    assert fits(online.ranking) == fits(alone.add(data[2]))
+    online.exclude(2)
+    assert fits(online.ranking) == fits(ranking)
+
+
+def fits(ranking):
+    return [(one.name, pytest.approx(one.fit_error, abs=1e-9)) for one in ranking.hypotheses]

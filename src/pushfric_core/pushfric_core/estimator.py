@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -200,7 +201,7 @@ class Estimator:
         self._contacts = _Contacts(len(self.support_points))
         self._next = 0
         self._seen: list[Observation] = []  # all data points, also those of rejected pushes, in order of arrival
-        self._screening = Screening(self.support_points) if self._screens else None
+        self._screening: Screening | None = None  # only `take` needs it
         self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
         self._screened = 0  # number of data points at the last screening
         self._forget()
@@ -221,7 +222,7 @@ class Estimator:
         return tuple(Rejected(push_id, REASONS[what]) for push_id, what in sorted(self._rejected.items()))
 
     def add(self, observation: Observation) -> Estimate:
-        """Take a data point and estimate again, starting from the last optimum.
+        """Take a data point, whatever the others are like, and estimate again, starting from the last optimum.
 
         If data points contradict the nonnegative force, the status is INFEASIBLE, w violates it least, and `conflicts` names
         these data points.
@@ -234,16 +235,17 @@ class Estimator:
         return self.estimate()
 
     def take(self, observation: Observation) -> Estimate:
-        """As `add`; but a push that turns out to be unlike the others is left out, until it no longer is.
-
-        Only with the setting `screening` on.
+        """As `add`; but with the setting `screening`, a push that turns out to be unlike the others is left out, until it no
+        longer is. Only data points that were taken in this way are compared.
 
         Raises:
             UninformativePush: as `add`.
         """
-        if self._screening is None:
+        if not self._screens:
             return self.add(observation)
         self.check(observation)
+        if self._screening is None:
+            self._screening = Screening(self.support_points)
         self._screening.add(observation)
         self._seen.append(observation)
         if observation.push_id not in self._rejected:
@@ -301,7 +303,7 @@ class Estimator:
     def exclude(self, push_id: int) -> Estimate:
         """Take all data points of a push out, and estimate again (section 5.1.3).
 
-        This starts from the last optimum; with the setting `screening`, all data points are taken again.
+        This starts from the last optimum; if data points were screened, all are taken again.
 
         Raises:
             ValueError: there is no data point of that push.
@@ -377,10 +379,10 @@ class Estimator:
     def _spread(self, solution: Optimum) -> Spread | None:
         """What the data leave open; None if the extremes of the set were not found."""
         count, pushes = len(self._observations), len(self._pushes)
-        assert isinstance(self._program, LevelSets)
+        program = cast(LevelSets, self._program)
         delta = rise(solution.objective, count, solution.w)
         if count - self._measured > count // SELDOM:
-            self._extremes = self._program.extremes(self._tilts, delta)
+            self._extremes = program.extremes(self._tilts, delta)
             self._reach_of_some(solution.w, delta)
             self._measured = count
         if self._extremes is None:
@@ -388,18 +390,18 @@ class Estimator:
         if self._effects is None or count - self._effects.data_points > count // REFRESHED:
             group_pushes = np.zeros(self._next, dtype=np.int64)
             group_pushes[list(self._observations)] = [one.push_id for one in self._observations.values()]
-            rows, groups = self._program.rows(), self._program.row_groups()
+            rows, groups = program.rows(), program.row_groups()
             self._effects = effects(rows, groups, group_pushes, self._extremes, solution.scale, delta)
         freedom = max(1, min(count - int(np.count_nonzero(solution.w > 1e-9)) + 1, pushes - 1))
         return spread(self.support_points, solution.w, self._extremes, self._reach, self._effects, freedom)
 
     def _reach_of_some(self, w: Array, delta: float) -> None:
         """Find the least and largest w_j of the set for the next few j only, so that the cost of a data point stays small."""
-        assert isinstance(self._program, LevelSets)
+        program = cast(LevelSets, self._program)
         n = len(w)
         some = (self._turn + np.arange(-(-n // TURNS))) % n
         upward, bearing = np.eye(n)[some], some[w[some] > 0]  # the least of all others is the 0 that they have
-        found = self._program.extremes(np.concatenate((upward, -np.eye(n)[bearing])), delta)
+        found = program.extremes(np.concatenate((upward, -np.eye(n)[bearing])), delta)
         if found is not None:
             self._reach[some, 0], self._reach[some, 1] = 0.0, found[np.arange(len(some)), some]
             self._reach[bearing, 0] = found[np.arange(len(some), len(found)), bearing]

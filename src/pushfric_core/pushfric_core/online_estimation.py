@@ -36,6 +36,7 @@ class OnlineEstimation:
         self._estimator, self._recognizer, self._refuse = estimator, recognizer, refuse
         self._half_planes = HalfPlanes(outline, margin)
         self._left_out: set[int] = set()  # pushes that the region does not use
+        self._unranked: set[int] = set()  # pushes that the ranking does not use
         self.estimate: Estimate | None = None
         self.ranking: Ranking | None = None
 
@@ -82,15 +83,12 @@ class OnlineEstimation:
             self._cut(observation)
 
     def recognize(self, observation: Observation) -> bool:
-        """Rank the hypotheses again, with a data point that was taken; return whether the ranking is a new one."""
-        if self._recognizer is None:
-            return False
-        try:
-            self.ranking = self._recognizer.add(observation)
-        except PushfricError as error:
-            self._refuse("observation, for recognition,", error)
-            return False
-        return True
+        """Rank the hypotheses again, with a data point that was taken, by the pushes that the estimate rests on; return whether
+        the ranking is a new one."""
+        before = self.ranking
+        if observation.push_id not in self._rank_again() | self._rejected():
+            self._rank(observation)
+        return self.ranking is not before
 
     def exclude(self, push_id: int) -> Estimate:
         """Take all data points of a push out of everything; return what is left, perhaps without any data points.
@@ -101,9 +99,8 @@ class OnlineEstimation:
         left = self._estimator.exclude(push_id)
         self.estimate = left if left.data_points else None
         self._narrow_again()
-        # recognition may have refused all data points of that push
-        if self._recognizer is not None and any(one.push_id == push_id for one in self._recognizer.observations):
-            self.ranking = self._recognizer.exclude(push_id)
+        self._unrank(push_id)
+        self._rank_again()
         return left
 
     def keep(self, push_id: int) -> Estimate:
@@ -111,6 +108,7 @@ class OnlineEstimation:
         kept = self._estimator.keep(push_id)
         self.estimate = kept if kept.data_points else None
         self._narrow_again()
+        self._rank_again()
         return kept
 
     def region(self) -> Region:
@@ -129,6 +127,30 @@ class OnlineEstimation:
         self._half_planes = HalfPlanes(self._outline, self._margin)
         for observation in self._estimator.observations:
             self._cut(observation)
+
+    def _rank_again(self) -> set[int]:
+        """Rank by the pushes that are not left out now, if they have changed; return those that came back."""
+        rejected = self._rejected()
+        for push_id in sorted(rejected - self._unranked):
+            self._unrank(push_id)
+        back, self._unranked = self._unranked - rejected, rejected
+        for observation in self._estimator.observations if back else ():
+            if observation.push_id in back:
+                self._rank(observation)
+        return back
+
+    def _rank(self, observation: Observation) -> None:
+        if self._recognizer is None:
+            return
+        try:
+            self.ranking = self._recognizer.add(observation)
+        except PushfricError as error:
+            self._refuse("observation, for recognition,", error)
+
+    def _unrank(self, push_id: int) -> None:
+        # recognition may have refused all data points of that push
+        if self._recognizer is not None and any(one.push_id == push_id for one in self._recognizer.observations):
+            self.ranking = self._recognizer.exclude(push_id)
 
     def _cut(self, observation: Observation) -> None:
         try:

@@ -4,15 +4,16 @@ The line along which the pusher will move cuts the region of p_CF into two parts
 `region.line_of_pushing`).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 from pushfric_core.outline import Outline
-from pushfric_core.planar import Array
+from pushfric_core.planar import Array, left_of
 from pushfric_core.push_plan import PlannedPush, planned_contact
-from pushfric_core.region import SLACK, HalfPlane, HalfPlanes, cut, left_of_line
+from pushfric_core.region import HalfPlane, HalfPlanes, cut, left_of_line
 
 USABLE = 0.9
 """Planned pushes meet this middle fraction of an edge, because near a corner the tip slips off."""
@@ -129,13 +130,25 @@ def _left_of_push(outline: Outline, push: PlannedPush) -> HalfPlane:
 
 def _halving(polygon: shapely.Polygon, along: Array) -> float:
     """Where on an axis, a unit vector (2,), the line across it halves a convex polygon."""
-    places = shapely.get_coordinates(polygon) @ along
-    low, high = float(places.min()), float(places.max())
+    corners = shapely.get_coordinates(polygon)
+    corners = corners - corners.mean(axis=0)
+    places, heights = corners @ along, corners @ left_of(along)
 
-    def excess(place: float) -> float:
-        beyond = shapely.area(cut(polygon, HalfPlane((float(along[0]), float(along[1])), place)))
-        return float(beyond / polygon.area) - 0.5
+    def area_up_to(ends: Array) -> Array:
+        """Area of the parts on this side of lines across (k,): the integral of height along each edge, as far as a line."""
+        reached = np.minimum(places, ends[:, None])
+        slopes = np.diff(heights) / np.where(np.diff(places) == 0, 1.0, np.diff(places))
+        means = heights[:-1] + slopes * ((reached[:, :-1] + reached[:, 1:]) / 2 - places[:-1])
+        return np.asarray(np.abs(np.sum(means * np.diff(reached), axis=1)))
 
-    from scipy import optimize  # here: most processes that import this module never choose a push, and would hold 27 MB for it
-
-    return float(optimize.brentq(excess, low - SLACK, high + 2 * SLACK, xtol=1e-7))
+    ends = np.sort(places)
+    areas = area_up_to(ends)
+    half = float(areas[-1]) / 2
+    after = int(np.searchsorted(areas, half))
+    # the area grows with the square of the place from one corner to the next
+    low, high = ends[after - 1 : after + 1].tolist()
+    first, middle, last = area_up_to(np.array((low, (low + high) / 2, high))).tolist()
+    bend = 2 * (first + last - 2 * middle)
+    rise, missing = last - first - bend, half - first
+    share = 2 * missing / (rise + math.sqrt(max(rise * rise + 4 * bend * missing, 0.0)))
+    return float(low + share * (high - low) + shapely.get_coordinates(polygon).mean(axis=0) @ along)

@@ -68,6 +68,12 @@ REFRESHED = 200
 """The effects are computed again after one more data point for each this many, so that their cost does not grow."""
 
 
+TO_ELLIPSE = np.linalg.pinv(
+    np.column_stack((DIRECTIONS[:4, 0] ** 2, 2 * DIRECTIONS[:4, 0] * DIRECTIONS[:4, 1], DIRECTIONS[:4, 1] ** 2))
+)
+"""(3, 4) from the variances along the first four directions to xx, xy, yy of the covariance that has about these."""
+
+
 @comparable
 @dataclass(frozen=True)
 class Spread:
@@ -174,8 +180,7 @@ def spread(points: Array, w: Array, extremes: Array, reach: Array, effect: Effec
 
 def _ellipse(variances: Array) -> Array:
     """The covariance (2, 2) that has about these variances along the first four directions."""
-    x, y = DIRECTIONS[:4].T
-    xx, xy, yy = np.linalg.lstsq(np.column_stack((x**2, 2 * x * y, y**2)), variances, rcond=None)[0]
+    xx, xy, yy = TO_ELLIPSE @ variances
     values, axes = np.linalg.eigh(np.array(((xx, xy), (xy, yy))))
     return np.asarray((axes * np.maximum(values, 0.01 * variances.max())) @ axes.T)
 

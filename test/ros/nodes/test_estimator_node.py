@@ -125,17 +125,24 @@ def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
         for msg in push(push_id, 10**18 + push_id * 10**10):
             (states if isinstance(msg, PusherState) else poses).publish(msg)
         ros.wait_for(lambda wanted=4 * (push_id + 1): len(observations) >= wanted, what="the data points of a push")
-    ros.wait_for(lambda: len(estimates) == len(observations), what="an estimate for every data point")
+    last = 10**18 + 10**10 + 37 * FRAME  # of the poses; the last state of the pusher comes 1 ns later
+    ros.wait_for(
+        lambda: progress and stamp_from_msg(progress[-1].settled_until) == last, what="the word that all poses are dealt with"
+    )
+    ros.wait_for(
+        lambda: (
+            observations
+            and estimates
+            and observations[-1].header.stamp == estimates[-1].header.stamp == progress[-1].header.stamp
+        ),
+        what="the estimate of the last data point",
+    )
     expected = [model.add(observation_from_msg(msg)) for msg in observations]
     assert [msg.data_points for msg in estimates] == list(range(1, len(observations) + 1))
     for msg, estimate in zip(estimates, expected, strict=True):
         assert list(msg.support_friction.weights) == list(estimate.w)
         assert msg.objective == estimate.solution.objective
         assert msg.header.stamp == msg.support_friction.header.stamp
-    last = 10**18 + 10**10 + 37 * FRAME  # of the poses; the last state of the pusher comes 1 ns later
-    ros.wait_for(
-        lambda: progress and stamp_from_msg(progress[-1].settled_until) == last, what="the word that all poses are dealt with"
-    )
     assert progress[-1].header == estimates[-1].header
 
 

@@ -642,6 +642,40 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
     return ENDLESS
 
 
+@compiled
+def stretch_each(state: State, ball: Ball, tilts: Array, level: float, limit: int, found: Array, first: int) -> tuple[int, int]:
+    """Walk along each of some tilts in turn, always from the same optimum, until a walk does not arrive.
+
+    Args:
+        state: at the least F; it stays as it is.
+        tilts: (k, n).
+        found: (k, n) takes the x of each walk that arrived.
+        first: the tilt to begin with.
+    Returns:
+        The number of the tilt whose walk did not arrive, k if all did; and how the last walk ended.
+    """
+    for t in range(first, len(tilts)):
+        walker = State(
+            state.tally.copy(),
+            state.number,
+            state.a,
+            state.value.copy(),
+            state.side.copy(),
+            state.cost,
+            state.settled,
+            state.gradient.copy(),
+            state.active.copy(),
+            state.inverse.copy(),
+            state.x.copy(),
+            state.dual,
+        )
+        end = stretch(walker, ball, tilts[t], level, limit)
+        if end != ARRIVED:
+            return t, end
+        found[t] = walker.x
+    return len(tilts), ARRIVED
+
+
 # ---- the certificate
 
 

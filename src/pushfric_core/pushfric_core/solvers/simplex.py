@@ -19,7 +19,6 @@ from pushfric_core.planar import Array
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.basis import Basis
 from pushfric_core.solvers.pivoting import (
-    ARRIVED,
     COEFFICIENT,
     COST,
     COUNT,
@@ -31,7 +30,6 @@ from pushfric_core.solvers.pivoting import (
     Ball,
     Indices,
     Rows,
-    State,
 )
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,
@@ -223,31 +221,24 @@ class Simplex:
         optimum = self.solve()
         if optimum.status is not Status.OPTIMAL:
             return None
-        found = np.empty((len(tilts), self._n))
-        effort = 0
-        for tilt, w in zip(tilts, found, strict=True):
-            padded = np.append(tilt, np.zeros(self._columns - self._n))
-            walker, end = self._stretched(padded, optimum.objective + rise)
-            while end == LED_OUT and effort < WIDENINGS:  # more rows may change sides
-                effort = max(effort + 1, self._widening - 1)
+        level = optimum.objective + rise
+        padded, found = np.zeros((2, len(tilts), self._columns))
+        padded[:, : self._n] = tilts
+        arrived = effort = 0
+        while arrived < len(tilts):
+            state = self._basis.state
+            limit = SHORTEST_CAP + int(state.tally[COUNT])
+            arrived, end = pivoting.stretch_each(state, self._close, padded, level, limit, found, arrived)
+            if arrived < len(tilts):
+                if end != LED_OUT or effort >= WIDENINGS:
+                    return None
+                effort = max(effort + 1, self._widening - 1)  # more rows may change sides
                 self._sort(effort)
                 self._strained = True
-                walker, end = self._stretched(padded, optimum.objective + rise)
-            if end != ARRIVED:
-                return None
-            w[:] = np.maximum(walker.x[: self._n], 0.0)
-            w /= w.sum()
         if effort > 0:
             self._widening = effort
-        return found
-
-    def _stretched(self, tilt: Array, level: float) -> tuple[State, int]:
-        """A walk from the optimum to the extreme of the level set along a tilt (columns,): its last state, and how it ended."""
-        state = self._basis.state
-        own = ("tally", "value", "side", "gradient", "active", "inverse", "x")
-        walker = state._replace(**{name: getattr(state, name).copy() for name in own})
-        limit = SHORTEST_CAP + int(state.tally[COUNT])
-        return walker, pivoting.stretch(walker, self._close, tilt, level, limit)
+        found = np.maximum(found[:, : self._n], 0.0)
+        return np.asarray(found / found.sum(axis=1, keepdims=True))
 
     def row_groups(self) -> Indices:
         """The group of each of the present rows, in order of arrival."""

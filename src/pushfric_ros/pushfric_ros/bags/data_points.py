@@ -1,5 +1,6 @@
 """Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate with which a live run would end."""
 
+import dataclasses
 import os
 import pathlib
 from collections import deque
@@ -272,6 +273,20 @@ def last(results: Iterable[Taken]) -> Taken:
 def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
     """The estimate after the last data point; raises and warns as `taken` and `last`."""
     return last(taken(estimator.take, data, warn))
+
+
+def relied_on(data: Iterable[Observation], model: ObjectModel, settings: EstimatorSettings, warn: Warn) -> list[Observation]:
+    """The data points that the estimate of a live run would rest on: without those of pushes that are unlike the others.
+
+    `warn` is called with a line for each push, and for each single data point, that is left out.
+    """
+    config = dataclasses.replace(settings.estimator, confidence=False, tie_break=False)  # they leave out no push
+    estimator = dataclasses.replace(settings, estimator=config).new_estimator(model.support_points)
+    for _ in taken(estimator.take, data, warn):
+        pass
+    for push in estimator.rejected:
+        warn(f"push {push.push_id} is left out: {push.reason}")
+    return list(estimator.observations)
 
 
 def recognize(recognizer: Recognizer, data: Iterable[Observation], warn: Warn) -> Ranking:

@@ -41,7 +41,7 @@ def recognize(
     hypotheses = model.hypotheses if models is None else library(models, model)
     if not hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses, or --library FOLDER")
-    data = data_points.observations(source, model, chosen, warn, partial)
+    data = data_points.relied_on(data_points.observations(source, model, chosen, warn, partial), model, chosen, warn)
     ranking = data_points.recognize(Recognizer(hypotheses, chosen.estimator), data, warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:

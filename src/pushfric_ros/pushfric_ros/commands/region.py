@@ -54,7 +54,8 @@ def region(
     except ValueError as error:
         raise InvalidInput(str(error)) from error
     settings = settings.without(exclude_push or ())
-    data = data_points.observations(source, model, settings, warn, partial) if source is not None else []
+    seen = data_points.observations(source, model, settings, warn, partial) if source is not None else []
+    data = data_points.relied_on(seen, model, settings, warn)
     half_planes = narrowed(model.outline, data, config.region_margin, warn)
     planned = planned_pushes(half_planes, pushes) if plan is not None else []
     if plan is not None and not planned:

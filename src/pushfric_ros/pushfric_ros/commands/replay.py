@@ -47,9 +47,10 @@ def replay(
 
     def show(last: FrictionEstimate | None) -> None:
         nonlocal printed
-        if last is None or last.data_points < len(data):
+        expected = len(data_points.relied_on(data, model, settings, lambda _: None))
+        if last is None or last.data_points < expected:
             arrived = 0 if last is None else last.data_points
-            fail(f"the live graph made only {arrived} of the {len(data)} data points in the bag; try a lower --rate", 1)
+            fail(f"the live graph made only {arrived} of the {expected} data points in the bag; try a lower --rate", 1)
         print_result(report(last), json, settings.estimator.loss)
         printed = True
 

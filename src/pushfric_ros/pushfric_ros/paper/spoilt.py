@@ -35,8 +35,9 @@ Numbers = dict[str, Any]
 def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, Numbers]]:
     """What screening says of runs with a bad push of each kind and with none, and of loads that are moved; by noise.
 
-    `found` says whether the bad push was left out, or the change seen; `lost` how many of the `good` pushes were left out;
-    and `changed` whether an object that stayed the same was said to be another one.
+    `found` says whether no data point that the fault changed is in the estimate, or whether the change was seen; `harmless`
+    whether the fault changed none, because those that it would have changed were never made; `lost` how many of the `good`
+    pushes were left out; and `changed` whether an object that stayed the same was said to be another one.
     """
     plan = even_pushes(studied.outline, studied.plans["all"])
     pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
@@ -46,19 +47,36 @@ def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, 
         other = studied._replace(support=with_moved_load(studied.support, shift, rng))
         after[shift] = moved(other, [pushes[index] for index in rng.permutation(len(pushes))[:AFTER].tolist()], rng)
     for noise, spread in NOISES.items():
-        for kind, spoil in {"none": None, **SPOILT}.items():
-            seen, which = before, set()
-            if spoil is not None:
-                bad = int(rng.integers(len(before)))
-                seen, which = [spoil(frames, rng) if index == bad else frames for index, frames in enumerate(before)], {bad}
-            left_out, changed = _screened(filmed(studied.outline, seen, spread, rng), studied.support_points)
-            lost = len(left_out - which)
-            numbers = {"found": which <= left_out, "lost": lost, "good": len(before) - len(which), "changed": changed}
-            yield f"{kind}/{noise}", numbers if which else numbers | {"found": None}
+        camera = int(rng.integers(2**32))  # the same noise with every fault
+        clean = filmed(studied.outline, before, spread, np.random.default_rng(camera))
+        left_out, changed = _screened(clean, studied.support_points)
+        yield (
+            f"none/{noise}",
+            {"found": None, "harmless": None, "lost": len(left_out), "good": len(before), "changed": changed},
+        )
+        for kind, spoil in SPOILT.items():
+            bad = int(rng.integers(len(before)))
+            seen = [spoil(frames, rng) if index == bad else frames for index, frames in enumerate(before)]
+            data = filmed(studied.outline, seen, spread, np.random.default_rng(camera))
+            left_out, changed = _screened(data, studied.support_points)
+            harmless = {one.twist for one in data} <= {one.twist for one in clean}
+            yield (
+                f"{kind}/{noise}",
+                {
+                    "found": harmless or bad in left_out,
+                    "harmless": harmless,
+                    "lost": len(left_out - {bad}),
+                    "good": len(before) - 1,
+                    "changed": changed,
+                },
+            )
         for shift, pushed in after.items():
             data = filmed(studied.outline, [*before[:BEFORE], *pushed], spread, rng)
             _, changed = _screened(data, studied.support_points)
-            yield f"shift of {1e3 * shift:g} mm/{noise}", {"found": changed, "lost": 0, "good": 0, "changed": False}
+            yield (
+                f"shift of {1e3 * shift:g} mm/{noise}",
+                {"found": changed, "harmless": None, "lost": 0, "good": 0, "changed": False},
+            )
 
 
 def summary(runs: Sequence[dict[str, Numbers]]) -> Numbers:
@@ -70,8 +88,7 @@ def summary(runs: Sequence[dict[str, Numbers]]) -> Numbers:
     return {
         case: {
             "runs": len(found),
-            "found": None if found[0]["found"] is None else sum(one["found"] for one in found),
-            **{key: sum(one[key] for one in found) for key in ("good", "lost", "changed")},
+            **{key: _count(one[key] for one in found) for key in ("found", "harmless", "good", "lost", "changed")},
         }
         for case, found in cases.items()
     }
@@ -79,12 +96,19 @@ def summary(runs: Sequence[dict[str, Numbers]]) -> Numbers:
 
 def report(cells: Numbers) -> list[str]:
     """The summary as lines of Markdown."""
-    lines = ["| bad push, or change | runs | found | good pushes lost | said to be another object |", "|" + "---|" * 5]
+    head = ["bad push, or change", "runs", "found", "without bad data points", "good pushes lost", "said to be another object"]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for name, cell in cells.items():
-        found = "-" if cell["found"] is None else str(cell["found"])
+        found = " | ".join("-" if cell[key] is None else str(cell[key]) for key in ("found", "harmless"))
         lost = f"{cell['lost']} of {cell['good']}" if cell["good"] else "-"
         lines.append(f"| {name} | {cell['runs']} | {found} | {lost} | {cell['changed'] if cell['good'] else '-'} |")
     return lines
+
+
+def _count(said: Iterable[bool | int | None]) -> int | None:
+    """How many in all; None where it is not asked."""
+    known = [one for one in said if one is not None]
+    return sum(known) if known else None
 
 
 def _screened(data: Iterable[Observation], points: Array) -> tuple[set[int], bool]:

@@ -332,7 +332,6 @@ class EstimatorNode(Node):
         return response
 
     def _on_exclude_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
-        ranking = self._online.ranking
         try:
             left = self._online.exclude(request.push_id)
         except ValueError as error:
@@ -342,8 +341,6 @@ class EstimatorNode(Node):
         response.success = True
         response.message = f"left: {data_of(left.data_points, left.pushes)}"
         self._show_again()
-        if self._online.ranking is not ranking:
-            self._publications.ranking()
         return response
 
     def _on_keep_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
@@ -365,6 +362,8 @@ class EstimatorNode(Node):
             self._publications.nothing()
         else:
             self._publications.draw(self._publications.estimate(verdict))
+        if self._online.ranking is not None:
+            self._publications.ranking()
 
     def _at_rest(self) -> None:
         """Publish what takes longer than a data point may wait, for an estimate that has lasted a while."""
