@@ -96,7 +96,7 @@ def test_a_push_that_is_left_out_by_itself_is_left_out_of_everything_until_it_is
         replace(one, push_id=number, tip_velocity=tuple((tip * (3 if number == 2 else 1)).tolist()))
         for number, (one, tip) in enumerate(zip(pushes, tips, strict=True))
     ]
-    online, rest = started(screening=True), [one for one in data if one.push_id != 2]
+    online, rest = started(), [one for one in data if one.push_id != 2]
     for observation in data:
         online.learn(observation)
         expected = data[: observation.push_id + 1] if observation.push_id < 5 else rest[: observation.push_id]

@@ -122,6 +122,15 @@ def test_the_stamp_is_that_of_the_newest_data_point_seen():
     assert estimator.exclude(11).stamp == data[-5].stamp
 
 
+def test_a_push_whose_tip_is_known_in_part_of_it_stays():
+    data = pushes_of(BEFORE, 14, np.random.default_rng(2))
+    data = [
+        replace(one, tip_velocity=None) if one.push_id == BAD and number % 4 > 1 else one for number, one in enumerate(data)
+    ]
+    estimator, _ = taken(data)
+    assert estimator.rejected == ()
+
+
 def test_without_screening_every_push_stays():
     data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), lambda one: replace(one, twist=Twist(1e-3, 0.0, 0.0)))
     estimator, estimate = taken(data, EstimatorConfig(screening=False))

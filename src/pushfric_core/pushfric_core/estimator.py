@@ -104,7 +104,7 @@ class EstimatorConfig:
     )
     confidence: bool = setting(True, "compute how far p_CF can be trusted; only with simplex and l1, and not if p_CF is given")
     screening: bool = setting(
-        False,
+        True,
         "leave pushes out that are unlike the others, and look for a change of the object; only with simplex and l1, and not "
         "if p_CF is given",
     )

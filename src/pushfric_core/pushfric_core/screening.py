@@ -143,7 +143,8 @@ class Screening:
         jump = poses = span = math.nan
         if self._last is not None and self._last[0].push_id == observation.push_id:
             before, moved = self._last
-            jump = float(np.linalg.norm(motion - moved))
+            if _tells_tip(before) == _tells_tip(observation):  # otherwise, they are shares of different speeds
+                jump = float(np.linalg.norm(motion - moved))
             poses = self._between(before, observation)
             if observation.duration > 0 and observation.stamp > before.stamp:
                 span = (observation.stamp - before.stamp) / 1e9 / observation.duration
@@ -303,6 +304,11 @@ class Screening:
             off += sign * (np.array(pose[:2]) + turned @ self._middle) - time / 2 * (turned @ velocity_at(twist, self._middle))
             turn -= time / 2 * twist.omega
         return math.hypot(*off, self._radius * turn) / (time * math.hypot(*tip))
+
+
+def _tells_tip(observation: Observation) -> bool:
+    """Whether the tip is known to move."""
+    return observation.tip_velocity is not None and any(observation.tip_velocity)
 
 
 def _median(values: Array) -> float:

@@ -16,6 +16,7 @@ For the same reason, the velocity of a tip on its line is made of the speeds tha
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -33,6 +34,9 @@ NANOSECONDS = 1e9
 STEADY = 0.25
 """The object moves on as before if its velocity differs from the mean of earlier frames by at most this fraction. This shows a
 push that ended before the last quarter of the time between two frames. Likewise for the speeds in two reports of the pusher."""
+
+UNSURE = 0.02
+"""The tip's velocity is not known where reports of different speeds leave more than this fraction of it open."""
 
 FEWEST_FRAMES = 2
 """Number of frames that show how the object moves: where reports differ, whether it moves on as before decides."""
@@ -89,6 +93,7 @@ class _Frame(NamedTuple):
     pusher: PusherSample  # the report before it
     tip: Array  # (2,) where it was, table frame [m]
     speed: float  # of the tip along its line [m/s]
+    doubt: float  # the reports leave that open by this much [m/s]
     steady: bool  # whether the reports before and after tell the same speed
     free: bool  # whether the reports before and after differ in their lines
 
@@ -201,7 +206,10 @@ class Trajectory:
             # frame by frame in this order, whatever arrived first
             if self._moves_on(sample):
                 assert self._pusher is not None
-                found += self._complete(_Frame(*sample, self._pusher, self._pusher.tip, self._run[-1].speed, True, free=False))
+                last = self._run[-1]
+                found += self._complete(
+                    _Frame(*sample, self._pusher, self._pusher.tip, last.speed, last.doubt, True, free=False)
+                )
             if not self._pushers or sample.stamp > self._pushers[-1].stamp:
                 break
             self._waiting.popleft()
@@ -250,7 +258,7 @@ class Trajectory:
         if not self._has_pushed(sample.pose, touch):
             return None
         steady = slow > 0 and (free or slow >= (1 - STEADY) * fast)
-        return _Frame(*sample, before, tip, (slow + fast) / 2, steady, free)
+        return _Frame(*sample, before, tip, (slow + fast) / 2, (fast - slow) / 2, steady, free)
 
     def _stays_away(self, pose: Pose, touch: Touch, distance: float, push_id: int) -> None:
         """The tip of this push is at a distance [m] from the outline: count the push if the object moves all the same."""
@@ -403,6 +411,7 @@ class Trajectory:
             return None
         first, at, last = (np.mean([frame.tip for frame in window], axis=0) for window in windows)
         line = self._pusher.line
+        tip: Array | None = None
         if any(frame.free for frame in frames):
             if self._turns(frames):
                 return None
@@ -410,7 +419,10 @@ class Trajectory:
             tip = rotation(-pose.theta) @ (last - first) / duration
         else:
             touch = self._touch(line, pose)
-            tip = self._mean_travel(frames) / duration * rotation(-pose.theta) @ np.asarray(line.direction)
+            told = ([frame.speed for frame in frames], [frame.doubt for frame in frames])
+            travel, doubt = (self._mean_travel(frames, speeds) for speeds in told)
+            if doubt <= UNSURE * travel:
+                tip = travel / duration * rotation(-pose.theta) @ np.asarray(line.direction)
         if touch is None:
             return None
         start = frames[0].stamp
@@ -422,7 +434,7 @@ class Trajectory:
             duration=duration,
             stamp=start + round(sum(frame.stamp - start for frame in windows[1]) / self.config.window),
             pose=pose,
-            tip_velocity=(float(tip[0]), float(tip[1])),
+            tip_velocity=None if tip is None else (float(tip[0]), float(tip[1])),
             depth=line.tip_radius - float((transform(inverse(pose), at) - touch.point) @ touch.normal),
         )
 
@@ -435,9 +447,10 @@ class Trajectory:
         """Approximate speed of the fastest corner [m/s]."""
         return float(np.hypot(twist.vx, twist.vy) + abs(twist.omega) * self._reach)
 
-    def _mean_travel(self, frames: list[_Frame]) -> float:
-        """How far the tip moves from the mean of one window to that of the other [m], by its speeds."""
-        steps = [0.5 * (a.speed + b.speed) * (b.stamp - a.stamp) / NANOSECONDS for a, b in pairwise(frames)]
+    def _mean_travel(self, frames: list[_Frame], speeds: Sequence[float]) -> float:
+        """How far something at these speeds in some frames moves from the mean of one window to that of the other [m]."""
+        times = [(after.stamp - before.stamp) / NANOSECONDS for before, after in pairwise(frames)]
+        steps = [0.5 * (a + b) * time for (a, b), time in zip(pairwise(speeds), times, strict=True)]
         travelled = np.concatenate(((0.0,), np.cumsum(steps)))
         return float(np.mean(travelled[-self.config.window :]) - np.mean(travelled[: self.config.window]))
 
