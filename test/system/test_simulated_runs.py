@@ -74,10 +74,10 @@ def on_a_terminal(*arguments) -> str:
     return text
 
 
-def estimate(bag) -> dict:
+def estimate(bag, code: int = 0) -> dict:
     arguments = ["estimate", str(bag), "--json"]
     result = subprocess.run([sys.executable, "-m", "pushfric_ros", *arguments], capture_output=True, text=True, timeout=120)
-    assert result.returncode == 0, result.stderr
+    assert result.returncode == code, result.stderr
     return json.loads(result.stdout)
 
 
@@ -115,7 +115,7 @@ def test_the_rendered_camera_follows_a_real_tip(cell):
         ended = run(cell, "--simulated-camera")
         assert ended.returncode == 0, ended.stderr
         assert controller.position() == pytest.approx(0.0, abs=1e-9)
-    last = estimate(cell.parent / "bag")
+    last = estimate(cell.parent / "bag", code=1)  # two pushes cannot tell how far p_CF is off
     assert last["pushes"] == 2
     assert last["center_of_friction"] == pytest.approx([0.0, 0.0], abs=0.02)
 
