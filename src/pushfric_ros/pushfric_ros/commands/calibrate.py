@@ -109,6 +109,10 @@ def table(
     board is small in the image, lay it in several places, one after the other: the first place gives the table frame. With
     --view, the points that are clicked give it.
     """
+    if figure is not None:
+        from pushfric_ros.report.figures import check_image_name, table_error_figure  # imported late: it takes a second
+
+        check_image_name(figure)
     known = load_lens(camera)
     shown = view_at(view, ViewConfig())
     if marks is not None and shown is None:
@@ -135,8 +139,6 @@ def table(
         markup=False,
     )
     if figure is not None:
-        from pushfric_ros.report.figures import table_error_figure  # imported late: matplotlib takes a second to load
-
         table_error_figure(figure, found.map.places, found.map.errors)
 
 

@@ -88,14 +88,16 @@ def _one(
 ) -> bool:
     if save is not None:
         check_name(save)
+    if figure is not None:
+        # imported late: loading matplotlib takes longer than estimating most bags
+        from pushfric_ros.report.figures import check_image_name, summary_figure
+
+        check_image_name(figure)
     estimation = estimate_from(source, choices, warn, whole_course=figure is not None)
     result = estimation.result
     for reason in estimation.verdict.reasons:
         warn(reason)
     if figure is not None:
-        # imported late: loading matplotlib takes longer than estimating most bags
-        from pushfric_ros.report.figures import summary_figure
-
         slipping = estimation.settings.slipping
         summary_figure(figure, estimation.model.outline, estimation.course, estimation.estimator.observations, None, slipping)
     if save is not None:

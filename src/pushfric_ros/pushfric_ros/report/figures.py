@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
@@ -44,6 +45,19 @@ WITHIN_90 = -2 * math.log(0.1)
 
 PANELS = 12
 """Largest number of objects whose centres are drawn in one figure."""
+
+
+def check_image_name(path: pathlib.Path) -> None:
+    """Check a figure's name, before the work of which it shall show the result.
+
+    Raises:
+        InvalidInput: no image is known by the end of this name.
+    """
+    known = FigureCanvasBase.get_supported_filetypes()
+    if path.suffix[1:] not in known:
+        raise InvalidInput(
+            f"{path}: not the name of an image; expected one that ends with {', '.join(f'.{name}' for name in known)}"
+        )
 
 
 def summary_figure(
@@ -189,11 +203,7 @@ def _closed(points: Array) -> Array:
 
 
 def _save(figure: Figure, path: pathlib.Path) -> None:
-    known = figure.canvas.get_supported_filetypes()
-    if path.suffix[1:] not in known:
-        raise InvalidInput(
-            f"{path}: not the name of an image; expected one that ends with {', '.join(f'.{name}' for name in known)}"
-        )
+    check_image_name(path)
     try:
         figure.savefig(path, dpi=130)
     except OSError as error:
