@@ -13,6 +13,7 @@ import pytest
 from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
+from pushfric_core.spread import FEWEST_PUSHES
 from pushfric_core.table_1 import TABLE_1
 from pushfric_ros.report.report import truth
 
@@ -155,7 +156,9 @@ def test_ctrl_c_leaves_no_process_behind_but_a_bag(running, tmp_path):
     )
     assert "Traceback" not in running.output
     read = pushfric(*said[2].split(), "--json")
-    assert (read.returncode, json.loads(read.stdout)["pushes"]) == (0, int(said[1]))
+    pushes = int(said[1])
+    too_few = pushes < FEWEST_PUSHES  # the verdict says so
+    assert (read.returncode, json.loads(read.stdout)["pushes"]) == (int(too_few), pushes)
 
 
 def test_the_nodes_end_with_a_killed_command_line(running):
