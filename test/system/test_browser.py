@@ -241,8 +241,11 @@ def table(tmp_path) -> Camera:
 def click(page: Page, where: str, u: float, v: float) -> None:
     """Click a pixel of the camera's picture."""
     to = "([id, u, v]) => { const at = document.getElementById(id), p = new DOMPoint(u, v).matrixTransform(at.getScreenCTM()),"
-    to += " box = at.getBoundingClientRect(); return { x: p.x - box.x, y: p.y - box.y }; }"
-    page.locator(f"#{where}").click(position=page.evaluate(to, [where, u, v]))
+    to += " box = at.getBoundingClientRect(), x = p.x - box.x, y = p.y - box.y;"
+    to += " return x > 0 && y > 0 && x < box.width && y < box.height ? { x, y } : null; }"
+    # the loupe shows the place of the last click a moment later
+    place = page.wait_for_function(to, arg=[where, u, v]).json_value()
+    page.locator(f"#{where}").click(position=place)
 
 
 def test_points_of_the_table_are_clicked(browser, tmp_path, table):

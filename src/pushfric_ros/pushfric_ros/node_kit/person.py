@@ -22,6 +22,7 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import MODE_NAMES
 from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
 
@@ -63,7 +64,8 @@ class Person(contextlib.AbstractContextManager["Person"]):
 
     def spin(self, seconds: float) -> None:
         """Wait this long [s], and take the messages that come."""
-        self._executor.spin_once(timeout_sec=seconds)
+        with held_back():
+            self._executor.spin_once(timeout_sec=seconds)
 
     def _take(self, state: PusherState) -> None:
         self._states = [state]
@@ -154,4 +156,4 @@ class Person(contextlib.AbstractContextManager["Person"]):
         while not condition():
             if time.monotonic() > deadline:
                 raise NoAnswer(otherwise)
-            self._executor.spin_once(timeout_sec=0.05)
+            self.spin(0.05)

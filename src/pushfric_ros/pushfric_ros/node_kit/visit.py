@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.network import configured
 
 AnyNode = TypeVar("AnyNode", bound=Node)
@@ -37,7 +38,8 @@ class Visit(Generic[AnyNode]):
 
     def spin_once(self, seconds: float) -> None:
         """Let the node do one thing; wait at most this long [s] for it."""
-        self._executor.spin_once(timeout_sec=seconds)
+        with held_back():
+            self._executor.spin_once(timeout_sec=seconds)
 
     def spin_until(self, future: Future, seconds: float) -> bool:
         """Spin for at most this long [s]; returns whether the future is done."""
