@@ -3,12 +3,11 @@
 import contextlib
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import typer
-
-from pushfric_ros.commands.console import console
 
 EXIT_INTERRUPTED = 130
 
@@ -31,5 +30,6 @@ def telling_what_is_left(left: Callable[[], str]) -> Iterator[None]:
     try:
         yield
     except (KeyboardInterrupt, typer.Abort):
-        console.print(left(), highlight=False, markup=False)
+        # not by rich: a line that was being printed when the interrupt struck would come a second time
+        print(left(), file=sys.stderr, flush=True)
         raise
