@@ -71,7 +71,7 @@ from pushfric_ros.messages.conversions import (
     turns_from_msg,
 )
 from pushfric_ros.messages.types import definition
-from pushfric_ros.node_kit.network import domain
+from pushfric_ros.node_kit.domain import domain
 from pushfric_ros.offline.estimation import Choices
 from pushfric_ros.offline.many import RESULTS, estimate_many
 from pushfric_ros.offline.table import write_table

@@ -131,7 +131,8 @@ def _left_of_push(outline: Outline, push: PlannedPush) -> HalfPlane:
 def _halving(polygon: shapely.Polygon, along: Array) -> float:
     """Where on an axis, a unit vector (2,), the line across it halves a convex polygon."""
     corners = shapely.get_coordinates(polygon)
-    corners = corners - corners.mean(axis=0)
+    middle = corners.mean(axis=0)
+    corners = corners - middle
     places, heights = corners @ along, corners @ left_of(along)
 
     def area_up_to(ends: Array) -> Array:
@@ -147,8 +148,8 @@ def _halving(polygon: shapely.Polygon, along: Array) -> float:
     after = int(np.searchsorted(areas, half))
     # the area grows with the square of the place from one corner to the next
     low, high = ends[after - 1 : after + 1].tolist()
-    first, middle, last = area_up_to(np.array((low, (low + high) / 2, high))).tolist()
-    bend = 2 * (first + last - 2 * middle)
+    first, between, last = area_up_to(np.array((low, (low + high) / 2, high))).tolist()
+    bend = 2 * (first + last - 2 * between)
     rise, missing = last - first - bend, half - first
     share = 2 * missing / (rise + math.sqrt(max(rise * rise + 4 * bend * missing, 0.0)))
-    return float(low + share * (high - low) + shapely.get_coordinates(polygon).mean(axis=0) @ along)
+    return float(low + share * (high - low) + middle @ along)

@@ -5,7 +5,7 @@ import os
 import pathlib
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -15,7 +15,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.wording import counted
 from pushfric_ros.bags.cdr import Decoder, Definition
 from pushfric_ros.bags.contents import BagMessage, Summary, Topic
-from pushfric_ros.bags.mcap_file import Gap, McapFile, Span
+from pushfric_ros.bags.mcap_file import Gap, McapFile, Span, joined
 from pushfric_ros.bags.mcap_records import Channel, Schema
 from pushfric_ros.bags.offered_qos import profiles_from
 from pushfric_ros.bags.rosbag2_metadata import METADATA, BagMetadata, read_metadata
@@ -188,7 +188,7 @@ class Bag:
             in_chunks: count the latter, too.
         """
         marked = [item for file in self._files for item in file.marked.items()]
-        return _joined(marked + [item for file in self._files for item in file.unconfirmed.items() if in_chunks])
+        return joined(marked + [item for file in self._files for item in file.unconfirmed.items() if in_chunks])
 
     def _read(self, file: StoredFile, topics: Collection[str] | None, unconfirmed: bool) -> Iterator[BagMessage]:
         try:
@@ -287,7 +287,7 @@ class _McapBagFile:
             if schema is not None or not file.gaps:  # the schema may have been lost
                 self._topics[number] = _topic(path, channel, schema, file.counts[number])
         known = [(topic.name, file.unconfirmed[number]) for number, topic in self._topics.items() if number in file.unconfirmed]
-        self.unconfirmed: Mapping[str, Span] = _joined(known)
+        self.unconfirmed: Mapping[str, Span] = joined(known)
 
     @property
     def topics(self) -> list[Topic]:
@@ -314,14 +314,6 @@ class _McapBagFile:
         for message in self._file.messages(wanted.__contains__, unconfirmed):
             topic = wanted[message.channel_id]
             yield BagMessage(topic.name, topic.type_name, message.log_time_ns, message.data)
-
-
-def _joined(spans: Iterable[tuple[str, Span]]) -> dict[str, Span]:
-    """One span for each topic."""
-    found: dict[str, Span] = {}
-    for topic, span in spans:
-        found[topic] = span.joined(found[topic]) if topic in found else span
-    return found
 
 
 _UNKNOWN = "a topic that is no longer known"
@@ -384,7 +376,7 @@ def _damage(files: list[StoredFile], summary: Summary, metadata: BagMetadata | N
         missing = {}  # nothing in the bag says how many there were, and nothing is damaged
     if not (gaps or missing or contradictions):
         return None
-    unconfirmed = _joined(item for file in files for item in file.unconfirmed.items())
+    unconfirmed = joined(item for file in files for item in file.unconfirmed.items())
     return Damage(gaps, missing, {topic: span.messages for topic, span in unconfirmed.items()}, tuple(contradictions))
 
 

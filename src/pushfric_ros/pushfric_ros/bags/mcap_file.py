@@ -5,9 +5,9 @@ import pathlib
 import re
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, TypeVar
 
 from pushfric_ros.bags import salvage
 from pushfric_ros.bags.mcap_records import (
@@ -47,6 +47,8 @@ from pushfric_ros.bags.mcap_records import (
 
 UNCONFIRMED = "pushfric_unconfirmed_messages"
 """Name of the metadata record that says which messages of a recovered file have no checksum that holds."""
+
+Key = TypeVar("Key")
 
 _SPAN = re.compile(r"([0-9]{1,18}) from ([0-9]{1,19}) to ([0-9]{1,19})")
 
@@ -88,6 +90,14 @@ class Span(NamedTuple):
         if found is None:
             raise Unsound(f"expected a number of messages and two times, got {text[:80]!r}")
         return cls(*map(int, found.groups()))
+
+
+def joined(spans: Iterable[tuple[Key, Span]]) -> dict[Key, Span]:
+    """One span for each key, such as a topic or a channel."""
+    found: dict[Key, Span] = {}
+    for key, span in spans:
+        found[key] = span.joined(found[key]) if key in found else span
+    return found
 
 
 class Gap(NamedTuple):
@@ -371,9 +381,8 @@ class McapFile:
         for run in found.runs:
             times = [log_time for _, log_time in run.messages]
             self._pieces.append(_Piece(run.begin, run.end, False, min(times), max(times), False))
-            for channel_id, log_time in run.messages:
-                one = Span(1, log_time, log_time)
-                self.unconfirmed[channel_id] = one.joined(self.unconfirmed.get(channel_id, one._replace(messages=0)))
+            spans = ((channel_id, Span(1, log_time, log_time)) for channel_id, log_time in run.messages)
+            self.unconfirmed = joined((*self.unconfirmed.items(), *spans))
 
     def _region(self, stream: BinaryIO, suspect: _Suspect, size: int, confirmed: list[_Piece]) -> salvage.Region | None:
         """The records in a damaged part of the file; None if they are compressed, or too many."""

@@ -121,9 +121,9 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
                 force=(fx, fy),
                 tip_velocity=_tip_velocity(row, motion, (cx * MILLIMETRE, cy * MILLIMETRE)),
             )
+        except InvalidInput:
+            raise
         except (TypeError, ValueError, PushfricError) as error:
-            if isinstance(error, InvalidInput):
-                raise
             raise InvalidInput(f"{row.where}: {as_named_here(error, NAMES)}") from error
         logs.setdefault(row.texts["log"] or "", []).append(observation)
     return logs

@@ -59,8 +59,10 @@ def _observation(row: Row, outline: Outline) -> Observation:
             tip_velocity=pair("tip_vx", "tip_vy"),
         )
         observation.check_contact(outline)
+    except InvalidInput:
+        raise
     except (ValueError, PushfricError) as error:
-        raise error if isinstance(error, InvalidInput) else InvalidInput(f"{where}: {as_named_here(error, NAMES)}") from error
+        raise InvalidInput(f"{where}: {as_named_here(error, NAMES)}") from error
     nearest = outline.nearest(observation.contact_point)
     # a contact that was measured tells where the tip was
     return observation if nearest.edge is None else replace(observation, depth=-nearest.distance)

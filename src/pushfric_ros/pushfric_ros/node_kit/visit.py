@@ -1,5 +1,6 @@
 """A node in a process that is not its own, such as the command line."""
 
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Generic, TypeVar
@@ -43,7 +44,9 @@ class Visit(Generic[AnyNode]):
 
     def spin_until(self, future: Future, seconds: float) -> bool:
         """Spin for at most this long [s]; returns whether the future is done."""
-        self._executor.spin_until_future_complete(future, timeout_sec=seconds)
+        deadline = time.monotonic() + seconds
+        while not future.done() and time.monotonic() < deadline:
+            self.spin_once(0.05)
         return future.done()
 
     def close(self) -> None:

@@ -96,11 +96,11 @@ class PageServer:
             return False
         return not self._local or name == self._host or is_loopback(name)
 
-    def is_from_here(self, origin: str, host: str) -> bool:
-        """Whether the page with this origin is one of the server that was asked by this name."""
+    def is_asked_from_here(self, host: str, origin: str | None) -> bool:
+        """Whether a request to this host comes from a page of this server, or from no page."""
         try:
-            return urlsplit(origin).netloc == host
-        except ValueError:
+            return self.is_own(host) and (not origin or urlsplit(origin).netloc == host)
+        except ValueError:  # the origin is no address
             return False
 
     def awaited(self) -> tuple[Awaitable[Any], Callable[[Any], None]]:
@@ -174,9 +174,7 @@ class Asked(_Served):
 
     def admit(self, free: bool = False) -> None:
         """Refuse a request that comes from the page of another site or, unless it is free for all, without the token."""
-        origin = self.request.headers.get("Origin")
-        host = self.request.host
-        if not self.server.is_own(host) or (origin and not self.server.is_from_here(origin, host)):
+        if not self.server.is_asked_from_here(self.request.host, self.request.headers.get("Origin")):
             raise HTTPError(403, "asked by the page of another site")
         shown = self.request.headers.get("Authorization", "").removeprefix("Bearer ")
         shown = shown or self.get_query_argument("token", "")

@@ -130,9 +130,9 @@ class Visitor(WebSocketHandler):
 
         The library asks `check_origin` only where origin and host differ: not where another site's name leads here.
         """
-        host, headers = self.request.host, self.request.headers
+        headers = self.request.headers
         origin = headers.get("Origin") or headers.get("Sec-Websocket-Origin")
-        if not self._server.is_own(host) or (origin and not self._server.is_from_here(origin, host)):
+        if not self._server.is_asked_from_here(self.request.host, origin):
             raise HTTPError(403)
 
     def open(self, *_: str, **__: str) -> None:
