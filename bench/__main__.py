@@ -6,11 +6,11 @@ import pathlib
 import platform
 import sys
 import time
-from collections.abc import Callable
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Annotated, Any, NamedTuple
 
 import typer
-import typer.core
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -18,9 +18,7 @@ from rich.table import Table
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
 from bench import (
-    display,
     footprint,
-    fuzz,
     growth,
     pipeline,
     planning,
@@ -34,9 +32,13 @@ from bench import (
     view_cost,
 )
 from bench.data_points import GRIDS
-from bench.verdict import verdicts, with_best_of_highs
-from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_ros.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
+from bench.display import plain_tables, verdict_table
+from bench.verdict import Verdict, verdicts, with_best_of_highs
+from pushfric_core.commands.application import Application, Command
+from pushfric_core.commands.cli import main
+from pushfric_core.commands.interrupt import undoing
+from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
+from pushfric_core.commands.program import run
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
 QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000
@@ -49,11 +51,36 @@ HIGHS_WARM = "highs_warm: HiGHS kept warm, the better of its primal and dual for
 
 COLUMNS = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
 
-app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
+app = Application(pretty_exceptions_enable=False)
 
 
-class Bench(typer.core.TyperCommand):
+class Section(NamedTuple):
+    """A part of the benchmarks."""
+
+    name: str  # of its figures in the JSON
+    steps: int | None  # how often `measure` says what comes next; None: unknown
+    measure: Callable[[Callable[[str], None]], Any]
+    tables: Callable[[Any], Iterable[Table]]
+    verdicts: Callable[[Any], Iterable[Verdict]] = lambda figures: ()
+    failures: Callable[[Any], Sequence[str]] = lambda figures: ()  # a line for each; any is exit code 1
+
+    @classmethod
+    def of(cls, name: str, module: Any, *arguments: Any) -> "Section":
+        """The section of a module: its STEPS and measure, and what it has of tables, verdicts and failures."""
+        section = cls(name, module.STEPS, partial(module.measure, *arguments), partial(plain_tables, name))
+        return section._replace(**{key: getattr(module, key) for key in cls._fields[3:] if hasattr(module, key)})
+
+
+ALONE = {
+    "footprint": [Section.of("footprint", footprint)],
+    "growth": [Section.of("growth", growth)],
+    "view": [Section.of("view", view_cost)],
+    "planning": [Section.of("planning", planning), Section.of("services", services)],
+}
+"""By the name of an option: the sections that are measured instead of all others."""
+
+
+class Bench(Command):
     """Takes `--json` with or without a file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -110,16 +137,6 @@ def bench(
             "--planning", help="Measure only what planners get: strokes, predictions, answers of the services: 4 minutes."
         ),
     ] = False,
-    fuzzing: Annotated[
-        float | None,
-        typer.Option(
-            "--fuzz",
-            help="Measure nothing; give mutated input to every parser for this long.",
-            metavar="MINUTES",
-            min=0,
-            show_default=False,
-        ),
-    ] = None,
     soaking: Annotated[
         float | None,
         typer.Option(
@@ -138,13 +155,8 @@ def bench(
     after its last M. All solvers take each data point in turn, so that a disturbance, even of the caches, affects all alike.
     highs_warm is HiGHS kept warm: at each M and N the better of its primal and dual form.
     """
-    if fuzzing is not None:
-        seed = time.time_ns() % 2**32
-        return int(fuzz.campaign(60 * fuzzing, print, seed) > 0)
     if soaking is not None:
-        return _soak(soaking)
-    if growing:
-        return _measure_growth(json)
+        return _run([Section.of("soak", soak, soaking)], json)
     points = sorted(set(points or (QUICK_POINTS if quick else POINTS)))
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
     if unknown := set(supports) - set(GRIDS):
@@ -153,137 +165,73 @@ def bench(
         raise typer.BadParameter(f"{plot}: is a folder; expected the name of a file to write")
     if not plot.parent.is_dir() and plot != DEFAULT_PLOT:
         raise typer.BadParameter(f"{plot}: its folder does not exist")
-    if footprint_only:
-        return _measure_alone("footprint", footprint, display.footprint_table, json)
-    if view_only:
-        return _measure_alone("view", view_cost, display.view_table, json)
-    if planning_only:
-        return _measure_planning(json)
+    alone = {"footprint": footprint_only, "growth": growing, "view": view_only, "planning": planning_only}
+    for name, asked in alone.items():
+        if asked:
+            return _run(ALONE[name], json)
     plot.parent.mkdir(exist_ok=True)
+    sections = [_of_updates(points, supports, quick, plot), Section.of("tracker", tracker)]
+    if pushes is not None:
+        sections += [Section.of("real_pushes", real_pushes, pushes), Section.of("prediction", prediction, pushes)]
+    if live:
+        sections += [Section.of("pipeline", pipeline), Section.of("recording", recording)]
+    code = _run(sections, json)
+    print(f"plot: {plot}", file=sys.stderr)
+    return code
+
+
+def _of_updates(points: Sequence[int], supports: Sequence[int], quick: bool, plot: pathlib.Path) -> Section:
+    """The cost of a data point; its figures include the better form of HiGHS."""
+
+    def measure(progress: Callable[[str], None]) -> Any:
+        count, budget, held = (QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD) if quick else (UPDATES, BUDGET, HELD)
+        measured = updates.measure(points, supports, count, budget, progress)
+        rows = with_best_of_highs(measured["updates"])
+        updates.plot(rows, plot)
+        return {**measured, "updates": rows, "bytes_per_data_point": updates.memory(supports, held, progress)}
+
+    return Section(
+        "",
+        len(supports) * (len(points) + 1),
+        measure,
+        lambda one: (updates.table(one["updates"]), *plain_tables("Memory of a data point", one["bytes_per_data_point"])),
+        lambda one: verdicts(one["updates"]),
+        lambda one: one["disagreements"],
+    )
+
+
+def _run(sections: Sequence[Section], json: str | None) -> int:
+    """Measure the sections one after another, show their figures, and write them."""
     start = time.monotonic()
+    steps = None if any(section.steps is None for section in sections) else sum(section.steps or 0 for section in sections)
+    report: dict[str, Any] = {}
+    tables: list[Table] = []
+    targets: list[Verdict] = []
+    failures: list[str] = []
     # without a thread that refreshes the bar: its CPU time would be counted for a contender
     with Progress(*COLUMNS, console=Console(stderr=True), auto_refresh=False) as bar:
-        steps = (
-            len(supports) * (len(points) + 1)
-            + tracker.ROUNDS
-            + (real_pushes.STEPS + prediction.STEPS) * (pushes is not None)
-            + 4 * live
-        )
         task = bar.add_task("", total=steps, completed=-1)
-
-        def progress(what: str) -> None:
-            bar.update(task, description=what, advance=1, refresh=True)
-
-        measured = updates.measure(
-            points, supports, QUICK_UPDATES if quick else UPDATES, QUICK_BUDGET if quick else BUDGET, progress
-        )
-        held = updates.memory(supports, QUICK_HELD if quick else HELD, progress)
-        frames = tracker.measure(progress)
-        accuracy = real_pushes.measure(pushes, progress) if pushes is not None else None
-        predicted = prediction.measure(pushes, progress) if pushes is not None else None
-        graph = {"pipeline": pipeline.measure(progress), "recording": recording.measure(progress)} if live else {}
-        progress("done")
-    rows = with_best_of_highs(measured["updates"])
-    targets = list(verdicts(rows))
-    console = Console(stderr=json == STDOUT)
-    console.print(
-        display.updates_table(rows),
-        display.memory_table(held),
-        display.verdict_table(targets, HIGHS_WARM),
-        display.tracker_table(frames),
-        *([display.accuracy_table(accuracy), display.learning_table(accuracy)] if accuracy is not None else []),
-        *([display.prediction_table(predicted), display.stability_table(predicted)] if predicted is not None else []),
-        *([display.live_table(graph)] if live else []),
-        f"plot: {plot}",
-        sep="\n",
-    )
-    display.plot(rows, plot)
+        for section in sections:
+            figures = section.measure(lambda what: bar.update(task, description=what, advance=1, refresh=True))
+            report |= {section.name: figures} if section.name else figures
+            tables += section.tables(figures)
+            targets += section.verdicts(figures)
+            failures += section.failures(figures)
+        bar.update(task, description="done", advance=1, refresh=True)
+    if targets:
+        tables.append(verdict_table(targets, HIGHS_WARM if "updates" in report else ""))
+    Console(stderr=json == STDOUT).print(*tables, sep="\n")
     if json is not None:
-        report = {
-            "updates": rows,
-            "bytes_per_data_point": held,
-            "tracker": frames,
-            **graph,
-            **({"real_pushes": accuracy} if accuracy is not None else {}),
-            **({"prediction": predicted} if predicted is not None else {}),
+        report |= {
             "targets": [target._asdict() for target in targets],
-            "disagreements": measured["disagreements"],
             "seconds": time.monotonic() - start,
             "versions": {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in LIBRARIES},
         }
         write_json(jsons.dumps(report, indent=1), json)
-    for line in measured["disagreements"]:
+    for line in failures:
         print(f"error: {line}", file=sys.stderr)
-    return int(bool(measured["disagreements"]))
-
-
-def _soak(minutes: float) -> int:
-    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=None)
-        figures = soak.measure(minutes, lambda what: bar.update(task, description=what))
-    Console().print(display.soak_table(figures))
-    return int(not all(one.flat for one in figures["growth"]))
-
-
-def _measure_growth(json: str | None) -> int:
-    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
-        task = bar.add_task("1 data point", total=len(growth.MARKS))
-        rows = growth.measure(lambda what: bar.update(task, description=what, advance=1))
-    Console(stderr=json == STDOUT).print(display.growth_table(rows))
-    if json is not None:
-        write_json(jsons.dumps({"growth": rows}, indent=1), json)
-    return 0
-
-
-def _measure_alone(name: str, section: Any, table: Callable[[Any], Table], json: str | None) -> int:
-    """One section with targets of its own."""
-    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=section.STEPS, completed=-1)
-        figures = section.measure(lambda what: bar.update(task, description=what, advance=1))
-        bar.update(task, description="done", advance=1)
-    targets = list(section.verdicts(figures))
-    Console(stderr=json == STDOUT).print(table(figures), display.verdict_table(targets), sep="\n")
-    if json is not None:
-        report = {name: figures, "targets": [target._asdict() for target in targets]}
-        write_json(jsons.dumps(report, indent=1), json)
-    return 0
-
-
-def _measure_planning(json: str | None) -> int:
-    with Progress(*COLUMNS, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=planning.STEPS + 1, completed=-1)
-
-        def progress(what: str) -> None:
-            bar.update(task, description=what, advance=1)
-
-        figures = planning.measure(progress) | {"services": services.measure(progress)}
-        progress("done")
-    targets = [*planning.verdicts(figures), *services.verdicts(figures["services"])]
-    console = Console(stderr=json == STDOUT)
-    tables = (display.strokes_table(figures), display.services_table(figures["services"]), display.verdict_table(targets))
-    console.print(*tables, sep="\n")
-    if json is not None:
-        report = {"planning": figures, "targets": [target._asdict() for target in targets]}
-        write_json(jsons.dumps(report, indent=1), json)
-    return 0
-
-
-def main() -> None:
-    """Unusable input ends with one line and exit code 2. Contenders that disagree end with a line each and exit code 1."""
-    try:
-        sys.exit(app(prog_name="pushfric bench", standalone_mode=False))
-    except InvalidInput as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except PushfricError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(1)
-    except UsageError as error:
-        print(f"error: {error.format_message().rstrip('.')}", file=sys.stderr)  # type: ignore[attr-defined]
-        sys.exit(2)
-    except (KeyboardInterrupt, typer.Abort):
-        sys.exit(130)
+    return int(bool(failures))
 
 
 if __name__ == "__main__":
-    main()
+    run(undoing(partial(main, app, "./pushfric bench")))

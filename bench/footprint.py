@@ -8,20 +8,20 @@ Memory is the proportional set size: a page that several processes share is divi
 import os
 import pathlib
 import re
-import resource
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
+from bench.processes import cpu_of_ended_children, memory, running
 from bench.verdict import Verdict
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import fork_server, graph
@@ -109,26 +109,21 @@ def _cpu(arguments: list[str | pathlib.Path]) -> float:
     """CPU time of a command and its children [s]: the median of several calls, after one that warms the caches."""
     seconds = []
     for _ in range(ROUNDS + 1):
-        before = _cpu_of_children()
+        before = cpu_of_ended_children()
         subprocess.run(arguments, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-        seconds.append(_cpu_of_children() - before)
+        seconds.append(cpu_of_ended_children() - before)
     return float(np.median(seconds[1:]))
-
-
-def _cpu_of_children() -> float:
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime
 
 
 def _demo() -> Figures:
     """Start the demo several times; run the last one until its memory is known, with a bare node next to it."""
     with ExitStack() as stack:
-        bare = stack.enter_context(_process([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
+        bare = stack.enter_context(running([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
         bare.stdout.readline()
         bare_start = _cpu_of(bare.pid)
         first_poses = [_started_demo(0.0)[0] for _ in range(ROUNDS - 1)]
         first_pose, samples = _started_demo(WATCHED)
-        bare_memory = _memory(bare.pid)
+        bare_memory = memory(bare.pid) / 1024
         bare_end, _ = _interrupt({"bare": bare})
     largest = max(samples, key=lambda sample: sum(sample.values()))
     return {
@@ -150,8 +145,8 @@ def _started_demo(watched: float) -> tuple[float, list[dict[str, float]]]:
             PoseWithCovarianceStamped, "object_pose", lambda _, info: poses.append(info["source_timestamp"]), SENSOR_QUEUE
         )
         started = time.time_ns()
-        arguments = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", f"{folder}/bag"]
-        demo = stack.enter_context(_process(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
+        arguments = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", f"{folder}/bag"]
+        demo = stack.enter_context(running(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             here.spin_once(0.1)
@@ -178,7 +173,7 @@ def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
         specs = graph.simulated_cell(demo_cell(OBJECT, folder), str(folder / "bag"), seed=0, speed=1.0)
         processes = {
             spec.name: stack.enter_context(
-                _process(command(spec, graph.NAMESPACE, folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                running(command(spec, graph.NAMESPACE, folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             )
             for spec in specs
             if not names or spec.name in names
@@ -191,7 +186,7 @@ def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
             here.spin_once(0.1)
         if busy:
             for _ in range(2 * (os.cpu_count() or 1)):
-                stack.enter_context(_process([sys.executable, "-c", "while True: pass"]))
+                stack.enter_context(running([sys.executable, "-c", "while True: pass"]))
         return _interrupt(processes)
 
 
@@ -204,22 +199,13 @@ def _interrupt(processes: Mapping[str, "subprocess.Popen[str]"]) -> tuple[float,
     return time.monotonic() - begin, codes
 
 
-@contextmanager
-def _process(arguments: list[str], **options: Any) -> Iterator["subprocess.Popen[str]"]:
-    with subprocess.Popen(arguments, text=True, **options) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
 def _memory_of_family(pid: int) -> dict[str, float]:
     """Memory of a process and its descendants [MiB], by name."""
     found: dict[str, float] = {}
     for member in _family(pid):
         try:
             name = _name(pathlib.Path(f"/proc/{member}/cmdline").read_text())
-            found[name] = found.get(name, 0.0) + _memory(member)
+            found[name] = found.get(name, 0.0) + memory(member) / 1024
         except (FileNotFoundError, ProcessLookupError):  # it has ended since
             continue
     return found
@@ -238,14 +224,6 @@ def _family(pid: int) -> Iterator[int]:
     for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
         for child in task.read_text().split():
             yield from _family(int(child))
-
-
-def _memory(pid: int) -> float:
-    """Proportional set size [MiB]."""
-    text = pathlib.Path(f"/proc/{pid}/smaps_rollup").read_text()
-    found = re.search(r"^Pss:\s+(\d+) kB", text, re.MULTILINE)
-    assert found is not None
-    return int(found[1]) / 1024
 
 
 def _cpu_of(pid: int) -> float:

@@ -5,8 +5,7 @@ This leaves out the middleware, and the region of p_CF, a polygon whose cost doe
 """
 
 import itertools
-import pathlib
-import re
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -16,15 +15,19 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from bench.data_points import observations, support_points
-from pushfric_core.estimator import Estimator
-from pushfric_core.observation import Observation
-from pushfric_ros.messages.conversions import FrictionParts, estimate_to_msg, friction_to_msg
-from pushfric_ros.nodes.estimator.publications import friction_is_due
+from bench.processes import memory
+from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.uncertainty.spread import is_due
+from pushfric_ros.messages.conversions import estimate_to_msg
 
 SUPPORTS = 15
 
 MARKS = (1000, 10_000, 100_000, 1_000_000)
 """Numbers of data points at which the cost of one is given; it is measured over the last tenth before."""
+
+STEPS = len(MARKS)
 
 PER_PUSH = 12
 """Number of data points of a push."""
@@ -35,24 +38,24 @@ Figures = dict[str, Any]
 def measure(progress: Callable[[str], None], marks: tuple[int, ...] = MARKS) -> list[Figures]:
     """Rows {M, median_ms, mean_ms, p99_ms, longest_ms, at_rest_ms, bytes}: CPU time of a data point, and memory per data point.
 
-    `at_rest_ms` is the time for what is done when no other data point follows at once: mu_c from all data points.
+    `at_rest_ms` is the time for what is done when no other data point follows at once: spread and mu_c from all data points.
     """
     estimator = Estimator(support_points(SUPPORTS))
-    friction: FrictionParts | None = None
+    friction: FrictionReport | None = None
     rows, seconds = [], []
-    before = _resident()
+    before = memory(os.getpid(), "Rss")
     for count, observation in enumerate(_pushes(marks[-1]), 1):
         start = time.process_time()
         estimate = estimator.add(observation)
         verdict = estimator.verdict(estimate)
-        if friction is None or friction_is_due(estimate.data_points, friction.data_points):
-            friction = friction_to_msg(estimate, "box")
-        serialize_message(estimate_to_msg(estimate, "box", verdict=verdict, friction=friction))
+        if friction is None or is_due(estimate.data_points, friction.data_points):
+            friction = FrictionReport.of(estimate)
+        serialize_message(estimate_to_msg(EstimateReport.of(estimate, "box", verdict=verdict, friction=friction)))
         seconds.append(time.process_time() - start)
         if count in marks:
             newest = np.array(seconds[-count // 10 :]) * 1e3
             start = time.process_time()
-            friction_to_msg(estimate, "box")
+            FrictionReport.of(estimator.estimate())
             rows.append(
                 {
                     "M": count,
@@ -61,7 +64,7 @@ def measure(progress: Callable[[str], None], marks: tuple[int, ...] = MARKS) -> 
                     "p99_ms": float(np.percentile(newest, 99)),
                     "longest_ms": float(newest.max()),
                     "at_rest_ms": (time.process_time() - start) * 1e3,
-                    "bytes": (_resident() - before) / count,
+                    "bytes": 1024 * (memory(os.getpid(), "Rss") - before) / count,
                 }
             )
             progress(f"{count} data points")
@@ -73,11 +76,3 @@ def _pushes(count: int) -> Iterator[Observation]:
     found = observations(np.random.default_rng(0))
     for number, observation in enumerate(itertools.islice(found, count)):
         yield replace(observation, push_id=number // PER_PUSH, stamp=number + 1)
-
-
-def _resident() -> int:
-    """Memory of this process [bytes]."""
-    status = pathlib.Path("/proc/self/status").read_text()
-    found = re.search(r"VmRSS:\s*(\d+) kB", status)
-    assert found is not None
-    return 1024 * int(found[1])

@@ -11,7 +11,6 @@ An estimate needs a pusher state at least as new as the frame before that image,
 """
 
 import math
-import resource
 import tempfile
 import time
 from bisect import bisect_left, bisect_right
@@ -32,13 +31,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
-from pushfric_core.trajectory import TrajectoryConfig
+from bench.processes import cpu_of_ended_children
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, PusherState
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import Supervisor
-from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE
 
 OBJECT = "rubber_rect4"
@@ -47,6 +47,8 @@ CAMERA_RATE, HIGH_RATE = 14.0, 64.0
 
 HIGH_RATE_SECONDS = 30.0
 """Duration of the run at the high rate [s]."""
+
+STEPS = 2
 
 AFTERWARDS = 2.5
 """How long to wait for the tracker's last count of frames after the plan [s]; it comes at 1 Hz."""
@@ -218,7 +220,7 @@ def run(
             said.append(f"{name}: {line}")
             heard(name, line)
 
-        begin, cpu_before = time.monotonic(), _cpu_of_ended_children()
+        begin, cpu_before = time.monotonic(), cpu_of_ended_children()
         with Supervisor(changed(specs), graph.NAMESPACE, say) as supervisor:
             listener.started = time.time_ns()
             until = None
@@ -229,7 +231,7 @@ def run(
                     raise RuntimeError("\n".join([*said[-5:], ended.reason]))
                 if until is None and (ended or listener.frame_count >= seconds * frame_rate):
                     until = time.monotonic() + AFTERWARDS
-        listener.seconds, listener.cpu_seconds = time.monotonic() - begin, _cpu_of_ended_children() - cpu_before
+        listener.seconds, listener.cpu_seconds = time.monotonic() - begin, cpu_of_ended_children() - cpu_before
 
 
 @contextmanager
@@ -245,8 +247,3 @@ def _executor() -> Iterator[tuple[SingleThreadedExecutor, Node]]:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown(context=context)
-
-
-def _cpu_of_ended_children() -> float:
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 
 from bench.verdict import Verdict
-from pushfric_core.contact import PushingLine
 from pushfric_core.errors import PushfricError
-from pushfric_core.estimator import Estimator
-from pushfric_core.outline import Touch
-from pushfric_core.planar import Array, Pose, rotation, wrap
-from pushfric_core.prediction import FrictionModel, model_of, predict
-from pushfric_core.push_plan import PlannedPush, placement
-from pushfric_core.simulation import PushedObject, pushed_motion
-from pushfric_core.strokes import predict_strokes
-from pushfric_core.support import Support
-from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.paper import experiments
+from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core.estimation.push_plan import PlannedPush, placement
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.outline import Touch
+from pushfric_core.geometry.planar import Array, Pose, rotation, wrap
+from pushfric_core.geometry.support import Support
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict
+from pushfric_core.mechanics.simulation import PushedObject, pushed_motion
+from pushfric_core.mechanics.strokes import predict_strokes
+from pushfric_core.paper import experiments, trials
 
 SEEDS, STROKES = 3, 12
 """For each object: how often its friction is estimated, and the number of strokes that are predicted from each estimate."""
@@ -96,15 +96,10 @@ def _strokes(name: str) -> Figures:
 
 def learned(name: str, plan: list[PlannedPush], seed: int) -> tuple[FrictionModel, str]:
     """The model that the estimator makes from some pushes, and what its mu_c rests on."""
-    estimator = Estimator(TABLE_1[name].support_points)
-    for observation in experiments.watch(name, experiments.motions(name, plan, seed), seed):
-        try:
-            estimator.add(observation)
-        except PushfricError:
-            continue  # the estimator refuses this data point, as in a live run
-    estimate = estimator.estimate()
+    data = experiments.watch(name, experiments.motions(name, plan, seed), seed)
+    _, estimate = trials.estimated(data, TABLE_1[name].support_points, EstimatorConfig())
     kind = "none" if estimate.mu_c is None else estimate.mu_c.kind.value
-    return model_of(estimate, estimator.observations), kind
+    return friction_model(estimate), kind
 
 
 def _ends(name: str, model: FrictionModel, rng: np.random.Generator) -> Iterator[tuple[Pose, Array]]:

@@ -6,18 +6,21 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.table import Table
 from scipy.optimize import minimize
 
+from bench.display import pivot_table, plain_tables
 from bench.real_pushes import GRIDS, OUTLINE, TRUE, TRUTH, support_points
-from pushfric_core.contact import tangent
-from pushfric_core.estimator import Estimator
-from pushfric_core.limit_surface import Ellipsoid
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Array, cross, left_of
-from pushfric_core.prediction import FrictionModel, model_of, predict, stability
-from pushfric_core.support import Support
-from pushfric_core.surface_models import NamedEllipsoid, named_ellipsoid
-from pushfric_ros.bags import stablepush, zhou2015
+from pushfric_core.bags import stablepush, zhou2015
+from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core.geometry.contact import tangent
+from pushfric_core.geometry.planar import Array, cross, left_of
+from pushfric_core.geometry.support import Support
+from pushfric_core.mechanics.limit_surface import Ellipsoid
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
+from pushfric_core.mechanics.surface_models import NamedEllipsoid, named_ellipsoid
+from pushfric_core.paper.trials import estimated
+from pushfric_core.trajectories.observation import Observation
 
 RADIUS = 0.05
 """Arm at which a rotation counts as much as a translation [m]: about the radius of gyration of the triangle."""
@@ -72,6 +75,17 @@ def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, 
     return {"twists": twists, "stability": stable}
 
 
+def tables(figures: dict[str, Any]) -> Iterator[Table]:
+    """Angles between predicted and measured motions, by what was fitted; each peer has the same mu_c."""
+    medians = (
+        {"support": row["support"], "fitted": row["fitted"], "model": model, "log": row["log"].split("__exp")[0], "": value}
+        for row in figures["twists"]
+        for model, value in {**row["median_deg"], "share in the predicted 90 %": row["within_90"]}.items()
+    )
+    yield pivot_table("Motion of pushes not fitted [degrees], medians", medians, "log", "", median=np.median)
+    yield from plain_tables("Stable pushes", figures["stability"])
+
+
 def read(source: pathlib.Path) -> dict[str, Pushes]:
     """The pushes of push_points.csv with the motion of the tip, log by log."""
     tips: dict[str, list[list[float]]] = {}
@@ -93,10 +107,8 @@ def read(source: pathlib.Path) -> dict[str, Pushes]:
 
 def fit(points: Array, observations: Sequence[Observation]) -> FrictionModel:
     """The model that the estimator, with its defaults, makes from some data points."""
-    estimator = Estimator(points)
-    for observation in observations:
-        estimate = estimator.add(observation)
-    return model_of(estimate, estimator.observations)
+    _, estimate = estimated(observations, points, EstimatorConfig())
+    return friction_model(estimate)
 
 
 def angles(twists: Array, measured: Array) -> Array:

@@ -1,16 +1,18 @@
 """Accuracy on real pushes: the error of p_CF for each log, support and rule, and how it falls with the number of pushes."""
 
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from rich.table import Table
 
-from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline
-from pushfric_core.planar import Array
-from pushfric_ros.bags import zhou2015
+from bench.display import pivot_table
+from pushfric_core.bags import zhou2015
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Array
+from pushfric_core.trajectories.observation import Observation
 
 OUTLINE = Outline(np.array(zhou2015.CORNERS))
 TRUTH = np.array((0.05, 0.05))
@@ -20,10 +22,10 @@ GRIDS = {"grid_55": OUTLINE.grid(10, 10, 0.0075), "grid_10x10": OUTLINE.grid(10,
 TRUE = "true"
 
 RULES = {
-    "paper": EstimatorConfig(cor_radius=0.0, confidence=False),
+    "paper": EstimatorConfig(cor_radius=0.0, confidence=False, screening=False),
     "default": EstimatorConfig(confidence=False),
-    "force_angle": EstimatorConfig(terms=("moment", "force_angle"), confidence=False),
-    "force": EstimatorConfig(terms=("moment", "force"), confidence=False),
+    "force_angle": EstimatorConfig(terms=("moment", "force_angle"), confidence=False, screening=False),
+    "force": EstimatorConfig(terms=("moment", "force"), confidence=False, screening=False),
 }
 """The paper's rows, the defaults, and the defaults with each of the two terms of a measured force."""
 
@@ -71,6 +73,18 @@ def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, 
                 for count, errors in pooled.items()
             ]
     return {"logs": by_log, "curve": curve}
+
+
+def tables(figures: dict[str, Any]) -> Iterator[Table]:
+    """Errors over the logs, and how they fall with the number of pushes."""
+    logs = ({**row, "log": row["log"].split("__exp")[0], "error_m": 1e3 * row["error_m"]} for row in figures["logs"])
+    yield pivot_table("Error of p_CF [mm]", logs, "log", "error_m", median=np.median, worst=max)
+    curve = (
+        {"support": row["support"], "rule": row["rule"], "": name, "pushes": row["pushes"], "error": 1e3 * row[f"{name}_m"]}
+        for row in figures["curve"]
+        for name in ("median", "p90")
+    )
+    yield pivot_table("Error of p_CF [mm], by number of random pushes", curve, "pushes", "error")
 
 
 def support_points(log: str, support: str) -> Array | None:

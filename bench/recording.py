@@ -1,15 +1,13 @@
-"""Bags: whether images at 60 Hz are recorded without loss, and how fast a recorded run is estimated again."""
+"""Whether images at 60 Hz are recorded without loss."""
 
 import array
 import json
 import pathlib
-import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,11 +15,8 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
-from pushfric_core.estimator import Estimator
-from pushfric_ros.bags import data_points
-from pushfric_ros.bags.bag import Bag
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import OBJECT_FILE, load_object
+from bench.processes import cpu_of_ended_children, running
+from pushfric_core.bags.bag import Bag
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.network import configured
@@ -32,28 +27,24 @@ RATE, SECONDS = 60.0, 10.0
 
 WIDTH, HEIGHT = 640, 480
 TOPIC = "/bench/image_raw"
-DEMO_BAG = pathlib.Path(__file__).resolve().parents[1] / "bags/rubber_rect4"
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 PATIENCE = 20.0
 """Longest time that the recorder may take to appear, and to end [s]."""
 
-ROUNDS = 5
+STEPS = 1
 
 Figures = dict[str, Any]
 
 
 def measure(progress: Callable[[str], None]) -> Figures:
-    """Record colour images of noise, which cannot be compressed, through the middleware; then estimate the demo's bag.
+    """Record colour images of noise, which cannot be compressed, through the middleware.
 
     Returns:
-        "images": {published, published_hz, recorded, recorder_cores (CPU time over wall time), megabytes}. "offline":
-        {seconds_recorded, cpu_seconds, times_real_time}: median CPU time of reading the bag, making its data points from poses
-        and estimating after each.
+        "images": {published, published_hz, recorded, recorder_cores (CPU time over wall time), megabytes}.
     """
     progress("recording images")
-    images = _record_images()
-    progress("estimating a bag")
-    return {"images": images, "offline": _estimate_demo()}
+    return {"images": _record_images()}
 
 
 def _record_images() -> Figures:
@@ -61,14 +52,14 @@ def _record_images() -> Figures:
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as name:
         folder = pathlib.Path(name)
         spec = NodeSpec("recorder", {"bag": str(folder / "bag"), "topics": [f"{TOPIC} sensor_msgs/msg/Image sensor_data"]})
-        with _process(command(spec, "/bench", folder)) as recorder:
-            publisher = subprocess.run([sys.executable, __file__, str(SECONDS)], stdout=subprocess.PIPE, text=True, check=True)
+        with running(command(spec, "/bench", folder)) as recorder:
+            arguments = [sys.executable, "-m", "bench.recording", str(SECONDS)]
+            publisher = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
             published = json.loads(publisher.stdout)
-            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            before = cpu_of_ended_children()
             recorder.terminate()
             recorder.wait(PATIENCE)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        cpu_seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        cpu_seconds = cpu_of_ended_children() - before
         summary = Bag(folder / "bag").summary
         return {
             **published,
@@ -76,16 +67,6 @@ def _record_images() -> Figures:
             "recorder_cores": cpu_seconds / SECONDS,
             "megabytes": sum(file.stat().st_size for file in (folder / "bag").iterdir()) / 1e6,
         }
-
-
-@contextmanager
-def _process(arguments: list[str]) -> Iterator["subprocess.Popen[bytes]"]:
-    process = subprocess.Popen(arguments)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
 
 
 def _publish_images(seconds: float) -> Figures:
@@ -116,24 +97,6 @@ def _publish_images(seconds: float) -> Figures:
     node.destroy_node()
     rclpy.shutdown()
     return {"published": count, "published_hz": count / took}
-
-
-def _estimate_demo() -> Figures:
-    model = load_object(str(DEMO_BAG / OBJECT_FILE))
-    summary = Bag(DEMO_BAG).summary
-    seconds_recorded = (summary.end_ns - summary.start_ns) / 1e9
-    cpu_seconds = []
-    for _ in range(ROUNDS):
-        begin = time.process_time()
-        data = data_points.observations(DEMO_BAG, model, EstimatorSettings(), _warn)
-        data_points.estimate(Estimator(model.support_points), data, _warn)
-        cpu_seconds.append(time.process_time() - begin)
-    median = float(np.median(cpu_seconds))
-    return {"seconds_recorded": seconds_recorded, "cpu_seconds": median, "times_real_time": seconds_recorded / median}
-
-
-def _warn(line: str) -> None:
-    print(f"warning: {line}", file=sys.stderr)
 
 
 if __name__ == "__main__":

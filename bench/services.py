@@ -18,10 +18,12 @@ from rclpy.task import Future
 
 from bench import pipeline
 from bench.verdict import Verdict
-from pushfric_core.trajectory import TrajectoryConfig
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, PusherState
 from pushfric_msgs.srv import PredictPush
-from pushfric_ros.messages.conversions import stamp_from_msg
+
+STEPS = 1
 
 RATE = 20.0
 """How often the client asks [Hz]."""

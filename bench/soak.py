@@ -10,23 +10,29 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from bench.processes import memory
+from pushfric_core.bags.contents import mcap_file
+from pushfric_core.bags.mcap_file import McapFile
 from pushfric_core.errors import PushfricError
-from pushfric_ros.bags.contents import mcap_file
-from pushfric_ros.bags.mcap_file import McapFile
+from pushfric_core.vision.camera import load_camera
+from pushfric_ros.cell.node_settings import PlanConfig
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.files.node_settings import PlanConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE
-from pushfric_ros.vision.camera import load_camera
 
 OBJECT, SPEED = "rubber_rect4", 5.0
 
 PUSHES = 120
 """Pushes planned for each minute: more than there is time for."""
 
+STEPS = None
+
 PERIOD = 2.0
 """Time between samples [s]."""
+
+STARTING = 0.1
+"""Time between two looks whether the cell records yet [s]."""
 
 WARM_UP = 0.3
 """The first share of the samples does not count: libraries are loaded and caches filled."""
@@ -40,7 +46,7 @@ PER_CHUNK = 1.2
 ALLOWED = 4096.0
 """Memory that any process may take over the whole time, as noise of its allocator [kB]."""
 
-KINDS = ("memory [kB]", "threads", "files")
+KINDS = ("memory, kB", "threads", "files")
 
 
 class Growth(NamedTuple):
@@ -58,7 +64,7 @@ def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run a simulated cell for this long, and follow its nodes.
 
     Returns:
-        "growth": a `Growth` for each node and kind, "data_points": number of data points that came meanwhile.
+        "growth": the figures of a `Growth` for each node and kind, "data_points": number of data points that came meanwhile.
     Raises:
         PushfricError: the run ended before the time was over.
     """
@@ -72,10 +78,14 @@ def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
         specs = graph.simulated_cell(cell, str(here / "bag"), seed=0, speed=SPEED)
         said: list[str] = []
         with Supervisor(specs, graph.NAMESPACE, lambda name, line: said.append(f"{name}: {line}")) as supervisor:
-            begin = time.monotonic()
+            begin, recording = time.monotonic(), False
             while (now := time.monotonic() - begin) < 60 * minutes:
                 if (ended := supervisor.poll()) is not None:
                     raise PushfricError(f"the cell ended after {now:.0f} s: {ended.reason}; {' '.join(said[-3:])}")
+                if not recording:  # the time counts from then on: a busy machine takes long to start the nodes
+                    begin, recording = time.monotonic(), any(file.stat().st_size for file in (here / "bag").glob("*.mcap"))
+                    time.sleep(STARTING)
+                    continue
                 for node, pid in supervisor.processes.items():
                     samples.setdefault(node, []).append((now, *_figures(pid)))
                 progress(f"{now / 60:.0f} of {minutes:g} minutes")
@@ -89,15 +99,23 @@ def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
         "recorder": PER_CHUNK * chunks,
         "tracker": queue,
     }
-    growth = [one for node, taken in samples.items() for one in _growth(node, np.array(taken), keeps.get(node, 0.0))]
+    growth = [one._asdict() for node, taken in samples.items() for one in _growth(node, np.array(taken), keeps.get(node, 0.0))]
     return {"growth": growth, "data_points": data_points, "minutes": minutes}
+
+
+def failures(figures: dict[str, Any]) -> list[str]:
+    """A line for each figure that grew."""
+    return [
+        f"{one['kind']} of {one['node']}: grows from {one['first']:.0f} to {one['last']:.0f}"
+        for one in figures["growth"]
+        if not one["flat"]
+    ]
 
 
 def _figures(pid: int) -> tuple[float, float, float]:
     """Resident memory [kB], number of threads and of open files of a process."""
-    status = dict(line.split(":", 1) for line in pathlib.Path(f"/proc/{pid}/status").read_text().splitlines())
-    files = len(list(pathlib.Path(f"/proc/{pid}/fd").iterdir()))
-    return float(status["VmRSS"].split()[0]), float(status["Threads"]), float(files)
+    threads, files = (len(list(pathlib.Path(f"/proc/{pid}/{what}").iterdir())) for what in ("task", "fd"))
+    return memory(pid, "Rss"), float(threads), float(files)
 
 
 def _growth(node: str, samples: np.ndarray, keeps: float) -> Iterator[Growth]:
@@ -118,5 +136,5 @@ def _growth(node: str, samples: np.ndarray, keeps: float) -> Iterator[Growth]:
 def _recorded(file: McapFile) -> tuple[int, int]:
     """Number of data points and of chunks of a finished bag."""
     assert file.statistics is not None
-    points = sum(file.counts[number] for number, channel in file.channels.items() if channel.topic.endswith("/observation"))
-    return points, file.statistics.chunks
+    made = [number for number, channel in file.channels.items() if channel.topic.endswith("/observation")]
+    return int(np.isin(file.entries.channels, made).sum()), file.statistics.chunks

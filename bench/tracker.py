@@ -7,13 +7,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pushfric_core.planar import Pose
-from pushfric_ros.simulated.camera import SimulatedCamera
-from pushfric_ros.vision.camera import Camera, Image
-from pushfric_ros.vision.contour_tracker import ContourTracker
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.simulated.camera import SimulatedCamera
+from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.contour_tracker import ContourTracker
 
 FRAMES = 120
-ROUNDS = 9
+STEPS = ROUNDS = 9
 HEIGHT = 0.01
 OUTLINE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * (0.0635, 0.032)
 """The paper's rectangle [m]; its length covers a quarter of the width of a 640 x 480 image."""

@@ -1,8 +1,9 @@
-"""The CPU time that each contender needs for one new data point, and the memory that it takes."""
+"""The CPU time that each contender needs for one new data point, as a table and a plot, and the memory that it takes."""
 
 import gc
 import itertools
 import math
+import pathlib
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence
@@ -10,9 +11,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from rich import box
+from rich.table import Table
 
 from bench.contenders import APPROXIMATE, CONTENDERS, Contender, NoOptimum, OutOfTime
 from bench.data_points import data_points
+from bench.display import short
 from pushfric_core.solvers.simplex import Simplex
 
 LIMIT = 20.0
@@ -195,3 +200,51 @@ def memory(supports: Sequence[int], count: int, progress: Callable[[str], None])
             tracemalloc.stop()
         rows.append({"N": n, "bytes": (after - before) / count})
     return rows
+
+
+def table(updates: Sequence[Figures]) -> Table:
+    """One row for each M and N; "-" for a contender that was too slow."""
+    row_of = {(row["N"], row["M"], row["contender"]): row for row in updates}
+    legend = "In each cell: median, 99th percentile, and the median as a multiple of pushfric's."
+    table = Table(title="CPU ms of one new data point", caption=legend, box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("N", "M", *(name.replace("_", "\n") for name in CONTENDERS)):
+        table.add_column(heading, justify="right", overflow="fold")
+    last = None
+    for n, m in dict.fromkeys(key[:2] for key in row_of):
+        if n != last and last is not None:
+            table.add_section()
+        last = n
+        own = row_of[n, m, "pushfric"]["median_cpu_ms"]
+        cells = []
+        for name in CONTENDERS:
+            row = row_of.get((n, m, name))
+            if row is None:
+                cells.append("-")
+                continue
+            median, p99 = row["median_cpu_ms"], row["p99_cpu_ms"]
+            cells.append(f"{short(median)}\n{short(p99)}" + f"\n{short(median / own)}x" * (name != "pushfric"))
+        table.add_row(str(n), str(m), *cells)
+    return table
+
+
+def plot(updates: Sequence[Figures], path: pathlib.Path) -> None:
+    """Plot the median cost against M, with a panel for each N and a band up to pushfric's 99th percentile."""
+    supports = sorted({row["N"] for row in updates})
+    figure = Figure(figsize=(2 + 3 * len(supports), 4), layout="tight")
+    axes = figure.subplots(1, len(supports), sharey=True, squeeze=False)
+    for axis, n in zip(axes[0], supports, strict=True):
+        for name in CONTENDERS:
+            rows = sorted((row for row in updates if (row["N"], row["contender"]) == (n, name)), key=lambda row: row["M"])
+            if not rows:
+                continue
+            m, median = [row["M"] for row in rows], [row["median_cpu_ms"] for row in rows]
+            own = name == "pushfric"
+            (line,) = axis.loglog(m, median, marker="o", markersize=3, linewidth=2.5 if own else 1, label=name)
+            if own:
+                tail = [row["p99_cpu_ms"] for row in rows]
+                axis.fill_between(m, median, tail, color=line.get_color(), alpha=0.2, label="to its 99th percentile")
+        axis.set(title=f"{n} supports", xlabel="data points before")
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("CPU time of one new data point [ms]")
+    axes[0, 0].legend(fontsize="small")
+    figure.savefig(path, dpi=150)

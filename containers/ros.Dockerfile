@@ -1,4 +1,4 @@
-# pushfric in ROS 2, as the README says. In the folder of the README:
+# pushfric in ROS 2, as docs/install.md says. In the folder of the README:
 #   docker build -f containers/ros.Dockerfile --build-arg DISTRO=jazzy -t pushfric-ros .
 #   docker run --rm pushfric-ros ros2 run pushfric_ros pushfric doctor
 ARG DISTRO=jazzy

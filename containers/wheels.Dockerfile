@@ -1,4 +1,4 @@
-# pushfric on a machine without ROS 2, as the README says. In the folder of the README:
+# pushfric on a machine without ROS 2, as docs/install.md says. In the folder of the README:
 #   docker build -f containers/wheels.Dockerfile -t pushfric .
 #   docker run --rm -p 127.0.0.1:8088:8088 pushfric demo --headless --view 0.0.0.0:8088
 # A controller: --device /dev/ttyUSB0, and --group-add dialout.

@@ -8,7 +8,6 @@ import inspect
 import pathlib
 import re
 import shutil
-import sys
 import tempfile
 from typing import Any
 
@@ -16,7 +15,9 @@ from sphinx.application import Sphinx
 from sphinx.cmd.build import main as build
 
 import pushfric_core
-from pushfric_ros.commands.cli import COMMANDS, load
+from pushfric_core.commands.cli import catalog, load
+from pushfric_core.commands.interrupt import undoing
+from pushfric_core.commands.program import run
 from pushfric_ros.commands.markdown import table
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -43,9 +44,20 @@ def setup(app):
 """
 
 PARTS = {
-    "Tutorial": ("tutorial",),
+    "Tutorial": ("tutorial", "install"),
     "How to": ("hardware", "pushes", "planning", "limit_surface", "view", "many", "safety", "security"),
-    "Reference": ("commands", "files", "cell", "estimator", "graph", "interfaces", "python", "conventions", "reliability"),
+    "Reference": (
+        "commands",
+        "files",
+        "cell",
+        "estimator",
+        "graph",
+        "interfaces",
+        "python",
+        "conventions",
+        "glossary",
+        "reliability",
+    ),
     "Explanation": ("estimation", "derivation", "paper", "architecture"),
     "Project": ("contributing",),
 }
@@ -74,7 +86,7 @@ def contributing() -> str:
 
 def commands() -> str:
     """Each command with its arguments and options."""
-    return "\n".join(["# Command line\n", *(line for name in COMMANDS for line in section(f"pushfric {name}", load(name)))])
+    return "\n".join(["# Command line\n", *(line for name in catalog() for line in section(f"pushfric {name}", load(name)))])
 
 
 def section(name: str, command: Any) -> list[str]:
@@ -116,10 +128,17 @@ def python_names() -> str:
 
 def plain_docstring(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Write a docstring, which is plain text with `code`, as the parser wants it; add the comments that describe fields."""
-    pieces = re.split(r"(`[^`]*`)", "\n".join(lines))
-    lines[:] = "".join(f"`{one}`" if k % 2 else re.sub(r"([*|\\])", r"\\\1", one) for k, one in enumerate(pieces)).split("\n")
+    pieces = re.split(r"(`[^`]*`|^ *>>>.*(?:\n.+)*)", "\n".join(lines), flags=re.MULTILINE)
+    lines[:] = "".join(as_markup(one) for one in pieces).split("\n")
     if what == "class":
         lines += [line for field, comment in fields(obj) for line in (f"* ``{field}``: {comment}", "")]
+
+
+def as_markup(piece: str) -> str:
+    """`code` between double backticks; examples as they are; other text with the marks of the markup escaped."""
+    if piece.startswith("`"):
+        return f"`{piece}`"
+    return piece if piece.lstrip().startswith(">>>") else re.sub(r"([*|\\])", r"\\\1", piece)
 
 
 def fields(record: type) -> list[tuple[str, str]]:
@@ -173,4 +192,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(undoing(main))

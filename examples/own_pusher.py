@@ -10,9 +10,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherReport
 from pushfric_core.settings import check_ranges, setting
-from pushfric_ros.pushers.check import Check, Level
-from pushfric_ros.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherReport
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ python3 examples/plain_python.py
 
 import numpy as np
 
-from pushfric_core import Estimator, Observation, Outline, Twist, named_ellipsoid, predict
-from pushfric_core.prediction import model_of
+from pushfric_core import Estimator, Observation, Outline, Twist, friction_model, named_ellipsoid, predict
 
 OUTLINE = Outline.rectangle(0.12, 0.06)
 
@@ -21,7 +20,7 @@ def main() -> None:
     estimator = Estimator(OUTLINE.grid(6, 3))
     for observation in DATA:
         estimate = estimator.add(observation)
-    model = model_of(estimate, estimator.observations)
+    model = friction_model(estimate)
     x, y = 1e3 * model.center_of_friction
     print(f"centre of friction ({x:.1f}, {y:.1f}) mm, m_max {named_ellipsoid(model.support).m_max:.4f} m")
     motion = predict(model, [(0.0, -0.03)], [(0.0, -1.0)], [(0.0, 0.02)])

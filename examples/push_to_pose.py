@@ -26,12 +26,12 @@ from pushfric_core import (
     PushingLine,
     Support,
     Trajectory,
+    friction_model,
     predict_strokes,
 )
-from pushfric_core.planar import transform
-from pushfric_core.prediction import model_of
-from pushfric_core.table_1 import TABLE_1
-from pushfric_core.trajectory import PoseSample, PusherSample
+from pushfric_core.geometry.planar import transform
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
 
 GOAL = Pose(0.0, 0.0, 0.0)
 NAME = "wood_rect3"
@@ -188,7 +188,7 @@ def learned(estimator: Estimator, data: Sequence[Observation]) -> FrictionModel 
     estimate = estimator.estimate()
     if estimate.pushes < FEWEST or estimate.contradiction is not None:
         return None
-    return model_of(estimate, estimator.observations)
+    return friction_model(estimate)
 
 
 def run(seeds: Sequence[int]) -> dict[str, list[Course]]:

@@ -14,6 +14,9 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started 
 
 from faults.campaign import Outcome, campaign, table
 from faults.cases import CASES
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.cli import main as carried_out
+from pushfric_core.commands.program import run
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[1] / "docs/reliability.md"
 
@@ -28,7 +31,7 @@ all was as asked.
 
 """
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 @app.command()
@@ -69,4 +72,4 @@ def circumstances(outcomes: list[list[Outcome]], loads: list[float]) -> str:
 
 
 if __name__ == "__main__":
-    app(prog_name="pushfric faults")
+    run(lambda: carried_out(app, "./pushfric faults"))

@@ -20,14 +20,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.commands.console import console, fail
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.commands.console import console, fail
+from pushfric_ros.cell.node_settings import PlanConfig
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.watch import watch
-from pushfric_ros.files.node_settings import PlanConfig
 from pushfric_ros.graph import graph
-from pushfric_ros.messages.conversions import stamp_from_msg, stamp_to_msg
+from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 
 NAMESPACE = "/cell"
@@ -37,7 +38,7 @@ TRUE, SHOWN = "camera/image_raw", "image_raw"
 BEGIN = 0.015
 """The fault begins when the pusher has come this far [m]: in the middle of the first push."""
 
-PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2}]"
+PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2}, {edge: 3}]"
 
 HOUR = 3600 * 10**9
 

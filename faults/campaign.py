@@ -11,11 +11,16 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
+from faults.camera import PLAN
 from faults.cases import Case
 from faults.cell_run import CellRun, demo
 
 NODES_END = 60.0
 """The nodes of a command line that was killed end within this time [s]."""
+
+
+TOLD = "the actuator was told to end"
+"""Why the push of a run that ends otherwise is aborted."""
 
 
 class Outcome(NamedTuple):
@@ -31,7 +36,9 @@ def attempt(case: Case) -> Outcome:
     """Run a cell, do what the case says, and judge what follows."""
     with tempfile.TemporaryDirectory(prefix="pushfric-faults-") as folder:
         here = pathlib.Path(folder)
-        command = [sys.executable, "-m", "faults.camera", case.camera, folder] if case.camera else demo(here)
+        (plan := here / "plan.yaml").write_text(PLAN)
+        options = ("--plan", str(plan)) if case.short else ()
+        command = [sys.executable, "-m", "faults.camera", case.camera, folder] if case.camera else demo(here, *options)
         if case.through:
             command = [sys.executable, "-m", f"faults.{case.through}", *command]
         with CellRun(command, here) as run:
@@ -62,6 +69,10 @@ def _problems(case: Case, run: CellRun, code: int) -> Iterable[str]:
         yield f"exit code {code}, expected one of {', '.join(map(str, case.codes))}"
     if not re.search(case.says, run.output):
         yield f"nothing said matches {case.says!r}"
+    allowed = f"{case.aborts}|{TOLD}" if code else case.aborts
+    for push, reason in re.findall(r"push (\d+) aborted: (.*)", run.output):
+        if not re.search(allowed, reason):
+            yield f"push {push} was aborted for another reason: {reason}"
     if "Traceback" in run.output:
         yield "a traceback"
     deadline = time.monotonic() + NODES_END
@@ -74,7 +85,7 @@ def _problems(case: Case, run: CellRun, code: int) -> Iterable[str]:
     if not any(run.bag.glob("*.mcap")):
         return
     read = subprocess.run(
-        [sys.executable, "-m", "pushfric_ros", "estimate", str(run.bag), "--json"], capture_output=True, text=True, timeout=300
+        [sys.executable, "-m", "pushfric_core", "estimate", str(run.bag), "--json"], capture_output=True, text=True
     )
     if "Traceback" in read.stderr:
         yield "the bag gives a traceback"

@@ -12,10 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from faults.camera import FAULTS
+from faults.camera import FAULTS, NAMESPACE
 from faults.cell_run import CellRun
-from pushfric_ros.bags.bag import Bag
-from pushfric_ros.bags.recovery import recover
+from faults.quota import cpu_quota
+from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.recovery import recover
 
 NODES = ("tracker", "estimator", "recorder", "actuator", "experiment", "simulated_cell")
 
@@ -42,10 +43,12 @@ class Case:
         strike: does it to a run whose first push is over, or which has just begun if `at_once`.
         codes: the exit codes with which the run may end; 130 if it is interrupted.
         says: a regular expression that must match in the run's output.
+        aborts: a regular expression; a push that was aborted for another reason is a problem. A run that fails ends its push.
         camera: the fault of the camera, one of `camera.FAULTS`, instead of a strike.
         interrupt: the run waits for a person; once it has said why, Ctrl-C ends it.
         through: a module of this folder that runs the demo, as `python -m faults.NAME DEMO...`.
         at_once: strike right after the start.
+        short: the plan has four pushes only, because the run takes long.
         quick: part of the quick campaign.
     """
 
@@ -58,7 +61,9 @@ class Case:
     interrupt: bool = False
     through: str = ""
     at_once: bool = False
+    short: bool = False
     quick: bool = False
+    aborts: str = "(?!)"
 
 
 def _signal(node: str, number: signal.Signals, run: CellRun) -> None:
@@ -90,7 +95,7 @@ def _second_recorder(run: CellRun) -> None:
 
 
 def _second_cell(run: CellRun) -> None:
-    command = [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(run.folder / "second")]
+    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", str(run.folder / "second")]
     second = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert second.returncode == 2, second
     assert "is already running" in second.stderr, second
@@ -119,10 +124,49 @@ def _every_sector(run: CellRun) -> None:
     run.note(f"{len(saved)} sectors, {100 * share:.1f} % of the messages saved on average, {100 * min(saved):.1f} % at worst")
 
 
+def _starve(percent: float, run: CellRun) -> None:
+    """Leave the run this share of a processor until its end; note how many pushes were carried out."""
+    with cpu_quota(percent, run.process.pid) as how:
+        run.wait_for_end()
+    bag = Bag(run.bag)
+    last = bag.deserialize(list(bag.messages([f"{NAMESPACE}/plan_progress"]))[-1])
+    run.note(f"{last.completed} of {last.count} pushes carried out, with {how}")
+
+
+def _kill_the_owner(percent: float, run: CellRun) -> None:
+    """Leave the run this share of a processor, and kill who owns the second push; note when the pusher rested.
+
+    The actuator waits for that before it ends.
+    """
+    with cpu_quota(percent, run.process.pid) as how:
+        run.wait_for_push()
+        begin = time.monotonic()
+        run.signal("experiment", signal.SIGKILL)
+        run.wait_for(lambda: "actuator" not in run.nodes_alive().values(), "the end of the actuator")
+        run.note(f"the pusher rested within {time.monotonic() - begin:.1f} s, when the actuator ended, with {how}")
+        run.wait_for_end()
+
+
 def _interrupt(after: float, run: CellRun) -> None:
     time.sleep(after)
     run.process.send_signal(signal.SIGINT)
 
+
+SILENT = "(shows no sign of life: its last heartbeat|published no heartbeat)"
+UNSEEN = "the object was not seen for|the object does not follow|the object leaps by"
+REASONS = {
+    "tracker": f"tracker {SILENT}|{UNSEEN}",
+    "estimator": f"estimator {SILENT}",
+    "experiment": f"its client {SILENT}",
+    "actuator": f"the pusher (does not answer|forgot it)|stood still for|{SILENT}.*the actuator itself stood still",
+    "simulated_cell": f"the controller at|lost .*pusher|{UNSEEN}",
+    "recorder": "(?!)",
+}
+"""By the node that is struck: why a push may be aborted."""
+
+STARVED = (
+    f"{SILENT}|{UNSEEN}|stood still for|said nothing for|no answer to|is not done after|the pusher (does not answer|forgot it)"
+)
 
 ANY = (0, 1)
 STARTED_AGAIN = ("tracker", "estimator")
@@ -138,6 +182,7 @@ NODE_CASES = [
             f"{node} was killed by SIGKILL",
             partial(_signal, node, signal.SIGKILL),
             quick=node == "recorder",
+            aborts=REASONS[node],
         )
         for node in NODES
     ),
@@ -149,6 +194,7 @@ NODE_CASES = [
             f"error: {node} (has finished, but the plan has not|ended with exit code [01])",
             partial(_signal, node, signal.SIGTERM),
             quick=node == "experiment",
+            aborts=REASONS[node],
         )
         for node in NODES
     ),
@@ -160,17 +206,9 @@ NODE_CASES = [
             "",
             partial(_stall, node),
             quick=node == "estimator",
+            aborts=REASONS[node],
         )
         for node in NODES
-        if node != "simulated_cell"
-    ),
-    Case(
-        "camera and controller stopped for 5 s",
-        "the pusher is not trusted any more; the run says what a person must do, and waits",
-        (130,),
-        "call actuator/reset",
-        partial(_stall, "simulated_cell"),
-        interrupt=True,
     ),
     *(
         Case(
@@ -179,6 +217,7 @@ NODE_CASES = [
             ANY if node in STARTED_AGAIN else (1,),
             rf"{node} was stopped \(SIGSTOP\) for 10 s and is ended",
             partial(_signal, node, signal.SIGSTOP),
+            aborts=REASONS[node],
         )
         for node in NODES
     ),
@@ -186,17 +225,17 @@ NODE_CASES = [
 
 SEEN = "the push is stopped, with the reason; the run waits for a person"
 WAITS = {
-    "unplugged": "the object was not seen for 1 s",
-    "frozen": "the object was not seen for 1 s",
+    "unplugged": "the object was not seen for",
+    "frozen": "the object was not seen for",
     "frozen except for one pixel": "the object does not follow the pusher",
     "two images that alternate": "the object does not follow the pusher|the object was not seen",
     "image shifted by 40 px": "the object leaps by 2[0-9] mm|the object was not seen",
-    "black": "the object was not seen for 1 s",
-    "white": "the object was not seen for 1 s",
-    "object taken away": "the object was not seen for 1 s",
-    "two objects": "the object was not seen for 1 s",
-    "half an object": "the object was not seen for 1 s",
-    "torn: the lower half is older": "the object was not seen for 1 s|the object does not follow",
+    "black": "the object was not seen for",
+    "white": "the object was not seen for",
+    "object taken away": "the object was not seen for",
+    "two objects": "the object was not seen for",
+    "half an object": "the object was not seen for",
+    "torn: the lower half is older": "the object was not seen for|the object does not follow",
     "stamps of a foreign clock": "the clock of the camera is 3600 s ahead of this computer's",
     "clock set back by an hour": "the clock of the camera is 3600 s behind this computer's",
 }
@@ -206,9 +245,11 @@ GOES_ON = {
     "clock set back for a second": "nothing is believed meanwhile; what is missing is said",
 }
 CAMERA_CASES = [
-    *(Case(f"camera: {name}", SEEN, (130,), says, camera=name, interrupt=True, quick=name == "frozen except for one pixel")
+    *(Case(f"camera: {name}", SEEN, (130,), says, camera=name, interrupt=True, aborts=UNSEEN,
+           quick=name == "frozen except for one pixel")
       for name, says in WAITS.items()),
-    *(Case(f"camera: {name}", asked, (0,) if name == "every frame twice" else ANY, camera=name)
+    *(Case(f"camera: {name}", asked, (0,) if name == "every frame twice" else ANY, camera=name,
+           aborts="(?!)" if name == "every frame twice" else UNSEEN)
       for name, asked in GOES_ON.items()),
 ]  # fmt: skip
 assert {case.camera for case in CAMERA_CASES} == set(FAULTS)
@@ -249,6 +290,34 @@ FILE_CASES = [
     Case("a second cell of the same name", "it is refused; the run goes on", (0,), "", _second_cell),
 ]
 
+QUOTAS = [
+    *(
+        Case(
+            f"CPU quota of {percent} %",
+            "no push is aborted" if percent == 20 else "as many pushes as can be; each aborted one says what was measured",
+            (0,) if percent == 20 else ANY,
+            "pushes carried out",
+            partial(_starve, percent),
+            at_once=True,
+            short=percent < 20,
+            aborts="(?!)" if percent == 20 else STARVED,
+        )
+        for percent in (20, 10, 5)
+    ),
+    *(
+        Case(
+            f"CPU quota of {percent} %, kill -9 of experiment",
+            "the pusher rests, the run ends and says which node",
+            (1,),
+            "the pusher rested within",
+            partial(_kill_the_owner, percent),
+            at_once=True,
+            aborts=REASONS["experiment"] if percent == 20 else STARVED,
+        )
+        for percent in (20, 10, 5)
+    ),
+]
+
 ENDINGS = [
     *(
         Case(
@@ -271,4 +340,4 @@ ENDINGS = [
     ),
 ]
 
-CASES = (*NODE_CASES, *CAMERA_CASES, *FILE_CASES, *ENDINGS)
+CASES = (*NODE_CASES, *CAMERA_CASES, *FILE_CASES, *QUOTAS, *ENDINGS)

@@ -17,7 +17,10 @@ PROCESSES = {"pushfric_ros.graph.fork_server": "fork_server", **{f"{node}_node":
 """What the command lines of a run's processes contain, and the names of those processes here."""
 
 PATIENCE = 300.0
-"""How long an awaited event may take [s], on a machine that is ten times slower than usual."""
+"""How much CPU time a run may use before an awaited event, or before the next line that it prints [s]."""
+
+STANDSTILL = 600.0
+"""A run that uses less than a second of CPU time within this time [s], and prints nothing, does nothing more."""
 
 MARKER = "PUSHFRIC_RUN"
 """Environment variable that all processes of a run inherit."""
@@ -29,7 +32,7 @@ class DidNotHappen(AssertionError):
 
 def demo(folder: pathlib.Path, *options: str) -> list[str]:
     """The command that records a demo into a folder's `bag`."""
-    return [sys.executable, "-m", "pushfric_ros", "demo", "--headless", "--bag", str(folder / "bag"), *options]
+    return [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", str(folder / "bag"), *options]
 
 
 def nodes_alive(marker: str) -> dict[int, str]:
@@ -69,6 +72,7 @@ class CellRun:
             cwd=pathlib.Path(__file__).resolve().parents[1],
         )
         self._lines: list[str] = []
+        self._used: dict[int, float] = {}  # CPU time, by process [s]
         self._listener = threading.Thread(target=self._listen)
         self._listener.start()
 
@@ -92,16 +96,33 @@ class CellRun:
         return self.process.poll() is not None
 
     def wait_for(self, predicate: Callable[[], object], what: str) -> None:
-        """Wait until a predicate holds.
+        """Wait until a predicate holds, for as long as the run makes progress, however slow the machine is.
 
         Raises:
-            DidNotHappen: the predicate does not hold within PATIENCE.
+            DidNotHappen: the run has used PATIENCE, or stood still for STANDSTILL, and printed nothing meanwhile.
         """
-        deadline = time.monotonic() + PATIENCE
+        printed, spent, since, looked = len(self._lines), self._cpu_time(), time.monotonic(), time.monotonic()
+        begin = spent
         while not predicate():
-            if time.monotonic() > deadline:
-                raise DidNotHappen(f"{what} did not come within {PATIENCE:g} s, only: {self.output}")
             time.sleep(0.05)
+            if time.monotonic() - looked < 1.0:
+                continue
+            now, looked = self._cpu_time(), time.monotonic()
+            if len(self._lines) > printed:
+                printed, begin, spent, since = len(self._lines), now, now, looked
+            elif now - spent > 1.0:
+                spent, since = now, looked
+            if now - begin > PATIENCE or looked - since > STANDSTILL:
+                used = f"{now - begin:.0f} s of CPU time and {looked - since:.0f} s without any"
+                raise DidNotHappen(f"{what} did not come within {used}, only: {self.output}")
+
+    def _cpu_time(self) -> float:
+        """CPU time that the run's processes have used [s]; that of those that have ended is kept."""
+        for pid in (self.process.pid, *self.nodes_alive()):
+            with contextlib.suppress(OSError):  # it has ended meanwhile
+                used = pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+                self._used[pid] = sum(map(int, used)) / os.sysconf("SC_CLK_TCK")
+        return sum(self._used.values())
 
     def wait_for_push(self) -> None:
         """Wait until the first push is over and the second under way, or the run has ended."""

@@ -40,15 +40,30 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--fuzz", type=float, default=0.0, metavar="MINUTES", help="give further mutated input to all parsers for this long"
+    )
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whole runs come first: they take longest, and one that began last would keep all but one process waiting for it."""
-    items.sort(key=lambda item: "system" not in item.path.parts)
+    """Whole runs come first, then nodes: they take longest, and one that began last would keep all but one process waiting."""
+    items.sort(key=lambda item: ("system" not in item.path.parts, "nodes" not in item.path.parts))
 
 
 @pytest.fixture(autouse=True)
 def own_state(tmp_path_factory, monkeypatch) -> None:
     """Keep an actuator's memory of its pusher within the test: neither another test nor the user's own cell finds it."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+
+
+@pytest.fixture(autouse=True)
+def own_interrupts() -> Iterator[None]:
+    """Commands let SIGINT end their process at once; called in a test, they would leave that to the tests that follow."""
+    handler, held = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    yield
+    signal.signal(signal.SIGINT, handler)
+    signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from pushfric_core.planar import Pose
-from pushfric_ros.vision.camera import Camera
-from pushfric_ros.vision.fiducial_tracker import Fiducials
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.vision.camera import Camera
+from pushfric_core.vision.fiducial_tracker import Fiducials
 
 _FINE = 4  # samples per pixel and axis
 

@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.constraint_rows import ConstraintRows
-from pushfric_core.constraints import Constraint
-from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline, Touch
-from pushfric_core.planar import Array, rotation, velocity_at
-from pushfric_core.push_plan import PlannedPush
-from pushfric_core.simulation import pushed_motion
-from pushfric_core.support import NOT_FREE, FreeRadii, Support, support_forces
+from pushfric_core.estimation.push_plan import PlannedPush
+from pushfric_core.geometry.outline import Outline, Touch
+from pushfric_core.geometry.planar import Array, rotation, velocity_at
+from pushfric_core.geometry.support import NOT_FREE, FreeRadii, Support, support_forces
+from pushfric_core.mechanics.simulation import pushed_motion
+from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import Constraint
+from pushfric_core.trajectories.observation import Observation
 
 
 class Problem(NamedTuple):

@@ -1,22 +1,23 @@
-"""What the packages need is written once, declared to ROS, pinned, and checked: see pushfric_ros.commands.dependencies."""
+"""What the packages need is written once, declared to ROS, pinned, and checked: see pushfric_core.commands.dependencies."""
 
 import ast
-import configparser
 import importlib.machinery
 import importlib.metadata
 import importlib.util
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
 import yaml
+from missing import extras, options, pushfric_without
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from pushfric_ros.commands import dependencies
+from pushfric_core.commands import dependencies
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PACKAGES = ("pushfric_core", "pushfric_msgs", "pushfric_ros")
@@ -53,23 +54,21 @@ def keys(name, *kinds):
     return [element.text for kind in kinds for element in package(name).iter(kind)]
 
 
-def options(name):
-    parser = configparser.ConfigParser()
-    parser.read(ROOT / "src" / name / "setup.cfg")
-    return parser
-
-
 def declared(script, name):
     """Names of the Python packages that one of ours declares."""
-    own = options(name)["options"]["install_requires"].split("\n")[1:]
+    found, of_cells = extras(name)
+    own = [
+        *options(name)["options"]["install_requires"].split("\n")[1:],
+        *(text for extra in of_cells for text in found[extra]),
+    ]
     assert set(own) <= set(script.requirements())
     return {canonicalize_name(Requirement(text).name) for text in own}
 
 
 def optional(name):
-    """Names of the optional modules: a package works without them, but does less."""
-    extras = options(name)["options.extras_require"]
-    return {package for extra in extras if extra != "test" for package in extras[extra].split()}
+    """Names of the optional modules: a cell works without them, but does less."""
+    found, of_cells = extras(name)
+    return {Requirement(text).name for extra in found if extra not in (*of_cells, "test") for text in found[extra]}
 
 
 def imported(name):
@@ -89,7 +88,34 @@ def test_what_is_imported_is_declared_and_nothing_else(script, name):
     modules = {canonicalize_name(package): module for package, module in dependencies.MODULES.items()}
     of_python = {modules.get(package, package).replace("-", "_") for package in declared(script, name)}
     of_ros = {*keys(name, "exec_depend", "depend")} & {*KEYS["ros"], *PACKAGES}
-    assert imported(name) == of_python | of_ros | optional(name)
+    assert imported(name) == of_python | of_ros | {modules.get(one, one) for one in optional(name)}
+
+
+ALONE = """
+import sys
+for name in sys.argv[1:]:
+    sys.modules[name] = None  # as if it were not installed
+from pushfric_core import Estimator, Observation, Twist
+Estimator([(-0.05, 0.0), (0.05, 0.0)]).add(Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1)))
+"""
+
+
+def test_the_readme_names_what_the_estimator_alone_needs(script):
+    (named,) = re.findall("Python 3.11 or newer with (.*), without ROS", (ROOT / "README.md").read_text())
+    needed = set(re.split(", | and ", named))
+    others = {dependencies.MODULES.get(text, text) for text in script_names(script) - needed}
+
+    def works_without(*names):
+        return not subprocess.run([sys.executable, "-c", ALONE, *names], capture_output=True, check=False).returncode
+
+    assert needed <= script_names(script)
+    assert works_without(*others)
+    assert [name for name in sorted(needed) if works_without(name)] == []
+
+
+def script_names(script):
+    """Names of the Python packages that a cell needs, as pip knows them."""
+    return {Requirement(text).name for text in script.requirements()}
 
 
 @pytest.mark.parametrize("name", PYTHON_PACKAGES)
@@ -120,7 +146,7 @@ def test_a_package_has_what_a_release_needs(name):
     if name in PYTHON_PACKAGES:
         assert importlib.metadata.version(name) == version  # setup.py reads package.xml
         # by these `colcon test` knows that there are tests, and where
-        needed = options(name)["options.extras_require"]["test"].split()
+        needed = extras(name)[0]["test"]
         assert {f"python3-{package}" for package in needed} <= set(keys(name, "test_depend"))
         assert "pytest" in needed
         assert any((folder / options(name)["tool:pytest"]["testpaths"]).glob("**/test_*.py"))
@@ -199,7 +225,7 @@ def test_the_script_looks_at_the_libraries_again_when_one_is_installed(script, o
 
 def test_the_command_line_ends_with_one_line_where_a_library_is_too_old(old):
     environment = os.environ | {"PYTHONPATH": f"{old}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
-    command = [sys.executable, "-m", "pushfric_ros", "estimate", "none", "--object", "rubber_rect4"]
+    command = [sys.executable, "-m", "pushfric_core", "estimate", "none", "--object", "rubber_rect4"]
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert ended.returncode == 2
     assert ended.stderr.startswith("error: missing or too old: pydantic>=2.5 (1.10.14)")
@@ -237,7 +263,7 @@ runpy.run_path(PATH)["generate_launch_description"]()
 
 COMMAND = """
 sys.argv = ["pushfric", "estimate", "nowhere"]
-from pushfric_ros.__main__ import main
+from pushfric_core.__main__ import main
 main()
 """
 
@@ -257,3 +283,42 @@ def test_an_old_package_is_named_in_one_line(program):
         "error: missing or too old: pydantic>=2.5 (1.10.14); install with: python3 -m pip install 'pydantic>=2.5'\n"
     )
     assert ended.returncode == 2
+
+
+OUT = ["estimate", "bags/rubber_rect4", "--out", "OUT", "--jobs", "1"]
+
+USERS = {
+    "cv2": ["calibrate", "board", "--out", "OUT"],
+    "distributed": [*OUT, "--dask", "tcp://127.0.0.1:1"],
+    "joblib": OUT,
+    "lz4": ["bag", "verify", "bags/rubber_rect4"],
+    "matplotlib": ["estimate", "bags/rubber_rect4", "--figure", "OUT.png"],
+    "mcap": ["bag", "verify", "bags/rubber_rect4"],
+    "numba": ["estimate", "bags/rubber_rect4"],
+    "numpy": ["estimate", "bags/rubber_rect4"],
+    "osqp": ["estimate", "bags/rubber_rect4", "--solver", "osqp"],
+    "pydantic": ["estimate", "bags/rubber_rect4"],
+    "rich": ["estimate", "bags/rubber_rect4"],
+    "rosbags": ["bag", "verify", "bags/rubber_rect4"],
+    "scipy": ["region", "bags/rubber_rect4"],
+    "serial": ["rehearse", "docs/example_cell/cell.yaml"],
+    "shapely": ["region", "bags/rubber_rect4"],
+    "tornado": ["calibrate", "table", "pictures", "--camera", "none.yaml", "--view", "0"],
+    "typer": ["--version"],
+    "yaml": ["estimate", "bags/rubber_rect4"],
+    "zstandard": ["bag", "verify", "bags/rubber_rect4"],
+}
+"""A command that loads the module."""
+
+
+PACKAGE_OF = {module: [package] for package, module in dependencies.MODULES.items()}
+
+
+@pytest.mark.parametrize("module", USERS)
+def test_a_missing_module_is_one_line(module, tmp_path):
+    ended = pushfric_without([module], *(argument.replace("OUT", str(tmp_path / "out")) for argument in USERS[module]))
+    *_, line = ended.stderr.splitlines()
+    assert (ended.returncode, line.partition(":")[0]) in ((2, "error"), (1, "error"))
+    assert "pip install" in line
+    assert {name for name in (module, *PACKAGE_OF.get(module, ())) if name in line}
+    assert "Traceback" not in ended.stderr

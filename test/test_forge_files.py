@@ -41,9 +41,9 @@ def test_the_workflow_runs_ci_with_each_distribution():
     assert (ROOT / ".ci/run").stat().st_mode & 0o111
 
 
-def test_the_workflow_installs_what_the_readme_says():
-    """pip's line for a sourced ROS 2 stands in the README, too."""
-    (line,) = re.findall(r"python3 -m pip install (osqp .*)", (ROOT / "README.md").read_text())
+def test_the_workflow_installs_what_the_docs_say():
+    """pip's line for a sourced ROS 2 stands in docs/install.md, too."""
+    (line,) = re.findall(r"python3 -m pip install (osqp .*)", (ROOT / "docs/install.md").read_text())
     assert line in (ROOT / ".github/workflows/ci.yml").read_text()
 
 
@@ -63,7 +63,7 @@ KNOWN = {"ARG", "FROM", "ENV", "RUN", "COPY", "USER", "WORKDIR", "ENTRYPOINT", "
 
 
 @pytest.mark.parametrize("name", ["wheels", "ros"])
-def test_the_container_files_run_what_the_readme_says(name):
+def test_the_container_files_run_what_the_docs_say(name):
     made = instructions(ROOT / f"containers/{name}.Dockerfile")
     assert {what for what, _ in made} <= KNOWN
     runs = [argument for what, argument in made if what == "RUN"]
@@ -72,13 +72,13 @@ def test_the_container_files_run_what_the_readme_says(name):
     for what, argument in made:
         if what in ("ENTRYPOINT", "CMD"):
             assert all(isinstance(word, str) for word in yaml.safe_load(argument))
-    readme = " ".join((ROOT / "README.md").read_text().split())
+    page = " ".join((ROOT / "docs/install.md").read_text().split())
     wanted = {"wheels": ["./pushfric setup"], "ros": ["rosdep install --from-paths src --ignore-src -y", "colcon build"]}[name]
     if name == "ros":
-        wanted += re.findall(r"python3 -m pip install osqp .*?'typer[^']*'", readme)
+        wanted += re.findall(r"python3 -m pip install osqp .*?'typer[^']*'", page)
         assert len(wanted) == 3
     for command in wanted:
-        assert command in readme
+        assert command in page
         assert any(command in run for run in runs)
 
 

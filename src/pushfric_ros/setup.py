@@ -26,7 +26,6 @@ setup(
     packages=find_packages(),
     package_data={
         "pushfric_ros.node_kit": ["fastdds*.xml"],
-        "pushfric_ros.paper": ["report.html.j2"],
         "pushfric_ros.view": ["page/*"],
     },
     data_files=[
@@ -36,19 +35,15 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "pushfric = pushfric_ros.__main__:main",
+            "pushfric = pushfric_core.__main__:main",  # for `ros2 run pushfric_ros pushfric`
             *(f"{name}_node = pushfric_ros.node_kit.executable:main" for name in NODES),
         ],
-        "pushfric.pushers": ["grbl = pushfric_ros.pushers.grbl_config:GrblConfig"],
+        "pushfric.commands": ["cell = pushfric_ros.commands"],
         "pushfric.sources": [
             "odometry = pushfric_ros.adapters.odometry:OdometryConfig",
             "pose_array = pushfric_ros.adapters.pose_array:PoseArrayConfig",
             "pose_stamped = pushfric_ros.adapters.pose_stamped:PoseStampedConfig",
             "transforms = pushfric_ros.adapters.transforms:TransformsConfig",
-        ],
-        "pushfric.trackers": [
-            "contour = pushfric_ros.vision.tracker_settings:ContourConfig",
-            "fiducial = pushfric_ros.vision.tracker_settings:FiducialConfig",
         ],
     },
     zip_safe=False,

@@ -13,7 +13,22 @@ HEAD = """\
 
 Made from the docstrings by `python3 test/core/test_api_document.py`; the tests compare. `help(pushfric_core.Estimator)` and the
 sources tell the rest: shapes, units, frames and errors of every argument. All of these are imported as in
-`from pushfric_core import Estimator, Observation, Twist`."""
+`from pushfric_core import Estimator, Observation, Twist`.
+
+From a bag to a prediction; a CSV of one's own needs `object=`, too:
+
+```python
+from pushfric_core import friction_model, load, predict
+
+pushes = load("bags/rubber_rect4")  # the observations; pushes.object is what was pushed; pushes.to_frame() is a table
+estimate = pushes.new_estimator().add(pushes)
+print(estimate)  # three lines; estimate.verdict.use: whether it may be used; estimate.to_dict() has all numbers
+estimate.plot()  # the object with w, the confidence ellipse and the pushes; estimate.to_frame() is w as a table
+model = friction_model(estimate)
+motion = predict(model, [(0.0, -0.032)], [(0.0, -1.0)], [(0.0, 0.02)])  # contact [m], outward normal, tip's velocity [m/s]
+```
+
+Bags need the extra `bags`, pictures `plot`, tables `pandas`: `pip install 'pushfric_core[bags,plot,pandas]'`."""
 
 DATA = {"TABLE_1": "The six objects of Table 1 by name: outline, support, mu_c, grid and noise of each."}
 """Names that are neither classes nor functions have no docstring."""

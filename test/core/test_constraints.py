@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from problems import PROBLEMS, moment, rows_of
 
-from pushfric_core.constraint_rows import stack
-from pushfric_core.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection, SensedForce
 from pushfric_core.errors import UninformativePush
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist
+from pushfric_core.geometry.planar import Twist
+from pushfric_core.geometry.support import FreeRadii, support_forces
+from pushfric_core.program.constraint_rows import stack
+from pushfric_core.program.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection, SensedForce
 from pushfric_core.solvers.program import fit_error
-from pushfric_core.support import FreeRadii, support_forces
+from pushfric_core.trajectories.observation import Observation
 
 PULLED = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.02, 0.0))  # moves towards the pusher
 WITHIN_5_MM = FreeRadii(0.005, 0.005)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from pushfric_core.contact import PushingLine, contact_interval, friction_cone, pushing_line, tangent
-from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, transform
+from pushfric_core.geometry.contact import PushingLine, contact_interval, friction_cone, pushing_line, tangent
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Pose, transform
 
 
 def test_the_tangent_is_the_normal_turned_left():

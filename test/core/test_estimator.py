@@ -6,13 +6,13 @@ from problems import PROBLEMS, rows_of
 from scipy.optimize import nnls
 
 from pushfric_core import Constraint, ConstraintRows, Loss, functional_rows
-from pushfric_core.constraints import Moment
 from pushfric_core.errors import UninformativePush
-from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist, rotation
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.geometry.planar import Twist, rotation
+from pushfric_core.geometry.support import friction_directions
+from pushfric_core.program.constraints import Moment
 from pushfric_core.solvers.program import Status
-from pushfric_core.support import friction_directions
+from pushfric_core.trajectories.observation import Observation
 
 
 def last_estimate(estimator, observations):
@@ -101,13 +101,17 @@ def test_a_penalty_above_the_multiplier_gives_the_hard_optimum():
     problem = PROBLEMS[1]()
     grid = problem.outline.grid(6, 6)
     pulled = Observation((0.028, 0.0), (0.0, -1.0), Twist(0.0286, 0.0425, -1.175), push_id=99)  # w must make this one a push
-    hard = last_estimate(Estimator(grid), [*problem.observations, pulled])
+
+    def estimated(**options):
+        return Estimator(grid, EstimatorConfig(screening=False, **options)).add([*problem.observations, pulled])
+
+    hard = estimated()
     assert hard.status is Status.OPTIMAL
-    free = last_estimate(Estimator(grid, EstimatorConfig(nonnegative_force=False)), [*problem.observations, pulled])
+    free = estimated(nonnegative_force=False)
     assert free.solution.objective < hard.solution.objective - 1e-4
-    exact = last_estimate(Estimator(grid, EstimatorConfig(pull_penalty=10.0)), [*problem.observations, pulled])
+    exact = estimated(pull_penalty=10.0)
     assert exact.solution.objective == pytest.approx(hard.solution.objective, rel=1e-9)
-    cheap = last_estimate(Estimator(grid, EstimatorConfig(pull_penalty=1e-3)), [*problem.observations, pulled])
+    cheap = estimated(pull_penalty=1e-3)
     assert free.solution.objective < cheap.solution.objective < hard.solution.objective
 
 
@@ -122,8 +126,9 @@ def test_a_push_can_be_excluded_again():
     problem = PROBLEMS[1]()
     grid = problem.outline.grid(6, 6)
     wrong = Observation((0.05, 0.0), (0.0, -1.0), Twist(0.01, 0.02, -0.3), push_id=99)
-    without = last_estimate(Estimator(grid), problem.observations)
-    estimator = Estimator(grid)
+    config = EstimatorConfig(screening=False)
+    without = last_estimate(Estimator(grid, config), problem.observations)
+    estimator = Estimator(grid, config)
     misled = last_estimate(estimator, [*problem.observations[:10], wrong, wrong, *problem.observations[10:]])
     assert misled.solution.objective > without.solution.objective + 0.01
     estimate = estimator.exclude(99)
@@ -136,7 +141,7 @@ def test_a_push_can_be_excluded_again():
     with pytest.raises(ValueError, match="push_id must be one of 0, 1, 2"):
         estimator.exclude(99)
     assert estimator.add(wrong).solution.objective == pytest.approx(
-        last_estimate(Estimator(grid), [*problem.observations, wrong]).solution.objective, abs=1e-9
+        last_estimate(Estimator(grid, config), [*problem.observations, wrong]).solution.objective, abs=1e-9
     )
 
 

@@ -3,15 +3,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pushfric_core import limit_surface
-from pushfric_core.contact import friction_cone
 from pushfric_core.errors import SolverFailed, UninformativePush
-from pushfric_core.limit_surface import Ellipsoid, LimitSurface, Measurement, separation
-from pushfric_core.outline import Touch
-from pushfric_core.planar import Twist, Wrench, cross, moment_about, rotation, velocity_at
-from pushfric_core.simulation import ContactMode, pushed_motion
-from pushfric_core.support import Support
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.geometry.contact import friction_cone
+from pushfric_core.geometry.outline import Touch
+from pushfric_core.geometry.planar import Twist, Wrench, cross, moment_about, rotation, velocity_at
+from pushfric_core.geometry.support import Support
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics import limit_surface
+from pushfric_core.mechanics.limit_surface import Ellipsoid, LimitSurface, Measurement, separation
+from pushfric_core.mechanics.simulation import ContactMode, pushed_motion
 
 HALF = 0.05
 """Half the length of the rods of Figure 12 [m]."""

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from problems import four_feet, observations_of, square
 
-from pushfric_core import misplacement
-from pushfric_core.contact import tangent
-from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.misplacement import ContactCheck
-from pushfric_core.planar import Twist, velocity_at
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.geometry.contact import tangent
+from pushfric_core.geometry.planar import Twist, velocity_at
+from pushfric_core.uncertainty import misplacement
+from pushfric_core.uncertainty.misplacement import ContactCheck
 
 FEET = four_feet()
 POINTS = square().grid(4, 4, 0.01)
@@ -109,7 +109,7 @@ def test_the_pushes_of_a_long_run_are_taken_together(monkeypatch):
 def judged(data):
     estimator = Estimator(POINTS, EstimatorConfig(screening=False))  # a push that contradicts the others stays
     for one in data:
-        estimate = estimator.take(one)
+        estimate = estimator.add(one)
     return estimate, estimator.verdict(estimate)
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from pushfric_core.errors import UninformativePush
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Pose, Twist
+from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.trajectories.observation import Observation
 
 GOOD = Observation((0.05, 0.0), (1.0, 0.0), Twist(-0.02, 0.0, 0.1))
 
@@ -47,3 +47,8 @@ def test_data_points_compare_by_value():
     assert dataclasses.replace(GOOD) == GOOD
     assert dataclasses.replace(GOOD, push_id=1) != GOOD
     assert dataclasses.replace(GOOD, contact_point=np.array(GOOD.contact_point)) == GOOD
+
+
+def test_a_depth_of_exactly_zero_is_unknown_as_in_messages():
+    assert dataclasses.replace(GOOD, depth=-0.0).depth is None
+    assert dataclasses.replace(GOOD, depth=1e-9).depth == 1e-9

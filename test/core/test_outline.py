@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pushfric_core.outline import Outline
+from pushfric_core.geometry.outline import Outline
 
 L_SHAPE = np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1)))
 TRIANGLE = np.array(((0, 0), (0.15, 0), (0, 0.15)))

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pushfric_core import planar
-from pushfric_core.planar import Pose, Twist, Wrench
+from pushfric_core.geometry import planar
+from pushfric_core.geometry.planar import Pose, Twist, Wrench
 
 
 def random_pose(rng):

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from problems import four_feet, observations_of, square, three_feet
 
-from pushfric_core.contact_friction import Kind
-from pushfric_core.estimator import Estimator
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist, left_of
-from pushfric_core.prediction import FrictionModel, misfit, model_of, motion_cone, predict, stability
-from pushfric_core.simulation import ContactMode
-from pushfric_core.support import Support
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.geometry.planar import Twist, left_of
+from pushfric_core.geometry.support import Support
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model, misfit, motion_cone, predict, stability
+from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observations import Observations
+from pushfric_core.uncertainty.contact_friction import Kind
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
 BELOW = (((0.0, 0.0),), ((0.0, -1.0),))
@@ -127,7 +128,7 @@ def test_samples_count_by_the_motions_that_they_predict(rng):
             moved = np.array(one.twist[:2]) + one.twist.omega * left_of(np.array(one.contact_point))
             seen = replace(one, twist=noise, push_id=number, tip_velocity=tuple(moved.tolist()) if tips else None)
             estimate = estimator.add(seen)
-        model = model_of(estimate, estimator.observations)
+        model = friction_model(estimate)
         assert estimate.spread is not None
         given = np.vstack((estimate.w, estimate.spread.middle, estimate.spread.extremes, np.full(4, 0.25)))
         for w in model.w:
@@ -151,7 +152,7 @@ def test_mu_c_is_what_explains_the_motions_where_bounds_say_little():
         for one in seen:
             estimate = estimator.add(one)
         assert estimate.mu_c.kind is Kind.BOUND
-        found[name] = model_of(estimate, seen).mean_mu_c
+        found[name] = friction_model(estimate).mean_mu_c
     assert found["none"] == pytest.approx(0.5, abs=0.03)
     assert 0.6 < found["tips"] < 1.6  # a lower one would let the tip slide in some of the pushes
 
@@ -163,8 +164,8 @@ def test_few_data_points_leave_room_for_equal_weights():
     for one in data:
         estimate = estimator.add(one)
     assert estimate.spread is None
-    assert len(model_of(estimate, data).w) <= 2
-    assert len(model_of(estimate, ()).w) == 2
+    assert len(friction_model(estimate).w) <= 2
+    assert len(friction_model(replace(estimate, observations=Observations())).w) == 2
 
 
 def test_a_model_is_judged_by_data_points_of_the_whole_run(rng):

@@ -3,12 +3,12 @@ import pytest
 import shapely
 from problems import flat_bar, four_feet, pushed_as_planned
 
-from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline
-from pushfric_core.planar import Twist
-from pushfric_core.push_choice import next_pushes, planned_pushes
-from pushfric_core.push_plan import even_pushes
-from pushfric_core.region import HalfPlane, HalfPlanes, line_of_motion, line_of_pushing
+from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
+from pushfric_core.estimation.push_plan import even_pushes
+from pushfric_core.estimation.region import HalfPlane, HalfPlanes, line_of_motion, line_of_pushing
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Twist
+from pushfric_core.trajectories.observation import Observation
 
 PLATE = Outline.rectangle(0.12, 0.06)
 ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))

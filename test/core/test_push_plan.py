@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from pushfric_core.contact import PushingLine
-from pushfric_core.outline import Outline
-from pushfric_core.planar import rotation
-from pushfric_core.push_plan import PlannedPush, even_pushes, placement, planned_contact
+from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement, planned_contact
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import rotation
 
 OUTLINE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
 LINE = PushingLine((0.02, -0.05), (0.0, 1.0), 0.003)

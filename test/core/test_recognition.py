@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from problems import PROBLEMS, observations_of
 
-from pushfric_core.contact import PushingLine
 from pushfric_core.errors import UninformativePush
-from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, Twist
-from pushfric_core.push_plan import even_pushes, placement
-from pushfric_core.recognition import Hypothesis, Ranked, Recognizer
-from pushfric_core.simulation import PushedObject
-from pushfric_core.support import Support
-from pushfric_core.table_1 import TABLE_1
-from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimation.push_plan import even_pushes, placement
+from pushfric_core.estimation.recognition import Hypothesis, Ranked, Recognizer
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.geometry.support import Support
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory
 
 L_SHAPE = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
 TRIANGLE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))

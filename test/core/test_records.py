@@ -5,13 +5,13 @@ import pytest
 from problems import PROBLEMS
 
 from pushfric_core import ConstraintRows, Ellipsoid, Estimator, HalfPlanes, Hypothesis, LimitSurface, Outline, Support, Twist
-from pushfric_core.least_squares import least_squares_fit
-from pushfric_core.limit_surface import CrossSection
-from pushfric_core.planar import Wrench
+from pushfric_core.geometry.planar import Wrench
+from pushfric_core.geometry.support import support_forces
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.limit_surface import CrossSection
+from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.program.least_squares import least_squares_fit
 from pushfric_core.records import comparable
-from pushfric_core.simulation import PushedObject
-from pushfric_core.support import support_forces
-from pushfric_core.table_1 import TABLE_1
 
 SQUARE = np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
 

@@ -7,12 +7,12 @@ import pytest
 from problems import four_feet, three_feet
 from scipy.optimize import linprog
 
-from pushfric_core.constraint_rows import stack
-from pushfric_core.estimator import EstimatorConfig, free_radii
-from pushfric_core.planar import Twist
-from pushfric_core.refinement import candidate_grid, refine
+from pushfric_core.estimation.estimator import EstimatorConfig, free_radii
+from pushfric_core.estimation.refinement import candidate_grid, refine
+from pushfric_core.geometry.planar import Twist
+from pushfric_core.geometry.support import support_forces
+from pushfric_core.program.constraint_rows import stack
 from pushfric_core.solvers.program import Status
-from pushfric_core.support import support_forces
 
 
 def noisy(problem, rng, noise=0.05):

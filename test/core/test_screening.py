@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from problems import observations_of, square
 
-from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.planar import Twist, rotation, velocity_at
-from pushfric_core.support import Support
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.geometry.planar import Twist, rotation, velocity_at
+from pushfric_core.geometry.support import Support
 
 POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
 BEFORE, AFTER = (Support(POINTS, np.array(weights)) for weights in ((0.1, 0.2, 0.3, 0.4), (0.2, 0.1, 0.2, 0.5)))
@@ -31,7 +31,7 @@ def pushes_of(support, count, rng, first=0, noise=0.01):
 def taken(data, config=SCREENING):
     estimator = Estimator(square().grid(4, 4, 0.01), config)
     for observation in data:
-        estimate = estimator.take(observation)
+        estimate = estimator.add(observation)
     return estimator, estimate
 
 
@@ -99,15 +99,15 @@ def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_
     live, from_the_start = (Estimator(square().grid(4, 4, 0.01), SCREENING) for _ in range(2))
     from_the_start.keep(BAD)
     for observation in data[:40]:
-        live.verdict(live.take(observation))
+        live.verdict(live.add(observation))
     assert live.rejected
     live.exclude(3)
     live.keep(BAD)
     for observation in data[40:]:
-        live.verdict(live.take(observation))
+        live.verdict(live.add(observation))
     for observation in data:
         if observation.push_id != 3:
-            from_the_start.take(observation)
+            from_the_start.add(observation)
     assert all_numbers(live) == all_numbers(from_the_start)
 
 
@@ -116,7 +116,7 @@ def test_the_stamp_is_that_of_the_newest_data_point_seen():
     data = [replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())) if one.push_id == 11 else one for one in data]
     estimator = Estimator(square().grid(4, 4, 0.01), SCREENING)
     for observation in data:
-        assert estimator.take(observation).stamp == observation.stamp
+        assert estimator.add(observation).stamp == observation.stamp
         assert estimator.newest is observation
     assert [one.push_id for one in estimator.rejected] == [11]
     assert estimator.exclude(11).stamp == data[-5].stamp
@@ -151,7 +151,7 @@ def test_a_moved_load_is_found_within_three_pushes(seed):
     data = pushes_of(BEFORE, 12, rng) + pushes_of(AFTER, 3, rng, first=12)
     estimator = Estimator(square().grid(4, 4, 0.01), SCREENING)
     for observation in data:
-        verdict = estimator.verdict(estimator.take(observation))
+        verdict = estimator.verdict(estimator.add(observation))
         assert verdict.change is None or observation.push_id >= 12
     assert abs(verdict.change.since - 12) <= 1
     assert any("the object is another one since push" in reason for reason in verdict.reasons)

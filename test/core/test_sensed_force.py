@@ -4,9 +4,9 @@ import math
 import numpy as np
 import pytest
 
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Pose, Twist
-from pushfric_core.sensed_force import ForceSample, SensedForce
+from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.sensed_force import ForceSample, SensedForce
 
 SECOND = 10**9
 
@@ -53,7 +53,7 @@ def test_a_data_point_waits_for_the_end_of_its_motion():
 
 
 def test_a_data_point_without_samples_during_its_motion_has_no_force():
-    late = [ForceSample(3 * SECOND, (1.0, 1.0))]
+    late = [ForceSample(3 * SECOND + number, (1.0, 1.0)) for number in range(3)]
     assert feed(SensedForce(), [data_point(1.0), *late]) == [data_point(1.0)]
 
 

@@ -57,7 +57,7 @@ def test_plain_values_are_read_again():
     ("values", "words"),
     [
         ({}, "stroke must be given: how far it goes [m]"),
-        ({"stroke": 11}, "stroke must lie in [0.001, 10.0], got 11.0"),
+        ({"stroke": 11}, "stroke must lie in [0.001, 10.0], got 11.0: are these millimetres?"),
         ({"stroke": math.nan}, "stroke must be a finite number, got nan"),
         ({"stroke": 10**400}, f"stroke must be a finite number, got {str(10**400)[:80]}..."),
         ({"stroke": True}, "stroke must be a finite number, got True"),

@@ -5,13 +5,13 @@ import pytest
 from problems import four_feet
 from scipy.optimize import linprog
 
-from pushfric_core.constraint_rows import ConstraintRows
-from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.geometry.planar import Twist
+from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.simplex import Simplex
-from pushfric_core.spread import COMMON, DIRECTIONS, ELLIPSE, FEWEST_PUSHES
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.uncertainty.spread import COMMON, DIRECTIONS, ELLIPSE, FEWEST_PUSHES
 
 FEET = four_feet()
 TRUTH = FEET.truth.center_of_friction

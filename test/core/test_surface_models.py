@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from scipy.optimize import check_grad
 
-from pushfric_core.limit_surface import LimitSurface
-from pushfric_core.planar import Twist, Wrench
-from pushfric_core.support import Support
-from pushfric_core.surface_models import (
+from pushfric_core.geometry.planar import Twist, Wrench
+from pushfric_core.geometry.support import Support
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.limit_surface import LimitSurface
+from pushfric_core.mechanics.surface_models import (
     EXPONENTS,
     NamedEllipsoid,
     Quartic,
@@ -14,7 +15,6 @@ from pushfric_core.surface_models import (
     named_ellipsoid,
     quartic_error,
 )
-from pushfric_core.table_1 import TABLE_1
 
 SHIFTED = Support(np.array(((1.0, 2.0), (1.05, 2.0), (1.0, 2.1))), np.array((0.5, 0.3, 0.2)))
 
@@ -74,3 +74,9 @@ def test_coefficients_belong_to_monomials():
     assert quartic.load(Wrench(3, 2, 7)) == pytest.approx(36**0.25)
     with pytest.raises(ValueError, match="must not be zero"):
         quartic.twist(Wrench(0, 0, 0))
+
+
+@pytest.mark.parametrize("coefficients", [np.ones(14), np.ones((15, 1)), np.full(15, np.nan)])
+def test_a_quartic_has_15_finite_coefficients(coefficients):
+    with pytest.raises(ValueError, match="coefficients must be 15 finite numbers"):
+        Quartic(coefficients)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pushfric_core.table_1 import FEET, FLAT, LOOKALIKES, ORIENTATIONS, TABLE_1
+from pushfric_core.geometry.table_1 import FEET, FLAT, LOOKALIKES, ORIENTATIONS, TABLE_1
 
 
 @pytest.mark.parametrize("name", TABLE_1)

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pushfric_core.contact import PushingLine
-from pushfric_core.contact_friction import tip_at
-from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, Twist, compose, exp, inverse, transform
-from pushfric_core.simulation import PushedObject
-from pushfric_core.table_1 import TABLE_1
-from pushfric_core.trajectory import PoseSample, PusherSample, Trajectory, TrajectoryConfig
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Pose, Twist, compose, exp, inverse, transform
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory, TrajectoryConfig
+from pushfric_core.uncertainty.contact_friction import tip_at
 
 OUTLINE = Outline.rectangle(0.127, 0.064)
 LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)

@@ -63,7 +63,7 @@ def test_quick_run_writes_the_figures_it_shows(tmp_path):
     ("arguments", "error"),
     [
         (["--supports", "16"], "Invalid value for --supports: must be of 15, 24, 36, 100, 400, got 16"),
-        (["--points", "0"], "Invalid value for '--points': Input should be greater than or equal to 1"),
+        (["--points", "0"], "--points: expected a whole number from 1 to 1000000, got '0'"),
         (["--json=."], ".: expected the name of a file to write that ends in .json"),
         (["--plot", "nowhere/a.png"], "Invalid value: nowhere/a.png: its folder does not exist"),
     ],
@@ -73,20 +73,20 @@ def test_wrong_input_gives_one_line_and_exit_code_2(contenders, monkeypatch, cap
 
     monkeypatch.setattr(sys, "argv", ["bench", *arguments])
     with pytest.raises(SystemExit) as stop:
-        __main__.main()
+        __main__.main(__main__.app, "./pushfric bench")
     assert stop.value.code == 2
-    assert capsys.readouterr().err == f"error: {error}\n"
+    assert capsys.readouterr().err.replace("; see ./pushfric bench --help", "") == f"error: {error}\n"
 
 
 def test_the_plot_names_everything_drawn(contenders, monkeypatch, tmp_path):
     from matplotlib.figure import Figure
 
-    from bench import display
+    from bench import updates
 
     drawn = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
     rows = [row(m, name, median, 3 * median) for m in (50, 100) for name, median in (("pushfric", 0.1), ("highs_dual", 0.4))]
-    display.plot(rows, tmp_path / "plot.png")
+    updates.plot(rows, tmp_path / "plot.png")
     (axes,) = drawn[0].axes
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["pushfric", "to its 99th percentile", "highs_dual"]
     assert len(axes.lines) + len(axes.collections) == 3

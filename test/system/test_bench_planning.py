@@ -4,7 +4,6 @@ import math
 import pathlib
 
 import pytest
-from rich.console import Console
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 MS = 1_000_000
@@ -39,7 +38,8 @@ def test_strokes_are_predicted_and_predictions_are_exact(monkeypatch):
     targets = list(planning.verdicts(figures))
     assert [target.asked for target in targets] == ["<= 1", "<= 0.5", "<= 1", "<= 0.001"]
     assert targets[-1].met
-    Console().print(display.strokes_table(figures))
+    shown = list(display.plain_tables("planning", figures))
+    assert [(table.title, table.row_count) for table in shown] == [("planning", 3), ("planning: strokes", 1)]
 
 
 def test_estimates_of_pushes_with_questions_are_kept_apart_from_the_others():
@@ -63,7 +63,8 @@ def test_estimates_of_pushes_with_questions_are_kept_apart_from_the_others():
     answered, later = services.verdicts(figures)
     assert (answered.measured, answered.met) == (3.0, True)
     assert (later.measured, later.met) == (6.0, False)
-    Console().print(display.services_table(figures))
+    (shown,) = display.plain_tables("services", figures)
+    assert shown.row_count == 12
 
 
 def test_a_run_without_answers_meets_no_target():

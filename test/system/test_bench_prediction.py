@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from problems import observations_of, square
 
-from bench import display, prediction
-from pushfric_core.limit_surface import LimitSurface
-from pushfric_core.planar import left_of
-from pushfric_core.prediction import FrictionModel, predict
-from pushfric_core.support import Support
-from pushfric_core.surface_models import named_ellipsoid
+from bench import prediction
+from pushfric_core.geometry.planar import left_of
+from pushfric_core.geometry.support import Support
+from pushfric_core.mechanics.limit_surface import LimitSurface
+from pushfric_core.mechanics.prediction import FrictionModel, predict
+from pushfric_core.mechanics.surface_models import named_ellipsoid
 
 RING = np.array([(0.04 * np.cos(t), 0.04 * np.sin(t)) for t in np.arange(0, 2 * np.pi, 0.1)])
 
@@ -66,5 +66,6 @@ def test_real_pushes_are_predicted_better_than_by_the_peers(real_pushes, monkeyp
     assert min(medians[peer] for peer in prediction.CONTENDERS[1:]) > 8
     assert {row["object"] for row in figures["stability"]} == {"patch", "30_90_30_30_30_90"}
     assert min(row["balanced_accuracy"]["pushfric"] for row in figures["stability"]) > 0.75
-    assert display.prediction_table(figures).row_count == 4 * 6
-    assert display.stability_table(figures).row_count == len(figures["stability"])
+    motions, stable = prediction.tables(figures)
+    assert motions.row_count == (len(prediction.CONTENDERS) + 1) * 6
+    assert stable.row_count == len(figures["stability"])

@@ -20,21 +20,25 @@ def test_what_grows_is_told_from_what_is_flat(rng):
     noise = rng.normal(0, 100, 200)
     assert all(one.flat for one in growth("tracker", 60_000 + noise).values())
     warming = 60_000 - 20_000 * np.exp(-np.arange(200) / 10.0)
-    assert growth("tracker", warming)["memory [kB]"].flat
-    grows = growth("tracker", 60_000 + noise + 60 * np.arange(200))["memory [kB]"]
+    assert growth("tracker", warming)["memory, kB"].flat
+    grows = growth("tracker", 60_000 + noise + 60 * np.arange(200))["memory, kB"]
     assert not grows.flat
     assert abs(grows.slope - 60 / 2 * 3600) < 3000
+    (failure,) = soak.failures(
+        {"growth": [grows._asdict(), *(one._asdict() for one in growth("tracker", 60_000 + noise).values())]}
+    )
+    assert failure.startswith("memory, kB of tracker: grows from ")
     # an estimator may keep its data points
-    assert growth("estimator", 60_000 + 60 * np.arange(200), keeps=2000 * soak.PER_DATA_POINT)["memory [kB]"].flat
+    assert growth("estimator", 60_000 + 60 * np.arange(200), keeps=2000 * soak.PER_DATA_POINT)["memory, kB"].flat
     leaking = np.floor(12 + np.arange(200) / 20)
     assert not growth("tracker", 60_000.0, threads=leaking)["threads"].flat
 
 
 def test_every_node_of_a_running_cell_is_followed():
     figures = soak.measure(0.1, lambda _: None)
-    assert {(one.node, one.kind) for one in figures["growth"]} == {
+    assert {(one["node"], one["kind"]) for one in figures["growth"]} == {
         (node, kind)
         for node in ("simulated_cell", "recorder", "estimator", "tracker", "actuator", "experiment")
         for kind in soak.KINDS
     }
-    assert all(max(one.first, one.last) > 0 for one in figures["growth"])  # of a line through few samples
+    assert all(max(one["first"], one["last"]) > 0 for one in figures["growth"])  # of a line through few samples

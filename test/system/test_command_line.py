@@ -1,6 +1,7 @@
 """Wrong input ends with one line that says what, where and what was expected, and exit code 2."""
 
 import json
+import os
 import pathlib
 import re
 import signal
@@ -12,9 +13,11 @@ import pytest
 
 import pushfric_core
 from pushfric_core import Observation, Twist
-from pushfric_ros.bags.zhou2015 import write_bag
-from pushfric_ros.commands import cli
-from pushfric_ros.vision.camera import Camera, save_camera
+from pushfric_core.bags.zhou2015 import write_bag
+from pushfric_core.commands import cli
+from pushfric_core.vision.camera import Camera, save_camera
+
+COMMANDS = cli.catalog()
 
 CELL = """
 object: rubber_rect4
@@ -26,7 +29,7 @@ HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
 
 
 def pushfric(*arguments):
-    command = [sys.executable, "-m", "pushfric_ros", *map(str, arguments)]
+    command = [sys.executable, "-m", "pushfric_core", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
 
 
@@ -64,7 +67,7 @@ def call(monkeypatch, capsys):
         ),
         (["demo", "--json", "/nowhere/x.json"], "/nowhere/x.json: its folder does not exist"),
         (["replay", "nothing"], "nothing: no such file; expected a bag or a CSV"),
-        (["replay", "nothing", "--rate", "0"], "Invalid value for '--rate': "),
+        (["replay", "nothing", "--rate", "0"], "--rate: expected a number from 0.01 to 1000, got '0'"),
         (["estimate", "nothing", "--object", "rubber_rect4"], "nothing: no such file"),
         (["estimate", "data.csv"], "data.csv does not name the pushed object; give --object"),
         (["estimate", "data.csv", "--object", "no_outline.yaml"], "no_outline.yaml: outline: expected a value, got only name"),
@@ -134,8 +137,14 @@ def call(monkeypatch, capsys):
             "--grid: grid.0: expected at most 300, got 2000",
         ),
         (["bag", "recover", "none.mcap", "--out", "saved"], "none.mcap"),
-        (["push"], "No such command 'push'; see pushfric --help"),
-        (["demo", "--seed", "x"], "Invalid value for '--seed'"),
+        (["push"], "no such command 'push'; see pushfric --help"),
+        (["estimat", "x"], "no such command 'estimat'; did you mean estimate? see pushfric --help"),
+        (["bag", "verfy", "x"], "no such command 'verfy'; did you mean verify? see pushfric bag --help"),
+        (["demo", "--sed", "1"], "no such option '--sed'; did you mean --seed? see pushfric demo --help"),
+        (["demo", "--seed", "x"], "--seed: expected a whole number from 0 to 2147483648, got 'x'; see pushfric demo --help"),
+        (["jog", "far"], "DISTANCE: expected a number, got 'far'; see pushfric jog --help"),
+        (["estimate", "x", "--grid", "1", "x"], "--grid: expected a whole number, got 'x'"),
+        (["estimate", "x", "--loss", "l3"], "--loss: expected l1 or l2, got 'l3'"),
         (["estimate"], "Missing argument"),
         ([], "Missing command"),
     ],
@@ -167,7 +176,7 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call,
     ],
 )
 def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
-    from pushfric_ros.vision.camera import Camera, save_camera
+    from pushfric_core.vision.camera import Camera, save_camera
 
     monkeypatch.chdir(tmp_path)
     save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), tmp_path / "camera.yaml")
@@ -194,7 +203,7 @@ def test_an_existing_bag_is_not_overwritten(tmp_path, call):
 
 LIST_AND_LOADED = """
 import sys
-from pushfric_ros.commands import cli
+from pushfric_core.commands import cli
 sys.argv[1:] = ["--help"]
 try:
     cli.main()
@@ -205,20 +214,20 @@ finally:
 
 def test_the_list_of_commands_loads_none_of_them():
     run = subprocess.run([sys.executable, "-c", LIST_AND_LOADED], capture_output=True, text=True, timeout=60)
-    assert all(f"\n  {name} " in run.stdout for name in cli.COMMANDS)
+    assert all(f"\n  {name} " in run.stdout for name in COMMANDS)
     loaded = run.stdout.splitlines()[-1].split()
     assert "typer" in loaded
     assert not {"rclpy", "numpy", "matplotlib", "numba", "scipy", "cv2", "pydantic"} & {*loaded}
 
 
-@pytest.mark.parametrize("name", cli.COMMANDS)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_says_first_what_the_list_says_of_it(call, name):
     said = " ".join(call(name, "--help").stdout.split())
-    assert cli.COMMANDS[name] in said
+    assert COMMANDS[name] in said
 
 
 @pytest.mark.parametrize(
-    "name", [*cli.COMMANDS, "bag verify", "bag recover", "calibrate board", "calibrate lens", "calibrate table"]
+    "name", [*COMMANDS, "bag verify", "bag recover", "calibrate board", "calibrate lens", "calibrate table"]
 )
 def test_help_fits_80_columns_uncut(call, monkeypatch, name):
     monkeypatch.setenv("COLUMNS", "80")
@@ -227,6 +236,39 @@ def test_help_fits_80_columns_uncut(call, monkeypatch, name):
     assert "…" not in said
     assert not re.search(r"[a-z]\.\.\.", said)  # cut short
     assert not re.search(r"\((m|mm|rad|s|N)\)", said)  # units stand in brackets
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS, "bag verify", "calibrate board"])
+def test_help_uses_the_words_of_a_person(call, monkeypatch, name):
+    monkeypatch.setenv("COLUMNS", "80")
+    said = call(*name.split(), "-h").stdout
+    assert said == call(*name.split(), "--help").stdout
+    assert not re.search(r"<\w|[{}]|\bx[<>]=|: \(", said)
+
+
+def test_help_is_as_wide_as_the_terminal(call, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "150")
+    assert 120 < max(map(len, call("estimate", "--help").stdout.splitlines())) <= 150
+
+
+@pytest.mark.parametrize("name", ["estimate", "recognize"])
+def test_the_settings_of_the_estimator_are_one_section(call, name):
+    _, _, settings = call(name, "--help").stdout.partition("\nSettings of the estimator:\n")
+    assert re.findall(r"^  (--[\w-]+)", settings, re.MULTILINE)[0] == "--terms"
+    assert "--keep-push" in settings
+    assert "--object" not in settings
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [("pushfric estim", ["estimate"]), ("pushfric bag v", ["verify"]), ("pushfric jog --sp", ["--speed"])],
+)
+def test_a_shell_completes_commands_and_options(typed, completed):
+    words = {"COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" ")), "_PUSHFRIC_COMPLETE": "complete_bash"}
+    run = subprocess.run(
+        [sys.executable, "-m", "pushfric_core"], env=os.environ | words, capture_output=True, text=True, timeout=60
+    )
+    assert (run.returncode, run.stdout.split(), run.stderr) == (0, completed, "")
 
 
 def test_the_version_is_the_packages(call):
@@ -267,10 +309,15 @@ def test_replay_stays_for_late_subscribers(ros, tmp_path):
         Observation((0.02 * push, 0.0), (0.0, -1.0), Twist(0.0, 0.02, 0.1 * push), push, stamp=push) for push in range(1, 5)
     ]
     write_bag(tmp_path / "bag", "triangle", pushes)  # of observations, which no middleware loses
-    command = [sys.executable, "-m", "pushfric_ros", "replay", tmp_path / "bag", "--stay", "--headless", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as replay:
+    command = [sys.executable, "-m", "pushfric_core", "replay", tmp_path / "bag", "--stay", "--headless", "--json"]
+    with (
+        (tmp_path / "stderr").open("w") as stderr,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True) as replay,
+    ):
         try:
-            figures = json.loads(replay.stdout.readline())  # printed when all has been played
+            line = replay.stdout.readline()  # printed when all has been played
+            assert line, (tmp_path / "stderr").read_text()
+            figures = json.loads(line)
             seen = []
             latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             ros.node("late").create_subscription(FrictionEstimate, "/cell/friction_estimate", seen.append, latched)

@@ -11,7 +11,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
-from pushfric_ros.bags.bag import Bag
+from pushfric_core.bags.bag import Bag
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import command

@@ -1,19 +1,22 @@
 """Ctrl-C at moments that are hard to hit: while the command line loads and while it ends; and what it leaves behind."""
 
+import os
 import pathlib
 import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import cv2
 import numpy as np
 import pytest
 
+from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands.recorded_run import left_behind
-from pushfric_ros.vision.camera import Camera, save_camera
 
-RECORDED = pathlib.Path(__file__).resolve().parents[2] / "bags/rubber_rect4"
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+RECORDED = ROOT / "bags/rubber_rect4"
 
 
 WHILE_LOADING = """
@@ -21,7 +24,7 @@ import os, signal, sys
 
 class Interrupts:
     def find_spec(self, name, *_):
-        if name == "pushfric_ros.commands.cli":
+        if name == "pushfric_core.commands.cli":
             os.kill(os.getpid(), signal.SIGINT)
 
 sys.meta_path.insert(0, Interrupts())
@@ -29,7 +32,9 @@ sys.meta_path.insert(0, Interrupts())
 
 WHILE_ENDING = """
 import atexit, os, signal
-atexit.register(os.kill, os.getpid(), signal.SIGINT)
+from pushfric_core.commands import program
+start = program.end_at_once
+program.end_at_once = lambda: (start(), atexit.register(os.kill, os.getpid(), signal.SIGINT))
 """
 
 IN_A_COMMAND = """
@@ -41,7 +46,7 @@ run.load_cell = lambda _: os.kill(os.getpid(), signal.SIGINT)
 
 @pytest.mark.parametrize("moment", [WHILE_LOADING, WHILE_ENDING, IN_A_COMMAND])
 def test_ctrl_c_is_quiet_whenever_it_comes(moment):
-    program = moment + "import sys; sys.argv[1:] = ['run', 'none.yaml']; from pushfric_ros.__main__ import main; main()"
+    program = moment + "import sys; sys.argv[1:] = ['run', 'none.yaml']; from pushfric_core.__main__ import main; main()"
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     said = "error: none.yaml: " if moment == WHILE_ENDING else ""
     assert (ended.returncode, ended.stdout) == (130, "")
@@ -55,7 +60,18 @@ def test_ctrl_c_says_that_no_calibration_was_written(tmp_path):
     (tmp_path / "pictures").mkdir()
     cv2.imwrite(str(tmp_path / "pictures/1.png"), np.zeros((48, 64), np.uint8))
     before = (tmp_path / "camera.yaml").read_text()
-    command = [sys.executable, "-m", "pushfric_ros", "calibrate", "table", "pictures", "--camera", "camera.yaml", "--view", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "pushfric_core",
+        "calibrate",
+        "table",
+        "pictures",
+        "--camera",
+        "camera.yaml",
+        "--view",
+        "0",
+    ]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as clicking:
         assert clicking.stderr.readline().startswith("view: http://127.0.0.1:")
         clicking.send_signal(signal.SIGINT)
@@ -123,3 +139,60 @@ def test_without_a_bag_nothing_is_said_to_be_left(tmp_path, there):
     if there:
         (tmp_path / "bag").mkdir()
     assert left_behind(tmp_path / "bag") == "interrupted before there was a bag"
+
+
+HELD_BACK = """
+import os, signal, sys
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+os.kill(os.getpid(), signal.SIGINT)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+
+
+def test_a_ctrl_c_from_before_the_first_instruction_is_answered(tmp_path):
+    """It passes through the script, bash and the interpreter, and nothing is done before it is answered."""
+    command = [str(ROOT / "pushfric"), "import", "stablepush", "none.csv", "--out", str(tmp_path / "out")]
+    ended = subprocess.run([sys.executable, "-c", HELD_BACK, *command], capture_output=True, text=True, timeout=120)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
+def cpu_time(process):
+    """What the main thread of a process has used [s] (schedstat, in ns)."""
+    return int(pathlib.Path(f"/proc/{process.pid}/schedstat").read_text().split()[0]) * 1e-9
+
+
+@pytest.mark.parametrize("seconds", np.linspace(0.002, 0.35, 16).round(3))
+def test_ctrl_c_is_quiet_after_any_time(seconds):
+    command = [ROOT / "pushfric", "estimate", RECORDED]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as early:
+        while cpu_time(early) < seconds:
+            time.sleep(0.0005)
+        os.killpg(early.pid, signal.SIGINT)
+        said = early.communicate(timeout=120)
+    # the shell that reads the first line of the script dies of the signal itself
+    assert (early.returncode, *said) in ((130, "", ""), (-signal.SIGINT, "", ""))
+
+
+SWALLOWED = """
+import os, signal
+from pushfric_ros.commands import run
+
+class Swallowing:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+def load_cell(_):
+    Swallowing()
+    print("went on", flush=True)
+
+run.load_cell = load_cell
+import sys
+sys.argv[1:] = ["run", "none.yaml"]
+from pushfric_core.__main__ import main
+main()
+"""
+
+
+def test_ctrl_c_in_a_destructor_ends_the_command():
+    ended = subprocess.run([sys.executable, "-c", SWALLOWED], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")

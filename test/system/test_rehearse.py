@@ -7,10 +7,10 @@ import time
 
 import pytest
 
+from pushfric_core.commands.json_option import STDOUT
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
-from pushfric_ros.commands.json_option import STDOUT
 from pushfric_ros.rehearsal.faults import FAULTS
-from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
 PATIENT = 30.0  # silence, for a busy machine [s]
 QUICK = {
@@ -27,8 +27,8 @@ def chosen(*names: str):
 
 def call(controller: SimulatedGrbl, **options) -> None:
     given = {
-        "stroke": 40.0,
-        "speed": 20.0,
+        "stroke": 0.04,
+        "speed": 0.02,
         "axis": "X",
         "baud": 115200,
         "silence": PATIENT,
@@ -74,13 +74,13 @@ def test_a_fault_that_ends_otherwise_is_exit_code_1(monkeypatch, capsys):
 
 
 def pushfric(*arguments: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", "pushfric_ros", "rehearse", *map(str, arguments)]
+    command = [sys.executable, "-m", "pushfric_core", "rehearse", *map(str, arguments)]
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def started(controller: SimulatedGrbl, **options) -> subprocess.Popen:
     """A rehearsal in mid-push."""
-    process = pushfric("--port", controller.port, "--stroke", 40, "--silence", options.get("silence", PATIENT))
+    process = pushfric("--port", controller.port, "--stroke", 0.04, "--silence", options.get("silence", PATIENT))
     deadline = time.monotonic() + 120
     while controller.position() < 0.003:
         assert time.monotonic() < deadline, "nothing moves"
@@ -115,10 +115,10 @@ def test_ctrl_c_stops_the_pusher():
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        ([], "--stroke is missing: how far the pusher may go forward from where it stands (mm)"),
-        (["--stroke", 5], "--stroke must be at least 19 mm at this speed, got 5 mm"),
-        (["--stroke", 60, "--speed", 200], "--speed must be at most 100 mm/s, as the controller is set"),
-        (["--stroke", 60, "--axis", "Q"], "--axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got 'Q'"),
+        ([], "--stroke is missing: how far the pusher may go forward from where it stands [m]"),
+        (["--stroke", 0.005], "--stroke must be at least 19 mm at this speed, got 5 mm"),
+        (["--stroke", 0.06, "--speed", 0.2], "--speed must be at most 100 mm/s, as the controller is set"),
+        (["--stroke", 0.06, "--axis", "Q"], "--axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got 'Q'"),
     ],
 )
 def test_wrong_input_is_one_line(arguments, error):
@@ -133,7 +133,7 @@ def test_wrong_input_is_one_line(arguments, error):
 def test_a_controller_in_alarm_is_left_alone():
     with SimulatedGrbl(time.monotonic, restarts=False) as controller:
         controller.alarm(3)
-        process = pushfric("--port", controller.port, "--stroke", 60)
+        process = pushfric("--port", controller.port, "--stroke", 0.06)
         _, err = process.communicate(timeout=120)
         assert "the controller is alarm: expected one that rests, unlocked and homed" in err
         assert process.returncode == 1

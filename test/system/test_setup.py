@@ -6,13 +6,15 @@ import os
 import pathlib
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from documents import has_the_form, shown
 
-from pushfric_ros.graph.lock import lock
+from pushfric_ros.node_kit.lock import lock
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = """
@@ -30,7 +32,7 @@ def workspace(tmp_path):
     """The entry script over a workspace of one tiny package."""
     source = tmp_path / "ws/src/tiny"
     source.mkdir(parents=True)
-    dependencies = "src/pushfric_ros/pushfric_ros/commands/dependencies.py"  # what the script asks before it builds
+    dependencies = "src/pushfric_core/pushfric_core/commands/dependencies.py"  # what the script asks before it builds
     (tmp_path / "ws" / dependencies).parent.mkdir(parents=True)
     for name in ("pushfric", dependencies):
         shutil.copy2(ROOT / name, tmp_path / "ws" / name)
@@ -70,6 +72,88 @@ def test_each_environment_has_a_build_of_its_own(workspace, tmp_path):
     assert (first / "local_setup.bash").is_file()  # whatever runs from there runs on
     assert "building" not in set_up(workspace)  # the first environment again: its build is still there
     assert (workspace / "install").resolve() == first
+
+
+LEFT_BEHIND = (
+    "build/lib/tiny.py",
+    "dist/tiny-0.0.1.tar.gz",
+    "tiny.egg-info/PKG-INFO",
+    ".mypy_cache/3.11/tiny.data.json",
+    ".pytest_cache/v/cache/lastfailed",
+    "tiny-0.0.1-py3-none-any.whl",
+    ".package.xml.swp",
+    "package.xml~",
+    "setup.cfg.orig",
+    "launch/tiny.launch.py.bak",
+    "__pycache__/setup.cpython-311.pyc",
+)
+
+
+def test_what_builds_and_editors_leave_behind_builds_nothing_again(workspace):
+    assert "building" in set_up(workspace)
+    for name in LEFT_BEHIND:
+        (workspace / "src/tiny" / name).parent.mkdir(parents=True, exist_ok=True)
+        (workspace / "src/tiny" / name).write_text("left")
+    assert set_up(workspace) == ""
+    (workspace / "src/tiny/setup.cfg").write_text((workspace / "src/tiny/setup.cfg").read_text() + "# changed\n")
+    assert "building" in set_up(workspace)
+
+
+def test_the_script_knows_all_that_a_build_copies(script):
+    """A new kind of file in a package must be in the list, or be one that needs no build: a module, its data, a text."""
+    listed = subprocess.run(["git", "ls-files", "src"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("this is not a clone: git cannot list its files")
+    for path in map(pathlib.PurePath, listed.stdout.splitlines()):
+        _, package, *rest = path.parts
+        copied = any(pathlib.PurePath(*rest).match(kind.format(package=package)) for kind in script.BUILT_FROM)
+        assert copied or rest[0] in (package, "CHANGELOG.rst", "LICENSE"), path
+
+
+@pytest.mark.parametrize(("word", "meant"), [("estimte", "estimate"), ("--hlep", "--help"), ("setpu", "setup")])
+def test_a_misspelt_command_is_refused_before_the_set_up(workspace, word, meant):
+    for package in ("pushfric_core/pushfric_core", "pushfric_ros/pushfric_ros"):
+        shutil.copytree(ROOT / "src" / package, workspace / "src" / package, dirs_exist_ok=True)
+    nothing = {name: value for name, value in os.environ.items() if name not in ("AMENT_PREFIX_PATH", "PYTHONPATH")}
+    done = subprocess.run([workspace / "pushfric", word], env=nothing, capture_output=True, text=True, timeout=60)
+    kind = "option" if word.startswith("-") else "command"
+    said = f"pushfric: no such {kind} {word!r}; did you mean {meant}? see ./pushfric --help\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
+    assert not (workspace / ".venv").exists()
+    assert not (workspace / ".colcon").exists()
+
+
+def test_a_shells_completion_starts_no_set_up(workspace):
+    asked = {name: value for name, value in os.environ.items() if name != "AMENT_PREFIX_PATH"} | {
+        "_PUSHFRIC_COMPLETE": "complete_bash"
+    }
+    done = subprocess.run([workspace / "pushfric"], env=asked, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert not (workspace / ".venv").exists()
+
+
+def test_ctrl_c_ends_a_step_of_the_set_up_with_all_that_it_started(script, tmp_path):
+    """`kill -INT` reaches this process alone; the terminal would have reached its group."""
+    program = f"""
+import importlib.machinery, os, pathlib, sys
+script = importlib.machinery.SourceFileLoader("script", {str(ROOT / "pushfric")!r}).load_module()
+script.ROOT = pathlib.Path({str(tmp_path)!r})
+try:
+    script.run(["bash", "-c", "sleep 1000 & echo $! > child; wait"], "a step", dict(os.environ))
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+    (tmp_path / "log").mkdir()
+    command = [sys.executable, "-W", "ignore", "-c", program]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as setting_up:
+        while not (tmp_path / "child").exists() or not (tmp_path / "child").read_text():
+            time.sleep(0.01)
+        setting_up.send_signal(signal.SIGINT)
+        said = setting_up.stderr.read()
+    assert (setting_up.returncode, said) == (130, "pushfric: a step ...\n")
+    child = pathlib.Path(f"/proc/{(tmp_path / 'child').read_text().strip()}/stat")
+    while child.exists() and child.read_text().rpartition(")")[2].split()[0] != "Z":
+        time.sleep(0.01)
 
 
 def test_a_folder_that_colcon_made_by_hand_is_kept(workspace):

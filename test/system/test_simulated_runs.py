@@ -19,9 +19,9 @@ import yaml
 from documents import ROOT, blocks, has_the_form, sessions
 from typer.testing import CliRunner
 
-from pushfric_ros.commands.cli import app
+from pushfric_core.commands.cli import app
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
 OBJECT = """
 name: box
@@ -52,13 +52,13 @@ def cell(tmp_path):
 
 def run(cell, *options) -> subprocess.CompletedProcess:
     arguments = ["run", str(cell), "--headless", "--bag", str(cell.parent / "bag"), *options]
-    return subprocess.run([sys.executable, "-m", "pushfric_ros", *arguments], capture_output=True, text=True, timeout=300)
+    return subprocess.run([sys.executable, "-m", "pushfric_core", *arguments], capture_output=True, text=True, timeout=300)
 
 
 def on_a_terminal(*arguments) -> str:
     """What the command line shows on a terminal, when it has ended well."""
     master, terminal = pty.openpty()
-    command = [sys.executable, "-m", "pushfric_ros", *arguments]
+    command = [sys.executable, "-m", "pushfric_core", *arguments]
     shown = b""
     with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal) as process:
         os.close(terminal)
@@ -76,7 +76,7 @@ def on_a_terminal(*arguments) -> str:
 
 def estimate(bag, code: int = 0) -> dict:
     arguments = ["estimate", str(bag), "--json"]
-    result = subprocess.run([sys.executable, "-m", "pushfric_ros", *arguments], capture_output=True, text=True, timeout=120)
+    result = subprocess.run([sys.executable, "-m", "pushfric_core", *arguments], capture_output=True, text=True, timeout=120)
     assert result.returncode == code, result.stderr
     return json.loads(result.stdout)
 
@@ -128,7 +128,7 @@ def test_an_alarm_ends_a_simulated_run_that_nobody_attends(cell, monkeypatch):
     cell.write_text(json.dumps(content))
     (cell.parent / "scratch").mkdir()
     monkeypatch.setenv("TMPDIR", str(cell.parent / "scratch"))
-    command = [sys.executable, "-m", "pushfric_ros", "run", str(cell), "--simulated", "--bag", str(cell.parent / "bag")]
+    command = [sys.executable, "-m", "pushfric_core", "run", str(cell), "--simulated", "--bag", str(cell.parent / "bag")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as ended:
         said = [next(line for line in ended.stderr if line.startswith("push   1"))]  # another push is under way
         (port,) = (cell.parent / "scratch").glob("pushfric-run-*/pusher")
@@ -137,8 +137,10 @@ def test_an_alarm_ends_a_simulated_run_that_nobody_attends(cell, monkeypatch):
         said += ended.stderr
         other.join()
     assert ended.returncode == 1, said
-    assert said[-1].startswith("error: waiting for the pusher: it is in alarm: do what the actuator asks for"), said
-    assert said[-1].endswith("; nobody is here to do that\n")
+    why = next(line for line in said if line.startswith("experiment: error: "))
+    assert "waiting for the pusher: it is in alarm: do what the actuator asks for" in why
+    assert why.endswith("; nobody is here to do that\n")
+    assert said[-1] == "error: experiment ended with exit code 1\n"
     assert re.search(r"p_CF \( *\S+, +\S+\) mm  mu_c 90 % \d\.\d\d, 100 % \d\.\d\d  fit error", said[0])
 
 

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 
 import pushfric_core
-from pushfric_ros.commands.cli import COMMANDS
+from pushfric_core.commands.cli import catalog
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -46,7 +46,7 @@ def test_every_page_is_reached_from_the_front_page(site):
 
 def test_the_reference_has_every_command_and_every_public_name(site):
     commands, names = ((site / f"{page}.html").read_text() for page in ("commands", "python"))
-    assert [name for name in COMMANDS if f">pushfric {name}<" not in commands] == []
+    assert [name for name in catalog() if f">pushfric {name}<" not in commands] == []
     public = {name for name in pushfric_core.__all__ if name in pushfric_core._HOMES}
     assert {name for name in public if not re.search(rf'id="pushfric_core\.[a-z0-9_.]*{name}"', names)} == set()
 

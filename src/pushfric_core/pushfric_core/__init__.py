@@ -1,7 +1,15 @@
-"""Friction parameters of pushed objects (Lynch 1993): pure maths, no ROS, no files, no clocks.
+"""Friction parameters of pushed objects (Lynch 1993), without ROS.
 
-The names below are the public interface. Each is loaded when it is first used. So importing the package costs next to nothing,
-and everything but the solvers works without numba and osqp, the packages that they need.
+The names below are the public interface. Each is loaded when it is first used, so importing the package costs next to nothing.
+What needs an extra (bags, pictures, tables) imports its packages when it is called; if one is missing, the error names it and
+the command that installs it.
+
+Example:
+    >>> from pushfric_core import TABLE_1, FrictionModel, predict
+    >>> known = TABLE_1["rubber_rect4"]
+    >>> push = predict(FrictionModel.of(known.support, known.mu_c), [(0.0, -0.032)], [(0.0, -1.0)], [(0.0, 0.02)])
+    >>> push.modes[0].value
+    'sticking'
 """
 
 import importlib
@@ -9,44 +17,49 @@ from typing import TYPE_CHECKING
 
 # isort: off
 if TYPE_CHECKING:
-    from pushfric_core.constraint_rows import ConstraintRows as ConstraintRows
-    from pushfric_core.constraints import Constraint as Constraint, functional_rows as functional_rows
-    from pushfric_core.contact import PushingLine as PushingLine
+    from pushfric_core.program.constraint_rows import ConstraintRows as ConstraintRows
+    from pushfric_core.program.constraints import Constraint as Constraint, functional_rows as functional_rows
+    from pushfric_core.geometry.contact import PushingLine as PushingLine
     from pushfric_core.errors import (
+        InvalidInput as InvalidInput,
+        MissingPackage as MissingPackage,
         PushfricError as PushfricError,
         SolverFailed as SolverFailed,
         SolverUnavailable as SolverUnavailable,
         UninformativePush as UninformativePush,
     )
-    from pushfric_core.estimate import Estimate as Estimate
-    from pushfric_core.estimator import Estimator as Estimator, EstimatorConfig as EstimatorConfig
-    from pushfric_core.limit_surface import Ellipsoid as Ellipsoid, LimitSurface as LimitSurface
-    from pushfric_core.observation import Observation as Observation
-    from pushfric_core.outline import Outline as Outline, Touch as Touch
-    from pushfric_core.planar import Pose as Pose, Twist as Twist, Wrench as Wrench
-    from pushfric_core.prediction import (
+    from pushfric_core.estimation.estimate import Estimate as Estimate
+    from pushfric_core.estimation.estimator import Estimator as Estimator, EstimatorConfig as EstimatorConfig
+    from pushfric_core.mechanics.limit_surface import Ellipsoid as Ellipsoid, LimitSurface as LimitSurface
+    from pushfric_core.trajectories.observation import Observation as Observation
+    from pushfric_core.trajectories.observations import Observations as Observations
+    from pushfric_core.offline.inputs import Recording as Recording, load as load
+    from pushfric_core.geometry.outline import Outline as Outline, Touch as Touch
+    from pushfric_core.geometry.planar import Pose as Pose, Twist as Twist, Wrench as Wrench
+    from pushfric_core.mechanics.prediction import (
         FrictionModel as FrictionModel,
         Predictions as Predictions,
         Stability as Stability,
+        friction_model as friction_model,
         motion_cone as motion_cone,
         predict as predict,
         stability as stability,
     )
-    from pushfric_core.push_choice import next_pushes as next_pushes
-    from pushfric_core.recognition import Hypothesis as Hypothesis, Ranking as Ranking, Recognizer as Recognizer
-    from pushfric_core.region import HalfPlanes as HalfPlanes, Region as Region
-    from pushfric_core.simulation import PushedObject as PushedObject, pushed_motion as pushed_motion
+    from pushfric_core.estimation.push_choice import next_pushes as next_pushes
+    from pushfric_core.estimation.recognition import Hypothesis as Hypothesis, Ranking as Ranking, Recognizer as Recognizer
+    from pushfric_core.estimation.region import HalfPlanes as HalfPlanes, Region as Region
+    from pushfric_core.mechanics.simulation import PushedObject as PushedObject, pushed_motion as pushed_motion
     from pushfric_core.solvers.program import Loss as Loss, Optimum as Optimum, Solver as Solver, Status as Status
-    from pushfric_core.strokes import Strokes as Strokes, predict_strokes as predict_strokes
-    from pushfric_core.support import Support as Support, SupportForces as SupportForces
-    from pushfric_core.surface_models import (
+    from pushfric_core.mechanics.strokes import Strokes as Strokes, predict_strokes as predict_strokes
+    from pushfric_core.geometry.support import Support as Support, SupportForces as SupportForces
+    from pushfric_core.mechanics.surface_models import (
         NamedEllipsoid as NamedEllipsoid,
         Quartic as Quartic,
         convex_quartic as convex_quartic,
         named_ellipsoid as named_ellipsoid,
     )
-    from pushfric_core.table_1 import TABLE_1 as TABLE_1
-    from pushfric_core.trajectory import Trajectory as Trajectory, TrajectoryConfig as TrajectoryConfig
+    from pushfric_core.geometry.table_1 import TABLE_1 as TABLE_1
+    from pushfric_core.trajectories.trajectory import Trajectory as Trajectory, TrajectoryConfig as TrajectoryConfig
 
 # isort: on
 
@@ -54,27 +67,37 @@ __version__: str
 """That of the installed package: package.xml has it."""
 
 _MODULES = {  # the same as above: a test compares them
-    "constraint_rows": ["ConstraintRows"],
-    "constraints": ["Constraint", "functional_rows"],
-    "contact": ["PushingLine"],
-    "errors": ["PushfricError", "SolverFailed", "SolverUnavailable", "UninformativePush"],
-    "estimate": ["Estimate"],
-    "estimator": ["Estimator", "EstimatorConfig"],
-    "limit_surface": ["Ellipsoid", "LimitSurface"],
-    "observation": ["Observation"],
-    "outline": ["Outline", "Touch"],
-    "planar": ["Pose", "Twist", "Wrench"],
-    "prediction": ["FrictionModel", "Predictions", "Stability", "motion_cone", "predict", "stability"],
-    "push_choice": ["next_pushes"],
-    "recognition": ["Hypothesis", "Ranking", "Recognizer"],
-    "region": ["HalfPlanes", "Region"],
-    "simulation": ["PushedObject", "pushed_motion"],
+    "program.constraint_rows": ["ConstraintRows"],
+    "program.constraints": ["Constraint", "functional_rows"],
+    "geometry.contact": ["PushingLine"],
+    "errors": ["InvalidInput", "MissingPackage", "PushfricError", "SolverFailed", "SolverUnavailable", "UninformativePush"],
+    "estimation.estimate": ["Estimate"],
+    "estimation.estimator": ["Estimator", "EstimatorConfig"],
+    "mechanics.limit_surface": ["Ellipsoid", "LimitSurface"],
+    "trajectories.observation": ["Observation"],
+    "trajectories.observations": ["Observations"],
+    "offline.inputs": ["Recording", "load"],
+    "geometry.outline": ["Outline", "Touch"],
+    "geometry.planar": ["Pose", "Twist", "Wrench"],
+    "mechanics.prediction": [
+        "FrictionModel",
+        "Predictions",
+        "Stability",
+        "friction_model",
+        "motion_cone",
+        "predict",
+        "stability",
+    ],
+    "estimation.push_choice": ["next_pushes"],
+    "estimation.recognition": ["Hypothesis", "Ranking", "Recognizer"],
+    "estimation.region": ["HalfPlanes", "Region"],
+    "mechanics.simulation": ["PushedObject", "pushed_motion"],
     "solvers.program": ["Loss", "Optimum", "Solver", "Status"],
-    "strokes": ["Strokes", "predict_strokes"],
-    "support": ["Support", "SupportForces"],
-    "surface_models": ["NamedEllipsoid", "Quartic", "convex_quartic", "named_ellipsoid"],
-    "table_1": ["TABLE_1"],
-    "trajectory": ["Trajectory", "TrajectoryConfig"],
+    "mechanics.strokes": ["Strokes", "predict_strokes"],
+    "geometry.support": ["Support", "SupportForces"],
+    "mechanics.surface_models": ["NamedEllipsoid", "Quartic", "convex_quartic", "named_ellipsoid"],
+    "geometry.table_1": ["TABLE_1"],
+    "trajectories.trajectory": ["Trajectory", "TrajectoryConfig"],
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 

@@ -1,8 +1,20 @@
 """Errors with physical, numerical or input reasons; a wrong argument is a ValueError."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class PushfricError(Exception):
-    """Base of all outcomes that a caller may want to catch and report."""
+    """Base of all outcomes that a caller may want to catch and report.
+
+    Example:
+        >>> from pushfric_core import PushfricError, load
+        >>> try:
+        ...     recording = load("no such bag")
+        ... except PushfricError as error:
+        ...     print(error)
+        no such bag: no such file; expected a bag or a CSV of observations
+    """
 
 
 LONGEST = 1000
@@ -10,7 +22,16 @@ LONGEST = 1000
 
 
 class InvalidInput(PushfricError):
-    """A file or value from outside cannot be used. The text says on one line what is wrong, where, and what was expected."""
+    """A file or value from outside cannot be used. The text says on one line what is wrong, where, and what was expected.
+
+    Example:
+        >>> from pushfric_core import InvalidInput, load
+        >>> try:
+        ...     recording = load("no such bag")
+        ... except InvalidInput as error:
+        ...     print(error)
+        no such bag: no such file; expected a bag or a CSV of observations
+    """
 
     def __init__(self, text: str) -> None:
         line = " ".join(text.splitlines())
@@ -18,16 +39,59 @@ class InvalidInput(PushfricError):
 
 
 class UninformativePush(PushfricError):
-    """A motion that says nothing about the support: the object did not move."""
+    """A motion that says nothing about the support: the object did not move.
 
-
-class InfeasibleProgram(PushfricError):
-    """No w satisfies the hard constraints of the linear program."""
+    Example:
+        >>> from pushfric_core import Observation, Twist, UninformativePush
+        >>> try:
+        ...     Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.0, 0.0))
+        ... except UninformativePush:
+        ...     print("the object did not move")
+        the object did not move
+    """
 
 
 class SolverFailed(PushfricError):
-    """The solver stopped without a solution that it could certify."""
+    """The solver stopped without a solution that it could certify.
+
+    Example:
+        >>> from pushfric_core import PushfricError, SolverFailed
+        >>> issubclass(SolverFailed, PushfricError)
+        True
+    """
 
 
 class SolverUnavailable(PushfricError):
-    """The solver that is asked for needs a package that is not installed."""
+    """The solver that is asked for needs a package that is not installed.
+
+    Example:
+        >>> from pushfric_core import PushfricError, SolverUnavailable
+        >>> issubclass(SolverUnavailable, PushfricError)
+        True
+    """
+
+
+class MissingPackage(PushfricError, ImportError):
+    """A package that is needed for this is not installed; the text names it, and the command that installs it.
+
+    Example:
+        >>> from pushfric_core import MissingPackage, PushfricError
+        >>> issubclass(MissingPackage, PushfricError), issubclass(MissingPackage, ImportError)
+        (True, True)
+    """
+
+
+@contextmanager
+def extra(name: str, what: str) -> Iterator[None]:
+    """Import the packages of an extra inside.
+
+    Args:
+        name: of the extra of pushfric_core.
+        what: is asked for.
+    Raises:
+        MissingPackage: one of the packages is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingPackage(f"{what} needs the package {error.name}: pip install 'pushfric_core[{name}]'") from error

@@ -25,7 +25,7 @@ def comparable(record: type[Record]) -> type[Record]:
 
 def _fields(record: object) -> Iterable[object]:
     if dataclasses.is_dataclass(record):
-        return [getattr(record, field.name) for field in dataclasses.fields(record)]
+        return [getattr(record, field.name) for field in dataclasses.fields(record) if field.compare]
     assert isinstance(record, tuple)
     return record
 

@@ -1,15 +1,18 @@
 """Settings: fields of frozen dataclasses that say what they are, once, for Python, nodes, files, command line and docs alike.
 
-A setting is a bool, an int, a float, a text, an enum with texts as values, a tuple of one of these, or `float | None`, where
-None means that the value is found by the program and is written `auto`.
+A setting is a bool, an int, a float, a text, an enum with texts as values, or a tuple of one of these. It may also be None, and
+is then written `auto`: the program finds the value.
 """
 
 import dataclasses
 import enum
 import math
+import re
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
+
+from pushfric_core.plausible import other_unit
 
 AUTO = "auto"
 """What people write if a setting is None, that is, to be found by the program."""
@@ -55,10 +58,26 @@ def check_ranges(config: Any) -> None:
 
 def _check_range(field: Any, name: str, value: Any) -> None:
     low, high = field.metadata.get("low"), field.metadata.get("high")
-    # `not >=` also catches NaN
-    if (low is not None and not value >= low) or (high is not None and not value <= high):
-        span = f"[{'-inf' if low is None else low}, {'inf' if high is None else high}]"
-        raise ValueError(f"{name} must lie in {span}, got {value}")
+    least, most = -math.inf if low is None else low, math.inf if high is None else high
+    for number in value if isinstance(value, tuple) else (value,) if (low, high) != (None, None) else ():
+        # `not <=` also catches NaN
+        if isinstance(number, int | float) and not least <= number <= most:
+            raise ValueError(out_of_range(field, name, value, number))
+
+
+def out_of_range(field: Any, name: str, value: object, number: float) -> str:
+    """What is wrong with a value, one of whose numbers is out of range, and the unit in which it would not be."""
+    low, high = field.metadata.get("low"), field.metadata.get("high")
+    least, most = -math.inf if low is None else low, math.inf if high is None else high
+    unit = unit_in(field.metadata["description"])
+    asked = other_unit(unit, lambda factor: least <= number * factor <= most) if abs(number) > abs(most) else ""
+    return f"{name} must lie in [{'-inf' if low is None else low}, {'inf' if high is None else high}], got {value}{asked}"
+
+
+def unit_in(description: str) -> str:
+    """The first unit that stands in brackets in a description; empty if there is none."""
+    found = re.search(r"\[([^]\s]+)", description)
+    return found[1] if found else ""
 
 
 def read(values: Mapping[str, Any], *configs: type, keys: bool = False) -> tuple[Any, ...]:

@@ -1,4 +1,6 @@
-"""Numbers in sentences."""
+"""Numbers and names in sentences."""
+
+from collections.abc import Iterable
 
 
 def counted(number: int, one: str, several: str = "") -> str:
@@ -15,3 +17,23 @@ def counted(number: int, one: str, several: str = "") -> str:
 def data_of(data_points: int, pushes: int) -> str:
     """What an estimate rests on: 81 data points of 14 pushes."""
     return f"{counted(data_points, 'data point')} of {counted(pushes, 'push', 'pushes')}"
+
+
+def no_such(kind: str, word: str, known: Iterable[str], see: str) -> str:
+    """A word that names nothing, with the nearest name.
+
+    Args:
+        kind: what the word should name.
+        word: the unknown word.
+        known: all names of this kind.
+        see: the command that lists them.
+    """
+    import difflib  # late: only a wrong word needs it
+
+    nearest = difflib.get_close_matches(word, list(known), n=1)
+    return f"no such {kind} {word!r}; {f'did you mean {nearest[0]}? ' if nearest else ''}see {see}"
+
+
+def observations_of(observations: int, pushes: int) -> str:
+    """What an estimate rests on: 81 observations of 14 pushes."""
+    return f"{counted(observations, 'observation')} of {counted(pushes, 'push', 'pushes')}"

@@ -1,9 +1,3 @@
-"""The robot cell around pushfric_core: rclpy nodes, drivers, bags, command line."""
+"""The robot cell around pushfric_core: nodes, launch files, and the commands that need a node graph."""
 
-import os
-
-PIXEL_LIMIT = 10**8
-"""Largest number of pixels of a picture that is decoded."""
-
-# OpenCV reads it as it is loaded, which is after this; it would otherwise allocate 2^30 bytes for a picture of 74
-os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(PIXEL_LIMIT)
+import pushfric_core.vision  # noqa: F401 - sets a limit that OpenCV reads as it is loaded

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize, nnls
 
-from pushfric_core.constraint_rows import ConstraintRows, stack
-from pushfric_core.planar import cross, left_of
+from pushfric_core.geometry.planar import cross, left_of
+from pushfric_core.program.constraint_rows import ConstraintRows, stack
 from pushfric_core.solvers.osqp import OsqpLinearProgram
 from pushfric_core.solvers.program import Status, certify
 from pushfric_core.solvers.quadratic import LeastSquares

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from problems import rows_of
 from scipy.optimize import linprog
 
-from pushfric_core.constraint_rows import ConstraintRows, stack
-from pushfric_core.constraints import (
+from pushfric_core.geometry.planar import Twist, cross, left_of
+from pushfric_core.program.constraint_rows import ConstraintRows, stack
+from pushfric_core.program.constraints import (
     Cone,
     Frictionless,
     Moment,
@@ -16,12 +17,11 @@ from pushfric_core.constraints import (
     SensedDirection,
     SensedForce,
 )
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist, cross, left_of
 from pushfric_core.solvers import basis, pivoting
 from pushfric_core.solvers import simplex as simplex_module
 from pushfric_core.solvers.program import HARD_VIOLATION, Status, certify
 from pushfric_core.solvers.simplex import CLOSE, Simplex
+from pushfric_core.trajectories.observation import Observation
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -4,12 +4,12 @@ import pathlib
 
 import pytest
 
+from pushfric_core.bags import data_points
 from pushfric_core.errors import InvalidInput
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate, PusherState
-from pushfric_ros.bags import data_points
-from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.files.object_file import load_object
+from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import compose
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
@@ -41,7 +41,7 @@ def test_an_arm_and_a_tag_give_the_friction_of_the_object(ros, tmp_path, monkeyp
     directions = {round(state.direction.x, 2) for state in states if state.push_id == 0}
     assert len(directions) > 5  # the tip moved along a curve
     model = load_object(cell.object)
-    found = data_points.observations(tmp_path / "bag", model, cell.estimator, lambda _: None, partial=True)
+    found = data_points.read(tmp_path / "bag", model, cell.estimator, lambda _: None, partial=True).observations
     assert len({point.push_id for point in found}) >= len(arm_and_tag.PUSHES) - 1
 
 

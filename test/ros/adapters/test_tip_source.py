@@ -5,10 +5,10 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.handover import PushCount
+from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.bags.handover import PushCount
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.tip_source import TipSourceNode

@@ -24,14 +24,15 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
+from pushfric_core.bags.bag import Bag, DamagedBag
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.contents import BagMessage
+from pushfric_core.bags.offered_qos import INFINITE_NS
+from pushfric_core.bags.recovery import recover
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, Hypothesis, Observation, Recognition
-from pushfric_ros.bags.bag import Bag, DamagedBag, recorded_class
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.bags.contents import BagMessage
-from pushfric_ros.bags.offered_qos import INFINITE_NS
-from pushfric_ros.bags.recovery import recover
 from pushfric_ros.messages import types as message_types
+from pushfric_ros.messages.types import recorded_class
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, offered
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
@@ -173,7 +174,7 @@ def test_several_files_are_one_bag(tmp_path):
     assert [qos.reliability for qos in topic.qos_profiles] == ["reliable", "best_effort"]
     (whole / "metadata.yaml").unlink()
     assert len(list(Bag(whole).messages())) == 5
-    assert Bag(whole).damage is None
+    assert "numbered by another recorder" in " ".join(Bag(whole).doubts)
 
 
 # --- the layout of rosbag2 ---
@@ -392,7 +393,7 @@ def test_no_flipped_byte_causes_a_traceback(tmp_path, flushed, rng):
 def test_what_was_flushed_survives_a_killed_process(tmp_path):
     script = f"""
 import os, signal, test_bag
-from pushfric_ros.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter
 writer = BagWriter({str(tmp_path / "bag")!r})
 writer.add_topic("/text", test_bag.STRING, [test_bag.offered(test_bag.RELIABLE)])
 for number in range(3):
@@ -555,7 +556,7 @@ def test_wrong_calls_of_the_writer(tmp_path):
 @pytest.mark.parametrize("type_name", ["std_msgs/msg/Nothing", "no_such_msgs/msg/String", "String"])
 def test_unknown_types_are_refused(tmp_path, type_name):
     with BagWriter(tmp_path / "bag") as writer:
-        with pytest.raises(InvalidInput, match=rf"message type '{type_name}' has no installed \.json file"):
+        with pytest.raises(InvalidInput, match=f"message type '{type_name}' is not known here, expected package/msg/Type"):
             writer.add_topic("/text", type_name, [offered(RELIABLE)])
         assert not writer.topics
     with pytest.raises(InvalidInput, match=f"message type '{type_name}' is not installed, expected package/msg/Type"):
@@ -595,7 +596,6 @@ def test_metadata_that_cannot_be_used_is_refused(tmp_path):
         (original.replace("storage_identifier: mcap", "storage_identifier: tape"), "to be one of mcap, sqlite3, got 'tape'"),
         (original.replace("compression_mode: ''", "compression_mode: [null]"), "expected compression_mode to be one of"),
         (original.replace("compression_mode: ''", "compression_mode: FILE"), "expected compression_format zstd, got ''"),
-        (original.replace("bag_0", "lost_0"), r"lost_0\.mcap: cannot be read: No such file or directory"),
         (original.replace("- bag_0.mcap", "- bag_0.mcap\n  - ../bag/bag_0.mcap"), r"lists bag_0\.mcap more than once"),
         (original.replace("- bag_0.mcap", '- "bag_0\\0.mcap"'), "expected relative_file_paths to list names of files"),
         (original.replace("message_count: 1", "message_count: -1"), "expected message_count to be a whole number"),

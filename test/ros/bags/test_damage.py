@@ -1,32 +1,45 @@
 """Damaged bags: every lost message is known, all others are saved, and hostile bytes are refused in one line."""
 
+import contextlib
 import json
 import pathlib
 import re
 import shutil
+import sqlite3
 import struct
+import subprocess
+import sys
 
 import lz4.frame
 import numpy as np
 import pytest
+import rearranged
+import yaml
 import zstandard
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
+from pushfric_core.bags import bag as bag_module
+from pushfric_core.bags import mcap_records, sqlite_file
+from pushfric_core.bags.bag import Bag, DamagedBag
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.cdr import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder, encoder
+from pushfric_core.bags.contents import BagMessage, Definition, Standing
+from pushfric_core.bags.mcap_file import McapFile
+from pushfric_core.bags.mcap_records import HELD_LIMIT, MAGIC
+from pushfric_core.bags.offered_qos import INFINITE_NS
+from pushfric_core.bags.recovery import recover
+from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.bags import mcap_records
-from pushfric_ros.bags.bag import Bag, DamagedBag
-from pushfric_ros.bags.cdr import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder, Definition, encoder
-from pushfric_ros.bags.contents import BagMessage
-from pushfric_ros.bags.mcap_file import McapFile
-from pushfric_ros.bags.mcap_records import CHUNK_LIMIT, MAGIC
-from pushfric_ros.bags.offered_qos import INFINITE_NS
-from pushfric_ros.bags.recovery import recover
-from pushfric_ros.commands import cli
 from pushfric_ros.messages.types import definition
 
-DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+DEMO = ROOT / "bags/rubber_rect4"
 SECTOR = 4096
 STRING = "std_msgs/msg/String"
 
@@ -48,7 +61,8 @@ def zero_sector(folder: pathlib.Path, number: int, content: bytes) -> None:
 
 
 def messages_of(path: pathlib.Path) -> list[BagMessage]:
-    return list(Bag(path).messages())
+    """The messages of a bag, without what is said against them."""
+    return [message._replace(doubt="") for message in Bag(path).messages()]
 
 
 # --- sectors ---
@@ -209,7 +223,7 @@ def test_what_no_checksum_confirms_is_marked_and_read_only_on_demand(tmp_path, r
     assert run.exit_code == 0
     unconfirmed = Bag(path).damage.unconfirmed
     assert unconfirmed["/cell/object_pose"] > 100
-    assert f"no checksum confirms {sum(unconfirmed.values())} of them" in " ".join(run.output.split())
+    assert f"nothing confirms {sum(unconfirmed.values())} of them" in " ".join(run.output.split())
     damage = Bag(out).damage
     assert damage.loses_messages
     assert not damage.missing
@@ -249,7 +263,7 @@ def test_damage_in_a_long_message_leaves_the_short_ones(tmp_path, recorded):
     inside = content.index(b"x" * 19_000) + 9000
     path.write_bytes(content[:inside] + bytes(600) + content[inside + 600 :])
     bag = Bag(path)
-    left = list(bag.messages(unconfirmed=True))
+    left = [message._replace(doubt="") for message in bag.messages(unconfirmed=True)]
     assert "/text" not in bag.damage.unconfirmed  # which of them is wrong cannot be known
     assert set(left) <= set(recorded)
     short = [message for message in recorded if len(message.raw) < 450]
@@ -327,8 +341,8 @@ def test_a_frame_that_declares_20_gib_is_not_allocated(tmp_path):
     where = bytes(frame).index(struct.pack("<I", 2**17))
     frame[where : where + 4] = struct.pack("<I", 2**32 - 1)
     path = tmp_path / "hostile.mcap"
-    path.write_bytes(HEADER + chunk("zstd", bytes(frame), CHUNK_LIMIT))
-    assert f"a chunk of {CHUNK_LIMIT} bytes declares {2**32 - 1}" in McapFile(path).gaps[0].reason
+    path.write_bytes(HEADER + chunk("zstd", bytes(frame), HELD_LIMIT))
+    assert f"a chunk of {HELD_LIMIT} bytes declares {2**32 - 1}" in McapFile(path).gaps[0].reason
 
 
 def write_with(
@@ -424,3 +438,276 @@ def test_a_checksum_over_all_covers_what_has_none(tmp_path):
     damage = Bag(path).damage
     assert damage.loses_messages
     assert damage.gaps[0].gap.reason == "the data section fails its checksum"
+
+
+# --- what belongs together ---
+
+
+@pytest.mark.parametrize("what", rearranged.DAMAGES)
+def test_nothing_vanishes_or_comes_in_without_a_word(tmp_path, what):
+    """A sample; `--fuzz MINUTES` of the tests of hostile input tries more. Of a whole bag, nothing is said."""
+    for seed in range(3):
+        rearranged.try_one(seed, tmp_path, what)
+
+
+def test_too_few_messages_of_a_topic_to_tell_the_strange_one_are_not_confirmed(tmp_path):
+    """Of two messages of one topic, the chunk of another recording holds one."""
+    rearranged.try_one(51061, tmp_path)
+    bag = Bag(tmp_path / "bag")
+    assert bag.standings[Standing.FOREIGN].total() == 30
+    assert bag.standings[Standing.UNCHECKED] == {"/cell/placement": 2}
+
+
+def split(folder: pathlib.Path, metadata: bool = True) -> pathlib.Path:
+    """The demo's bag in three files, as `ros2 bag record --max-bag-size` writes them."""
+    messages = list(Bag(DEMO).messages())
+    folder.mkdir()
+    layout = rearranged.Layout(3, CompressionType.ZSTD, 2**16, False, "libmcap 1.2", False, True, metadata)
+    for number, content in enumerate(rearranged.files_of(messages, 0, layout)):
+        (folder / f"bag_{number}.mcap").write_bytes(content)
+    if metadata:
+        (folder / "metadata.yaml").write_text(rearranged.metadata_of(messages, 3))
+    shutil.copy(DEMO / "object.yaml", folder)
+    return folder
+
+
+def verified(path: pathlib.Path) -> tuple[int, str]:
+    """Exit code of `bag verify`, and what it says."""
+    run = CliRunner().invoke(cli.app, ["bag", "verify", str(path)])
+    return run.exit_code, " ".join(run.output.split())
+
+
+def test_parts_that_do_not_add_up_are_named_and_refused(tmp_path):
+    def without_1(folder):
+        (folder / "bag_1.mcap").unlink()
+
+    def not_listed(folder):
+        path = folder / "metadata.yaml"
+        information = yaml.safe_load(path.read_text())
+        inner = information["rosbag2_bagfile_information"]
+        del inner["relative_file_paths"][1], inner["files"][1]
+        path.write_text(yaml.safe_dump(information))
+
+    def doubled(folder):
+        shutil.copy(folder / "bag_1.mcap", folder / "again.mcap")
+
+    def numbered_twice(folder):
+        (folder / "bag_2.mcap").rename(folder / "bag_01.mcap")
+
+    def closed_up(folder):
+        without_1(folder)
+        (folder / "bag_2.mcap").rename(folder / "bag_1.mcap")
+
+    def swapped(folder):
+        (folder / "bag_2.mcap").rename(folder / "bag_3.mcap")
+        (folder / "bag_1.mcap").rename(folder / "bag_2.mcap")
+        (folder / "bag_3.mcap").rename(folder / "bag_1.mcap")
+
+    cases = [
+        (without_1, True, ["lists 3 files, 1 of which are not there: bag_1.mcap", "messages are missing: "]),
+        (without_1, False, ["1 part is missing of 0 to 2: 1"]),
+        (not_listed, True, ["metadata.yaml does not list bag_1.mcap, which lies in the folder"]),
+        (doubled, True, ["does not list again.mcap, which lies in the folder and holds 909 messages; it is not read"]),
+        (doubled, False, ["1 file without a number among 3 parts: again.mcap", "909 messages are copies"]),
+        (numbered_twice, False, ["2 files have the same number: bag_01.mcap, bag_1.mcap"]),
+        (closed_up, False, [r"bag_1.mcap begins 2\d\.\d+ s after bag_0.mcap ends"]),
+        (swapped, False, [r"bag_2.mcap begins \d+\.\d+ s before bag_1.mcap ends"]),
+    ]
+    for number, (damage, metadata, expected) in enumerate(cases):
+        folder = split(tmp_path / str(number), metadata)
+        assert verified(folder)[0] == 0
+        damage(folder)
+        code, said = verified(folder)
+        assert code == 1, damage
+        for each in expected:
+            assert re.search(each, said), (damage, said)
+        if "copies" not in said and damage is not doubled:
+            run = CliRunner().invoke(cli.app, ["estimate", str(folder)])
+            assert isinstance(run.exception, DamagedBag)
+
+
+def test_what_cannot_be_known_of_the_last_part_is_said(tmp_path):
+    folder = split(tmp_path / "split", metadata=False)
+    (folder / "bag_2.mcap").unlink()
+    code, said = verified(folder)
+    assert (code, Bag(folder).damage) == (0, None)
+    assert "without metadata.yaml, nothing says whether a part 2 was recorded" in said
+    _, said = estimated(folder)
+    assert "nothing says whether a part 2 was recorded" in " ".join(said.split())
+    recover(folder, tmp_path / "out")
+    assert "nothing says whether a part 2 was recorded" in verified(tmp_path / "out")[1]
+
+
+def with_unchecked_chunk(path: pathlib.Path, messages: list[BagMessage], number: int) -> int:
+    """Write a file in which one chunk has no checksum and one pose of it is moved by 4 mm; returns its number of messages."""
+    layout = rearranged.Layout(1, CompressionType.NONE, 2**14, True, "libmcap 1.2", True, True, False)
+    (content,) = rearranged.files_of(messages, 1, layout)
+    chunks = rearranged.chunks_of(content)
+    poses = [one for one in messages if one.topic == "/cell/object_pose" and one.raw in chunks[number]]
+    place = chunks[number].index(poses[0].raw) + poses[0].raw.index(b"table\0") + 8
+    place += -(place - chunks[number].index(poses[0].raw) - 4) % 8
+    (x,) = struct.unpack_from("<d", chunks[number], place)
+    assert 0 < abs(x) < 1
+    moved = bytearray(chunks[number])
+    struct.pack_into("<d", moved, place, x + 0.004)
+    moved[33:37] = bytes(4)  # its checksum
+    chunks[number] = bytes(moved)
+    path.write_bytes(rearranged.with_chunks(content, chunks, mended=False))
+    (length,) = struct.unpack_from("<Q", moved, 1)
+    return sum(code == mcap_records.MESSAGE for code, _, _ in mcap_records.records(bytes(moved[9 + 40 : 9 + length])))
+
+
+@pytest.mark.parametrize("number", [3, 17])
+def test_doubt_travels_with_the_message(tmp_path, number):
+    (tmp_path / "hurt").mkdir()
+    path = tmp_path / "hurt/hurt_0.mcap"
+    inside = with_unchecked_chunk(path, messages_of(DEMO), number)
+    bag = Bag(path)
+    assert "the data section fails its checksum" in bag.damage.gaps[0].gap.reason
+    assert bag.standings[Standing.UNCHECKED].total() == inside
+    source = path
+    for step in range(3):  # recovered, and recovered again
+        out = tmp_path / str(step)
+        recover(source, out)
+        saved = Bag(out)
+        assert saved.damage.loses_messages
+        assert saved.standings[Standing.MARKED].total() == inside
+        assert sum(bool(one.doubt) for one in saved.messages()) == inside
+        with pytest.raises(DamagedBag, match="may not be what was recorded"):
+            saved.require_whole()
+        recover(out, tmp_path / f"sure {step}", unconfirmed=False)
+        sure = Bag(tmp_path / f"sure {step}")
+        assert sure.damage is None
+        assert set(sure.messages()) <= set(messages_of(DEMO))
+        assert f"{inside} messages were left out" in " ".join(sure.notes)
+        source = out
+    # other readers read all of it, marked or not
+    with AnyReader([out]) as reader:
+        assert reader.message_count == len(messages_of(DEMO))
+        assert sum(1 for _ in reader.messages()) == len(messages_of(DEMO))
+    with next(out.glob("*.mcap")).open("rb") as stream:
+        marks = {channel.metadata.get("pushfric_unconfirmed") for _, channel, _ in make_reader(stream).iter_messages()}
+    assert marks == {None, "nothing confirms it in a damaged file"}
+    # not even the loss of the end of the file takes the mark away
+    file = next(out.glob("*.mcap"))
+    file.write_bytes(file.read_bytes()[:-20_000])
+    (out / "metadata.yaml").unlink()
+    recover(out, tmp_path / "cut")
+    assert Bag(tmp_path / "cut").standings[Standing.MARKED].total() == inside
+
+
+def test_the_mark_of_an_earlier_version_is_kept(tmp_path):
+    messages = messages_of(DEMO)
+    poses = [one for one in messages if one.topic == "/cell/object_pose"]
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/cell/object_pose", poses[0].type_name, [])
+        for one in poses:
+            writer.write(one.topic, one.log_time_ns, one.raw)
+        span = f"5 from {poses[10].log_time_ns} to {poses[14].log_time_ns}"
+        writer._writer.add_metadata("pushfric_unconfirmed_messages", {"/cell/object_pose": span})
+    assert Bag(tmp_path / "bag").standings[Standing.MARKED] == {"/cell/object_pose": 5}
+    with pytest.raises(DamagedBag, match="5 messages of /cell/object_pose, from"):
+        Bag(tmp_path / "bag").require_whole()
+
+
+# --- memory ---
+
+
+def heavy(path: pathlib.Path, chunks: int, compression: CompressionType, spread_ns: int) -> None:
+    """A file of chunks of 100 MiB, all in the same span of time."""
+    raw = bytes(10 * 2**20)
+    with path.open("wb") as stream:
+        writer = Writer(stream, 100 * 2**20, compression)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b"string data"))
+        for number in range(chunks * 10):
+            stamp = 10**18 + spread_ns * (number % 10)
+            writer.add_message(channel, stamp, raw, stamp, number + 1)
+        writer.finish()
+
+
+MEASURED = """
+import resource, sys
+from pushfric_core.bags.bag import Bag
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(sum(1 for _ in Bag(sys.argv[1]).messages()))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
+def test_large_chunks_of_one_time_are_read_one_after_the_other(tmp_path, compression):
+    path = tmp_path / "heavy.mcap"
+    heavy(path, 4, compression, 0)
+    run = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, check=True, timeout=300)
+    messages, kilobytes = map(int, run.stdout.split())
+    assert messages == 40
+    assert kilobytes < 3 * 100 * 2**10
+
+
+def test_chunks_that_overlap_beyond_the_limit_are_refused_before_they_are_read(tmp_path):
+    path = tmp_path / "heavy.mcap"
+    heavy(path, 3, CompressionType.ZSTD, 10**6)
+    run = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, check=False, timeout=300)
+    assert re.search(
+        r"InvalidInput: .*heavy\.mcap: chunks that overlap at 0\.000 s take \d+ bytes, more than the limit of", run.stderr
+    )
+
+
+def test_a_chunk_beyond_the_limit_is_not_read(tmp_path):
+    """Whatever is stored is not read before its size is known: here it would be a file of 40 GiB."""
+    path = tmp_path / "sparse.mcap"
+    size = 40 * 2**30
+    head = struct.pack("<QQQII", 1, 1, size, 0, 0) + struct.pack("<Q", size)
+    with path.open("wb") as stream:
+        stream.write(HEADER + struct.pack("<BQ", mcap_records.CHUNK, len(head) + size) + head)
+        stream.truncate(len(HEADER) + 9 + len(head) + size)
+        stream.seek(0, 2)
+        stream.write(record(mcap_records.DATA_END, bytes(4)) + record(mcap_records.FOOTER, bytes(20)) + MAGIC)
+    assert f"a chunk of {size} bytes is larger than the limit of {HELD_LIMIT}" in McapFile(path).gaps[0].reason
+
+
+def test_more_messages_than_the_limit_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_module, "HELD_LIMIT", 1000 * 22)
+    with pytest.raises(InvalidInput, match="holds more messages than the limit of 1000"):
+        Bag(DEMO)
+
+
+def database(folder: pathlib.Path) -> pathlib.Path:
+    """A bag of two topics with 20 messages each, in a database."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsWriter(folder, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic in ("/a", "/b"):
+            connection = writer.add_connection(topic, STRING, typestore=store)
+            for stamp in range(20):
+                writer.write(connection, stamp, store.serialize_cdr(store.types[STRING](data=f"{topic} {stamp}"), STRING))
+    return next(folder.glob("*.db3"))
+
+
+def test_a_database_with_copies_and_without_a_topic_is_damaged(tmp_path):
+    for number, (change, expected) in enumerate([
+        ("INSERT INTO messages (topic_id, timestamp, data) SELECT topic_id, timestamp, data FROM messages WHERE timestamp < 3",
+         "no message is missing; 6 messages are copies: 3 of /a, 3 of /b"),
+        ("DELETE FROM topics WHERE name = '/b'", "20 of 40 messages are missing: 20 of"),
+    ]):  # fmt: skip
+        path = database(tmp_path / str(number))
+        with contextlib.closing(sqlite3.connect(path)) as connection:
+            connection.execute(change)
+            connection.commit()
+        (path.parent / "metadata.yaml").unlink()
+        bag = Bag(path.parent)
+        assert expected in bag.doubts[0]
+        assert len(list(bag.messages())) == bag.summary.message_count == (40, 20)[number]
+
+
+def test_a_message_of_a_database_beyond_the_limit_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(sqlite_file, "HELD_LIMIT", 10)
+    with pytest.raises(InvalidInput, match="holds 40 messages of up to 14 bytes, more than the limit of 10 bytes allows"):
+        Bag(database(tmp_path / "bag"))
+
+
+def test_a_compressed_file_that_is_far_larger_than_it_looks_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_module, "HELD_LIMIT", 2**20)
+    (tmp_path / "bomb_0.mcap.zstd").write_bytes(zstandard.compress(HEADER + bytes(40 * 2**20)))
+    with pytest.raises(InvalidInput, match=r"bomb_0\.mcap\.zstd: holds more than the limit of \d+ bytes"):
+        Bag(tmp_path)

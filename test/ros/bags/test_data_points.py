@@ -1,22 +1,33 @@
-"""Offline estimation from a bag with a force sensor."""
+"""Offline estimation from a bag with a force sensor, and from one of several cells."""
+
+import json
+import pathlib
+import shutil
 
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+from typer.testing import CliRunner
 
-from pushfric_core.contact import PushingLine
-from pushfric_core.estimator import EstimatorConfig
-from pushfric_core.planar import Pose
-from pushfric_core.simulation import PushedObject
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.bags import data_points
+from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.cdr import encoder
+from pushfric_core.commands import cli
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.simulation import PushedObject
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.bags import data_points
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import load_object
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, offered
 
+DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)
 WITH_FORCES = EstimatorSettings(EstimatorConfig(terms=("moment", "force")))
@@ -55,10 +66,10 @@ def bag_of(folder, wrenches):
 def test_data_points_without_a_force_are_reported(tmp_path, wrenches):
     warnings, model = [], load_object(NAME)
     bag = bag_of(tmp_path / "bag", wrenches)
-    every = data_points.observations(bag, model, EstimatorSettings(), warnings.append)
+    every = data_points.read(bag, model, EstimatorSettings(), warnings.append).observations
     assert len(every) >= 5
     assert not warnings
-    found = data_points.observations(bag, model, WITH_FORCES, warnings.append)
+    found = data_points.read(bag, model, WITH_FORCES, warnings.append).observations
     last = 10**18 + (wrenches - 1) * FRAME + 2  # poses, states and forces come 1 ns apart
     complete = [o.stamp for o in every if o.stamp + round(o.duration * 5e8) < last]
     assert [o.stamp for o in found] == complete
@@ -67,3 +78,69 @@ def test_data_points_without_a_force_are_reported(tmp_path, wrenches):
     told = f"{bag}: ends before the force of its last data points was measured; left out: {left_out}"
     assert warnings == ([told] if left_out else [])
     assert (left_out > 2) == (wrenches == 20)
+
+
+# --- several cells in one bag ---
+
+
+@pytest.fixture(scope="module")
+def two_cells(tmp_path_factory):
+    """The demo's bag recorded as two cells, of which /left has left out push 3, and the settings of /right come last."""
+    folder = tmp_path_factory.mktemp("cells") / "both"
+    demo = Bag(DEMO)
+    encode = encoder("std_msgs/msg/String")
+    with BagWriter(folder) as writer:
+        for cell in ("left", "right"):
+            for topic in demo.summary.topics:
+                writer.add_topic(topic.name.replace("/cell", f"/{cell}"), topic.type_name, topic.qos_profiles)
+        settings = data_points.recorded_settings(DEMO)
+        for message in demo.messages():
+            for cell, later in (("left", 0), ("right", 1)):
+                raw = message.raw
+                if message.topic == "/cell/estimator_settings":
+                    raw = encode(String(data=(settings if later else settings.without([3])).to_text()))
+                writer.write(message.topic.replace("/cell", f"/{cell}"), message.log_time_ns + later, raw)
+    shutil.copy(DEMO / "object.yaml", folder)
+    return folder
+
+
+def test_one_of_several_cells_must_be_chosen(two_cells, tmp_path):
+    pushes = tmp_path / "pushes.csv"
+    pushes.write_text("contact_x,contact_y,normal_x,normal_y,tip_vx,tip_vy\n0.0,-0.032,0,-1,0.0,1.0\n")
+    for command in (["estimate"], ["region"], ["recognize"], ["replay", "--headless"], ["predict", "--pushes", str(pushes)]):
+        run = CliRunner().invoke(cli.app, [*command, str(two_cells)])
+        assert isinstance(run.exception, InvalidInput), command
+        assert "holds the data points of 2 cells, /left, /right; choose one with --namespace" in str(run.exception)
+    run = CliRunner().invoke(cli.app, ["estimate", str(two_cells), "--namespace", "middle"])
+    assert "no data points of /middle; expected the topics object_pose and pusher_state" in str(run.exception)
+
+
+@pytest.mark.parametrize(("cell", "excluded"), [("/left", (3,)), ("right/", ())])
+def test_the_settings_are_those_of_the_chosen_cell(two_cells, cell, excluded):
+    def figures(bag, *options):
+        run = CliRunner().invoke(cli.app, ["estimate", str(bag), *options, "--json"])
+        return json.loads(run.stdout)
+
+    assert data_points.recorded_settings(two_cells, cell).excluded == excluded
+    leave_out = [text for push in excluded for text in ("--exclude-push", str(push))]
+    chosen, alone = figures(two_cells, "--namespace", cell), figures(DEMO, *leave_out)
+    assert chosen["data_points"] == alone["data_points"]
+    assert chosen["w"] == alone["w"]
+
+
+def test_a_cell_without_data_points_is_no_choice(tmp_path):
+    """A camera of another cell, and an estimator in another namespace, do not hide the only cell that was pushed."""
+    demo = Bag(DEMO)
+    with BagWriter(tmp_path / "bag") as writer:
+        for topic in demo.summary.topics:
+            writer.add_topic(topic.name, topic.type_name, topic.qos_profiles)
+        writer.add_topic("/a/object_pose", TYPES["object_pose"], [])
+        writer.add_topic("/a/estimator_settings", "std_msgs/msg/String", [])
+        for message in demo.messages():
+            writer.write(message.topic, message.log_time_ns, message.raw)
+            if message.topic == "/cell/object_pose":
+                writer.write("/a/object_pose", message.log_time_ns, message.raw)
+        text = String(data=EstimatorSettings().without([0, 1]).to_text())
+        writer.write("/a/estimator_settings", demo.summary.end_ns, encoder("std_msgs/msg/String")(text))
+    assert data_points.source_of(tmp_path / "bag").namespace == "/cell"
+    assert data_points.recorded_settings(tmp_path / "bag") == data_points.recorded_settings(DEMO)

@@ -15,26 +15,27 @@ import yaml
 from rich.console import Console
 from sensor_msgs.msg import CompressedImage, Image
 
+from pushfric_core.commands import cli, dependencies
 from pushfric_core.errors import InvalidInput
-from pushfric_core.planar import Pose
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.pushers import grbl_checks
+from pushfric_core.pushers.grbl_config import GrblConfig
+from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig
 from pushfric_core.settings import plain
-from pushfric_ros.commands import cli, dependencies, doctor
+from pushfric_core.simulated import grbl_firmware
+from pushfric_core.simulated.camera import SimulatedCamera
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_ros.cell.node_settings import CameraConfig, PlanConfig
+from pushfric_ros.commands import doctor
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.doctor import Check, Level, camera, discovery, interfaces, machine, scene
 from pushfric_ros.commands.doctor.camera import Frame
-from pushfric_ros.files.node_settings import CameraConfig, PlanConfig
-from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.qos import SENSOR_DATA
-from pushfric_ros.pushers import grbl_checks
-from pushfric_ros.pushers.grbl_config import GrblConfig
-from pushfric_ros.pushers.pusher import Limits, Mode, PusherConfig
-from pushfric_ros.simulated import grbl_firmware
-from pushfric_ros.simulated.camera import SimulatedCamera
-from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
-from pushfric_ros.vision.camera import Camera, save_camera
 
 NAME = "rubber_rect4"
 SECOND = 10**9

@@ -17,16 +17,19 @@ from documents import PAGES, ROOT, agrees, blocks, inline, sessions, tokens
 from problems import observations_of
 from typer.testing import CliRunner
 
-from pushfric_core.support import Support
-from pushfric_ros.commands import cli
-from pushfric_ros.commands.json_option import spelled_out
+from pushfric_core.commands import cli
+from pushfric_core.commands.json_option import spelled_out
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import REQUIRED
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.geometry.support import Support
+from pushfric_core.trajectories.ledger import REASONS
+from pushfric_core.vision.camera import Camera, load_camera, save_camera
+from pushfric_core.vision.fiducial_tracker import load_fiducials
+from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands.launch_files import CELL, DEMO, REPLAY
-from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.files.observation_file import REQUIRED
-from pushfric_ros.files.plan_file import load_plan
-from pushfric_ros.vision.camera import Camera, load_camera, save_camera
-from pushfric_ros.vision.fiducial_tracker import load_fiducials
+
+COMMANDS = cli.catalog()
 
 RUN = {"estimate", "recognize", "predict", "stable", "region", "bag"}
 """Commands of ./pushfric that run here, with the files of the page. The parser of each other one reads its line."""
@@ -66,7 +69,7 @@ COMPARED_ELSEWHERE = {
 EXCERPTS = {
     ("docs/cell.md", "setup("): "part of the setup.py of another package",
     ("docs/cell.md", "pusher: {driver: crane"): "its driver is in another package",
-    ("README.md", "import rclpy"): "it spins for ever; test_the_readmes_subscriber_prints_an_estimate runs it",
+    ("docs/graph.md", "import rclpy"): "it spins for ever; test_the_subscriber_of_the_docs_prints_an_estimate runs it",
 }
 """Beginnings of snippets that are not read here, and why."""
 
@@ -77,7 +80,7 @@ LAUNCH_FILES = {"cell.launch.py": CELL, "demo.launch.py": DEMO, "replay.launch.p
 SCRIPT = {"setup": {"--system", "--distro"}, "test": set(), "docs": {"--out"}}
 """Commands of the script itself that it does not hand to a parser of ours, and their options."""
 
-TOP = {"--help", "--version"}
+TOP = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
 
 
 def parser(name):
@@ -90,7 +93,7 @@ def parser(name):
 def read(arguments):
     """Let the command line's own parser read these arguments of ./pushfric; raises what it raises."""
     name, *rest = spelled_out(arguments)
-    if name in TOP or "--help" in rest:
+    if name in TOP or {"--help", "-h"} & {*rest}:
         return
     if name in SCRIPT:
         assert {one for one in rest if one.startswith("--")} <= SCRIPT[name] or name == "test"
@@ -240,7 +243,7 @@ def test_the_list_of_what_is_not_run_is_needed():
 
 def options():
     """Every option of every command."""
-    every = [parser(name) for name in (*cli.COMMANDS, "bench", "faults")]
+    every = [parser(name) for name in (*COMMANDS, "bench", "faults")]
     every += [one for command in every for one in getattr(command, "commands", {}).values()]
     return {name for one in every for option in one.params for name in (*option.opts, *option.secondary_opts)}
 
@@ -251,7 +254,7 @@ def test_commands_and_options_within_sentences_exist():
         for code in (token.content for token in inline(page) if token.type == "code_inline"):
             if code.startswith("./pushfric ") and "COMMAND" not in code:
                 name, *rest = re.sub(r"\b(N|MINUTES)\b", "1", code).split()[1:]
-                assert name in {*TOP, *SCRIPT, *cli.COMMANDS, "bench", "faults"}, f"{page}: {code}"
+                assert name in {*TOP, *SCRIPT, *COMMANDS, "bench", "faults"}, f"{page}: {code}"
                 if set(rest) - {"verify", "recover", "board", "lens", "table"}:  # else it is only named
                     read([name, *rest])
             elif code.startswith("--"):
@@ -284,11 +287,11 @@ def test_every_link_leads_somewhere(page):
         assert not heading or slug(heading) in anchors(str(path.relative_to(ROOT))), target
 
 
-def test_the_readmes_subscriber_prints_an_estimate(ros, tmp_path):
+def test_the_subscriber_of_the_docs_prints_an_estimate(ros, tmp_path):
     from pushfric_msgs.msg import FrictionEstimate
     from pushfric_ros.node_kit.qos import LATCHED
 
-    (snippet,) = [block.text for block in blocks("README.md") if block.text.startswith("import rclpy")]
+    (snippet,) = [block.text for block in blocks("docs/graph.md") if block.text.startswith("import rclpy")]
     out = ros.node("estimator", namespace="/cell").create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
     out.publish(FrictionEstimate())
     with subprocess.Popen([sys.executable, "-u", "-c", snippet], stdout=subprocess.PIPE, text=True) as planner:
@@ -296,3 +299,34 @@ def test_the_readmes_subscriber_prints_an_estimate(ros, tmp_path):
             assert planner.stdout.readline().startswith("geometry_msgs.msg.Point(")
         finally:
             planner.terminate()
+
+
+def other_words():
+    """The words that docs/glossary.md does not use, and the term that stands for each."""
+    rows = (
+        line.split("|")[1:-1] for line in (ROOT / "docs/glossary.md").read_text(encoding="utf-8").splitlines() if "|" in line
+    )
+    return {word.strip(): row[0].strip() for row in rows for word in row[-1].split(",") if word.strip(" -") not in ("", "not")}
+
+
+def prose(page):
+    """A page without code and without the accounts of a ledger, which are keys in JSON."""
+    return " ".join(one.content for one in inline(page) if one.type == "text" and one.content not in REASONS)
+
+
+GENERATED = {"docs/architecture.md", "docs/cell.md", "docs/interfaces.md", "docs/reliability.md"}
+"""Pages with text of the packages and of what they print."""
+
+
+@pytest.mark.parametrize("page", sorted({*PAGES} - GENERATED - {"docs/glossary.md"}))
+def test_a_page_uses_the_words_of_the_glossary(page):
+    found = {other: term for other, term in other_words().items() if re.search(rf"\b{other}s?\b", prose(page), re.IGNORECASE)}
+    assert found == {}, f"{page}: the glossary has another word"
+    assert not re.search(r"\btold\b(?! apart)", prose(page)), "detected, reported, rejected"
+
+
+def test_the_glossary_has_every_term_once():
+    terms = re.findall(r"^\| ([a-z][\w ]+) \|", (ROOT / "docs/glossary.md").read_text(encoding="utf-8"), re.MULTILINE)[1:]
+    assert terms == sorted(set(terms))
+    assert {"observation", "support point", "outlier rejection"} <= {*terms}
+    assert other_words()["data point"] == "observation"

@@ -18,16 +18,16 @@ import pytest
 from sensor_msgs.msg import Image
 from typer.testing import CliRunner
 
+from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
-from pushfric_core.planar import Pose
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.simulated.camera import SimulatedCamera
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import frames
-from pushfric_ros.commands.cli import app
-from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.files.object_file import load_object
 from pushfric_ros.node_kit.qos import SENSOR_DATA
-from pushfric_ros.simulated.camera import SimulatedCamera
-from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
-from pushfric_ros.vision.camera import Camera, save_camera
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.0006)
 BOX = np.array(((-0.05, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.05, 0.03)))
@@ -179,7 +179,7 @@ def live_cell(cell, ros):
 
 def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):
     with live_cell(cell, ros) as controller:
-        command = [sys.executable, "-m", "pushfric_ros", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.05"]
+        command = [sys.executable, "-m", "pushfric_core", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.05"]
         run = subprocess.run(command, capture_output=True, text=True, timeout=280, stdin=subprocess.DEVNULL, env=os.environ)
         assert run.returncode == 0, run.stderr
         assert controller.position() == pytest.approx(0.0, abs=1e-6)
@@ -191,7 +191,7 @@ def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):
 def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
     with live_cell(cell, ros) as controller:
         before = cell.read_text()
-        command = [sys.executable, "-m", "pushfric_ros", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.001"]
+        command = [sys.executable, "-m", "pushfric_core", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.001"]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL) as run:
             deadline = time.monotonic() + 120
             while controller.position() < 1e-3:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands.cli import app
-from pushfric_ros.files.model_file import ModelFile, load_model, save_model
+from pushfric_core.files.model_file import ModelFile, load_model, save_model
 
 ROOT = pathlib.Path(__file__).parents[3]
 TEXT = (ROOT / "docs/planning.md").read_text()

@@ -6,10 +6,10 @@ import pytest
 from rclpy.parameter import Parameter
 from stage import STAGE
 
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import NoAnswer, Person, line
 from pushfric_ros.nodes.actuator import ActuatorNode
-from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
 
 def test_a_person_jogs_stops_and_resets(ros):

@@ -8,17 +8,17 @@ import pytest
 from problems import observations_of
 from typer.testing import CliRunner
 
+from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimator
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist
-from pushfric_core.push_choice import next_pushes, planned_pushes
-from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
-from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.commands.cli import app
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.files.observation_file import REQUIRED
-from pushfric_ros.files.plan_file import load_plan
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
+from pushfric_core.estimation.region import HalfPlanes, RegionConfig, line_of_motion
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import REQUIRED
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.geometry.planar import Twist
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.trajectories.observation import Observation
 
 NAME = "wood_rect3"
 KNOWN = TABLE_1[NAME]

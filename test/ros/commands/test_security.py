@@ -4,13 +4,18 @@ import dataclasses
 import pathlib
 import shutil
 import xml.etree.ElementTree as ElementTree
+from functools import partial
 
 import pytest
 
+from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import security
 from pushfric_ros.commands.security import Permission
-from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.vision.camera import Camera, save_camera
+from pushfric_ros.node_kit import person as person_module
+from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.node_kit.visit import Visit
+from pushfric_ros.nodes.monitor import MonitorNode
 
 EXAMPLE = pathlib.Path(__file__).parents[3] / "docs/example_cell"
 
@@ -96,3 +101,20 @@ def test_sros2_takes_the_policy(allowed, tmp_path):
     path = tmp_path / security.FILE
     path.write_text(security.policy(allowed))
     sros2.load_policy(path)  # raises an error if it does not fit the schema
+
+
+def test_the_nodes_of_the_command_line_serve_nothing(ros):
+    """Not even their parameters: the policy allows it to nobody, and a node that may not serve cannot be made."""
+    with Visit(partial(MonitorNode, print, print, starts_player=False, namespace="/left")) as monitor:
+        assert [*monitor.node.services] == []
+    with Person("/left", "/left/command_line") as person:
+        assert [*person._node.services] == []
+
+
+def test_a_jog_that_may_not_push_is_one_line(ros, monkeypatch):
+    def forbidden(*_):
+        raise ValueError("Failed to create action client: create_client() failed to create response DataReader")
+
+    monkeypatch.setattr(person_module, "ActionClient", forbidden)
+    with Person("/left", "/left/command_line") as person, pytest.raises(NoAnswer, match="do not allow to push"):
+        person.jog(0.01, 0.01)

@@ -3,10 +3,11 @@
 import pytest
 import typer.main
 
+from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands import cli, replay, run
-from pushfric_ros.commands.options import AUTO_VIEW, view_at
-from pushfric_ros.files.node_settings import ViewConfig
+from pushfric_ros.cell.node_settings import ViewConfig
+from pushfric_ros.commands import replay, run
+from pushfric_ros.commands.cell_options import AUTO_VIEW, view_at
 
 CELL = ViewConfig(host="10.0.0.5", port=9000, token="a-secret-word")
 

@@ -10,16 +10,16 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from typer.testing import CliRunner
 
+from pushfric_core.bags import data_points
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimator, EstimatorConfig
-from pushfric_core.region import RegionConfig
-from pushfric_core.table_1 import TABLE_1
-from pushfric_core.trajectory import TrajectoryConfig
-from pushfric_ros.bags import data_points
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.commands.cli import app
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import load_object
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimation.region import RegionConfig
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 

@@ -2,20 +2,21 @@
 
 import dataclasses
 import math
+import typing
 
 import numpy as np
 import pytest
 import yaml
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.outline import Outline
-from pushfric_core.push_plan import PlannedPush
+from pushfric_core.estimation.push_plan import PlannedPush
+from pushfric_core.files.object_file import load_object, read_points, save_object
+from pushfric_core.files.observation_file import read_observations
+from pushfric_core.files.plan_file import load_plan, save_plan
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.settings import key_of
-from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.files.cell_file import SECTIONS, driver_kinds, load_cell
-from pushfric_ros.files.object_file import load_object, read_points, save_object
-from pushfric_ros.files.observation_file import read_observations
-from pushfric_ros.files.plan_file import load_plan, save_plan
+from pushfric_ros.cell.cell_file import SECTIONS, driver_kinds, load_cell
 from pushfric_ros.graph import graph
 
 TRIANGLE = "name: triangle\noutline: [[0, 0], [0.15, 0], [0, 0.15]]\n"
@@ -92,7 +93,7 @@ def test_an_object_survives_its_file(write, tmp_path):
         (TRIANGLE + "support: 3", "support: expected keys with values, got 3$"),
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
-        (TRIANGLE + "support: {spacing: -1}", "spacing must be positive"),
+        (TRIANGLE + "support: {spacing: -1}", r"spacing must lie in \(0, 0.15\] m, got -1$"),
         (
             TRIANGLE + "supports: 3",
             "yaml: expected any of the keys name, outline, support, height, hypotheses, got supports$",
@@ -254,8 +255,14 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
         (CELL.replace("stroke: 0.06", "stroke: -1"), r"pusher: stroke must lie in \[0.001, 10.0\], got -1.0$"),
         (CELL.replace("{calib", "{threshold: 256, calib"), r"camera: threshold must lie in \[0, 255\], got 256$"),
         (CELL.replace("{port", "{home: maybe, port"), "pusher: home must be true or false, got 'maybe'$"),
-        (CELL.replace("tip_radius: 0.003", "tip_radius: 0.5"), r"pusher: tip_radius must lie in \[0.0, 0.1\], got 0.5$"),
-        (CELL.replace("max_speed: 0.1", "max_speed: 50"), r"pusher: max_speed must lie in \[0.0001, 10.0\], got 50.0$"),
+        (
+            CELL.replace("tip_radius: 0.003", "tip_radius: 0.5"),
+            r"pusher: tip_radius must lie in \[0.0, 0.1\], got 0.5: are these millimetres\?$",
+        ),
+        (
+            CELL.replace("max_speed: 0.1", "max_speed: 50"),
+            r"pusher: max_speed must lie in \[0.0001, 10.0\], got 50.0: are these millimetres per second\?$",
+        ),
         (CELL.replace("{port", "{axis: Q, port"), "pusher: axis must be X, Y, Z, A, B or C, .* minus sign, got 'Q'$"),
         (CELL.replace("[0, 1]", "[0, 0]"), r"pusher: line_direction must have a length, got \(0, 0\)"),
         (CELL.replace("[0, 1]", "[0, up]"), r"pusher: line_direction must be a list of 2 finite numbers, got \[0, 'up'\]$"),
@@ -285,16 +292,22 @@ def test_bad_cells_are_refused(write, text, error):
 def test_every_range_holds_in_a_cell_as_in_the_node(write, section):
     path = write(CELL, "cell.yaml")
     content = yaml.safe_load(CELL) | ({"tip": {"tip_radius": 0.003}} if section == "tip" else {})
-    fields = [field for config in (*SECTIONS[section], *driver_kinds(section, {})) for field in dataclasses.fields(config)]
+    configs = *SECTIONS[section], *driver_kinds(section, {})
+    fields = [field for config in configs for field in dataclasses.fields(config)]
+    hints = {name: hint for config in configs for name, hint in typing.get_type_hints(config).items()}
     limited = [field for field in fields if field.metadata["high"] not in (None, math.inf)]
     assert limited or section == "recorder"
     for field in limited:
         beyond, name = 2 * field.metadata["high"], key_of(field)
+        if typing.get_origin(hints[field.name]) is tuple:
+            items = typing.get_args(hints[field.name])
+            beyond = [beyond] * (3 if items[-1] is Ellipsis else len(items))
         path.write_text(yaml.safe_dump(content | {section: content.get(section, {}) | {name: beyond}}))
         with pytest.raises(InvalidInput) as refusal:
             load_cell(path)
         assert str(refusal.value).startswith(f"{path}: {section}: {name} must lie in [")
-        assert str(refusal.value).endswith(f", got {beyond}")
+        got = tuple(beyond) if isinstance(beyond, list) else beyond
+        assert str(refusal.value).partition(": are these")[0].endswith(f", got {got}")
 
 
 def test_every_setting_of_a_cell_reaches_its_node(write):
@@ -330,7 +343,7 @@ def test_a_cells_estimator_section_becomes_parameters(write):
         ("{half_width: x}", "estimator: half_width must be a finite number, got 'x'$"),
         ("{half_width: -1}", r"estimator: half_width must lie in \[0.0, 1.0\], got -1.0$"),
         ("{window: 7.5}", "estimator: window must be a whole number, got 7.5$"),
-        ("{tie_break: maybe}", "estimator: tie_break must be true or false, got 'maybe'$"),
+        ("{tie_break: maybe}", "estimator: tie_break must be auto or true or false, got 'maybe'$"),
         ("{terms: 5}", "estimator: terms must be a list of texts, got 5$"),
         ("{terms: [moment, moments]}", "estimator: terms must be of moment, .*, force_angle, got the unknown 'moments'$"),
         ("{terms: [moment, cone]}", "estimator: the term cone needs a mu_bound, .*, got none$"),

@@ -11,16 +11,18 @@ import yaml
 from problems import observations_of
 from typer.testing import CliRunner
 
-from pushfric_core.support import friction_directions
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.commands.cli import app
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import REQUIRED
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.geometry.support import friction_directions
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.report.ledger import account
+from pushfric_core.report.report import truth
+from pushfric_core.trajectories.ledger import POSES, USED, Ledger
+from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import cell_docs, doctor
-from pushfric_ros.commands.cli import app
 from pushfric_ros.commands.doctor import Check, Level
-from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.files.observation_file import REQUIRED
-from pushfric_ros.files.plan_file import load_plan
-from pushfric_ros.report.report import truth
 
 ROOT = pathlib.Path(__file__).parents[3]
 TEXT = (ROOT / "docs/files.md").read_text()
@@ -71,6 +73,14 @@ def test_the_keys_of_an_estimate_are_documented(data):
     # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}
     assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay` and `demo`"))
+
+
+def test_the_keys_of_a_ledger_are_documented():
+    ledger = Ledger()
+    ledger.event(0, "a clock jumped")
+    ledger.accounts[POSES].enter(USED)
+    keys = {key.split(".")[0] if key.startswith("accounts") else key for key in keys_of(account(ledger))}
+    assert keys == set(documented("`estimate --ledger`, under the key `ledger`, or `--ledger FILE.json`"))
 
 
 @pytest.mark.parametrize("command", ["recognize", "region"])

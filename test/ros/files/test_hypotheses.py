@@ -8,17 +8,17 @@ import pytest
 from problems import three_feet
 from rclpy.serialization import deserialize_message, serialize_message
 
+from pushfric_core.bags.data_points import recognize
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import EstimatorConfig
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist
-from pushfric_core.recognition import Hypothesis, Ranked, Ranking, Recognizer
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core.estimation.recognition import Hypothesis, Ranked, Ranking, Recognizer
+from pushfric_core.files.object_file import load_object, save_object
+from pushfric_core.geometry.planar import Twist
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.report.report import recognition_report, to_json
+from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import Recognition
-from pushfric_ros.bags.data_points import recognize
-from pushfric_ros.files.object_file import load_object, save_object
 from pushfric_ros.messages.conversions import recognition_to_msg
-from pushfric_ros.report.report import recognition_report, to_json
 
 # a square whose frame has its origin in a corner: its centroid is at (0.05, 0.05)
 SQUARE = """
@@ -98,7 +98,7 @@ def test_rankings_survive_message_wire_and_json(best, stated):
     msg = deserialize_message(serialize_message(recognition_to_msg(ranking)), Recognition)
     assert (msg.header.frame_id, msg.header.stamp.nanosec) == ("object", 123456789)
     assert msg.best == (stated or "")
-    assert json.loads(to_json(recognition_report(msg))) == {
+    assert json.loads(to_json(recognition_report(ranking))) == {
         "best": stated,
         "hypotheses": [
             {"name": "a", "fit_error": 0.25, "ratio": 1.0, "feasible": True}

@@ -7,36 +7,38 @@ from geometry_msgs.msg import Quaternion
 from problems import four_feet
 from rclpy.serialization import deserialize_message, serialize_message
 
-from pushfric_core.estimator import Estimator
-from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline
-from pushfric_core.planar import Pose, Twist
-from pushfric_core.push_choice import next_pushes
-from pushfric_core.region import HalfPlane, HalfPlanes
-from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, PusherState
-from pushfric_ros.messages import conversions
+from pushfric_core.bags import constants, message_types, samples
+from pushfric_core.estimation.estimate_report import EstimateReport, histogram
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.push_choice import next_pushes
+from pushfric_core.estimation.region import HalfPlane, HalfPlanes
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.trajectories.observation import Observation
+from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, PlanProgress, PusherState
+from pushfric_ros.messages import conversions, types
 
 
 def test_stamps_keep_every_nanosecond():
     for stamp in (0, 1, 1_700_000_000_123_456_789):
-        assert conversions.stamp_from_msg(conversions.stamp_to_msg(stamp)) == stamp
+        assert samples.stamp_from_msg(conversions.stamp_to_msg(stamp)) == stamp
 
 
 def test_poses_survive_the_message(rng):
     for _ in range(50):
         pose = Pose(*rng.normal(size=2), rng.uniform(-math.pi, math.pi))
-        assert conversions.pose_from_msg(conversions.pose_to_msg(pose)) == pytest.approx(pose)
+        assert samples.pose_from_msg(conversions.pose_to_msg(pose)) == pytest.approx(pose)
 
 
 def test_a_quaternion_need_not_be_of_unit_length():
-    assert conversions.pose_from_msg(PoseMsg(orientation=Quaternion(z=2.0, w=2.0))).theta == pytest.approx(math.pi / 2)
+    assert samples.pose_from_msg(PoseMsg(orientation=Quaternion(z=2.0, w=2.0))).theta == pytest.approx(math.pi / 2)
 
 
 def test_impossible_poses_are_refused():
     with pytest.raises(ValueError, match="must be finite"):
-        conversions.pose_from_msg(conversions.pose_to_msg(Pose(math.nan, 0, 0)))
+        samples.pose_from_msg(conversions.pose_to_msg(Pose(math.nan, 0, 0)))
     with pytest.raises(ValueError, match="quaternion of length 1"):
-        conversions.pose_from_msg(PoseMsg(orientation=Quaternion(w=0.0)))
+        samples.pose_from_msg(PoseMsg(orientation=Quaternion(w=0.0)))
 
 
 @pytest.mark.parametrize(("force", "pose"), [(None, Pose(0.25, 0.5, 0.0)), ((1.5, -0.5), None)])
@@ -55,7 +57,7 @@ def test_observations_survive_message_and_wire_bit_for_bit(force, pose):
     wire = serialize_message(conversions.observation_to_msg(observation, "box"))
     msg = deserialize_message(wire, type(conversions.observation_to_msg(observation, "box")))
     assert msg.object == "box"
-    assert conversions.observation_from_msg(msg) == observation
+    assert samples.observation_from_msg(msg) == observation
 
 
 def state(position=0.02, **changes):
@@ -68,23 +70,23 @@ def state(position=0.02, **changes):
 
 
 def test_the_pushing_line_does_not_depend_on_the_position_of_the_tip():
-    lines = {conversions.pusher_sample_from_msg(state(position)).line for position in np.linspace(0, 0.06, 50)}
+    lines = {samples.pusher_sample_from_msg(state(position)).line for position in np.linspace(0, 0.06, 50)}
     assert len(lines) == 1
     assert lines.pop() == ((0.1, -0.2), (0.6, 0.8), 0.003)
 
 
 def test_no_push_becomes_none():
-    assert conversions.pusher_sample_from_msg(state(push_id=PusherState.NO_PUSH)).push_id is None
-    assert conversions.pusher_sample_from_msg(state()).push_id == 4
+    assert samples.pusher_sample_from_msg(state(push_id=PusherState.NO_PUSH)).push_id is None
+    assert samples.pusher_sample_from_msg(state()).push_id == 4
 
 
 def test_impossible_pusher_states_are_refused():
     with pytest.raises(ValueError, match="pusher state must be finite"):
-        conversions.pusher_sample_from_msg(state(speed=math.nan))
+        samples.pusher_sample_from_msg(state(speed=math.nan))
     bent = state()
     bent.direction.x = 1.0
     with pytest.raises(ValueError, match="direction of the pushing line must have length 1"):
-        conversions.pusher_sample_from_msg(bent)
+        samples.pusher_sample_from_msg(bent)
 
 
 def test_an_estimate_becomes_a_message_without_loss():
@@ -92,7 +94,7 @@ def test_an_estimate_becomes_a_message_without_loss():
     estimator = Estimator(problem.truth.points)
     for observation in problem.observations[:9]:
         estimate = estimator.add(observation)
-    msg = conversions.estimate_to_msg(estimate, "box")
+    msg = conversions.estimate_to_msg(EstimateReport.of(estimate, "box"))
     assert msg.status == FrictionEstimate.STATUS_OPTIMAL
     assert (msg.data_points, msg.pushes) == (9, 9)
     assert list(msg.support_friction.weights) == list(estimate.w)
@@ -103,11 +105,11 @@ def test_an_estimate_becomes_a_message_without_loss():
 
 
 def test_the_size_of_the_histogram_does_not_depend_on_the_number_of_data_points():
-    counts = conversions.histogram([0.0, 0.01, 0.051, 0.12, 1.99, 2.0, 3.7, 1e300, math.inf])
+    counts = histogram([0.0, 0.01, 0.051, 0.12, 1.99, 2.0, 3.7, 1e300, math.inf])
     expected = [0] * 41
     expected[0], expected[1], expected[2], expected[39], expected[40] = 2, 1, 1, 1, 4
     assert counts.tolist() == expected
-    assert conversions.histogram([]).tolist() == [0] * 41
+    assert histogram([]).tolist() == [0] * 41
 
 
 def test_the_message_has_the_histogram_and_the_slipping_pushes():
@@ -116,13 +118,13 @@ def test_the_message_has_the_histogram_and_the_slipping_pushes():
     for observation in problem.observations:
         estimate = estimator.add(observation)
     slipping = [observation.push_id in (3, 4, 7) for observation in estimator.observations]
-    friction = conversions.estimate_to_msg(estimate, "box", slipping).contact_friction
+    friction = conversions.estimate_to_msg(EstimateReport.of(estimate, "box", slipping)).contact_friction
     assert (sum(friction.histogram), len(friction.histogram), friction.bin_width) == (40, 41, 0.05)
     in_first = int(np.sum(estimate.contact_friction < 0.05))
     assert friction.histogram[0] == in_first > 0
     assert list(friction.slipping) == [f(estimate.contact_friction[[3, 4, 7]]) for f in (min, max)]
-    assert not conversions.estimate_to_msg(estimate, "box").contact_friction.slipping
-    assert not conversions.estimate_to_msg(estimate, "box", [False] * 40).contact_friction.slipping
+    assert not conversions.estimate_to_msg(EstimateReport.of(estimate, "box")).contact_friction.slipping
+    assert not conversions.estimate_to_msg(EstimateReport.of(estimate, "box", [False] * 40)).contact_friction.slipping
 
 
 def region_msg(half_planes):
@@ -136,7 +138,7 @@ def test_a_region_becomes_a_message():
     msg = region_msg(half_planes)
     assert (msg.object, msg.collapsed, msg.violation) == ("plate", False, 0.0)
     for header in (msg.header, msg.polygon.header):
-        assert (header.frame_id, conversions.stamp_from_msg(header.stamp)) == (conversions.OBJECT, 5)
+        assert (header.frame_id, samples.stamp_from_msg(header.stamp)) == (conversions.OBJECT, 5)
     assert msg.area == pytest.approx(0.04 * 0.06)
     corners = np.array([(point.x, point.y) for point in msg.polygon.polygon.points])
     assert np.ptp(corners, axis=0) == pytest.approx((0.04, 0.06))
@@ -158,3 +160,14 @@ def test_a_collapsed_region_gives_the_point_that_violates_the_half_planes_least(
     assert (msg.collapsed, msg.area, len(msg.polygon.polygon.points), len(msg.next_pushes)) == (True, 0.0, 0, 0)
     assert msg.center_of_friction.y == pytest.approx(0.03)
     assert msg.violation == pytest.approx(0.07)
+
+
+def test_pushfric_core_knows_every_type_of_the_cell_as_it_is_installed():
+    """Bags that pushfric_core writes are played where the types are installed."""
+    used = {name for name in message_types.known_types().types if name.startswith("pushfric_msgs/msg/")}
+    assert used == {f"pushfric_msgs/msg/{path.stem}" for path in constants.FOLDER.glob("*.msg")}
+    others = ("geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/WrenchStamped", "std_msgs/msg/String")
+    for name in (*used, *others):
+        assert message_types.type_hash(name) == types.type_hash(name)
+    assert constants.constants("PusherState")["NO_PUSH"] == PusherState.NO_PUSH
+    assert constants.constants("PlanProgress")["PHASE_FINISHED"] == PlanProgress.PHASE_FINISHED

@@ -11,18 +11,20 @@ from problems import observations_of
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pushfric_core.estimator import Estimator
-from pushfric_core.planar import Pose
-from pushfric_core.push_choice import next_pushes
-from pushfric_core.region import HalfPlane, HalfPlanes
-from pushfric_core.table_1 import TABLE_1
-from pushfric_ros.files.node_settings import FrameConfig
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg, stamp_from_msg
-from pushfric_ros.messages.frames import OBJECT, TABLE, put_prefix
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.estimation.estimate_report import EstimateReport
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.push_choice import next_pushes
+from pushfric_core.estimation.region import HalfPlane, HalfPlanes
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.frames import OBJECT, TABLE, put_prefix
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.vision.camera import Camera
+from pushfric_ros.cell.node_settings import FrameConfig
+from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg
 from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform, object_transform
-from pushfric_ros.vision.camera import Camera
 
 NAME = "rubber_rect4"
 OUTLINE = TABLE_1[NAME].outline
@@ -34,7 +36,7 @@ def estimate():
     estimator = Estimator(load_object(NAME).support_points)
     for observation in DATA:
         last = estimator.add(observation)
-    return estimate_to_msg(last, NAME)
+    return estimate_to_msg(EstimateReport.of(last, NAME))
 
 
 def by_namespace(array: MarkerArray) -> dict[str, list[Marker]]:

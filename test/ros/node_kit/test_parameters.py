@@ -96,7 +96,7 @@ def test_values_given_are_converted(ros):
         ({"name": "x", "place": [1.0]}, "parameter place must be a list of 2 finite numbers, got [1.0]"),
         ({"name": "x", "pushes": ["a"]}, "parameter pushes must be a list of whole numbers, got ['a']"),
         ({"name": "x", "radius": "wide"}, "parameter radius must be auto or a finite number, got 'wide'"),
-        ({"name": "x", "radius": 2.0}, "parameter radius must lie in [0.0, 1.0], got 2.0"),
+        ({"name": "x", "radius": 2.0}, "parameter radius must lie in [0.0, 1.0], got 2.0: are these millimetres?"),
         ({"name": "x", "penalty": -math.inf}, "parameter penalty must be a finite number, got -inf"),
         ({"name": "x", "color": "blue"}, "parameter color must be one of red, green, got 'blue'"),
     ],

@@ -1,6 +1,8 @@
 """A node's process ends cleanly, whenever it is asked to."""
 
+import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -43,8 +45,9 @@ process.run_node(lambda: (make(), ask_to_stop())[0])
 """
 
 
-def run(program: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run([sys.executable, "-c", PRELUDE + program], capture_output=True, text=True, timeout=60)
+def run(program: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    command, environment = [sys.executable, "-c", PRELUDE + program], os.environ | variables
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
 
 
 def test_a_signal_before_ros_is_there_leaves_the_node_unmade():
@@ -124,6 +127,37 @@ main()
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 
 
+TWIN = """
+import sys
+sys.argv[1:] = ["--ros-args", "-r", "__ns:=/twins", "-r", "__node:=NAME"]
+process.run_node(make)
+"""
+
+
+def test_a_node_whose_name_is_taken_refuses_to_start_until_the_other_one_has_died():
+    """However it died: the graph still shows a killed node when the next one starts."""
+    program = [sys.executable, "-c", PRELUDE.replace('print("made")', 'print("made", flush=True)')]
+
+    def started(name: str) -> "subprocess.Popen[str]":
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        return subprocess.Popen([*program[:2], program[2] + TWIN.replace("NAME", name)], **pipes)
+
+    for _ in range(2):
+        with started("one") as first, started("another") as other:
+            try:
+                assert [first.stdout.readline(), other.stdout.readline()] == ["made\n", "made\n"]
+                second = started("one")
+                said, error = second.communicate(timeout=120)
+                assert (second.returncode, said) == (2, "")
+                assert re.fullmatch(
+                    r"error: a node named /twins/one is already running on ROS domain \d+; end it, or .*\n", error
+                )
+                assert first.poll() is None
+            finally:
+                first.kill()
+                other.kill()
+
+
 LEAVES_NOTHING = """
 import atexit, re, sys
 
@@ -143,7 +177,7 @@ process.run_node(Leaving)
 
 
 def test_a_process_that_leaves_flushes_what_it_said_and_gives_back_its_shared_memory():
-    ended = run(LEAVES_NOTHING)
+    ended = run(LEAVES_NOTHING, ROS_AUTOMATIC_DISCOVERY_RANGE="OFF")  # it would map what other processes have made, too
     assert (ended.returncode, ended.stderr) == (3, "")
     segments, last = ended.stdout.splitlines()
     assert last == "exit functions have run"

@@ -14,16 +14,16 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
+from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import doctor
-from pushfric_ros.files.cell_file import load_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.tracker import TrackerNode
-from pushfric_ros.vision.camera import Camera, save_camera
 
 MODULE = '''
 """A crane that pushes with its hook, and a tracker that takes the bright spot for the object."""
@@ -33,11 +33,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pushfric_core.planar import Pose
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.settings import REQUIRED, setting
-from pushfric_ros.pushers.check import Check, Level
-from pushfric_ros.pushers.pusher import Limits, Mode, PusherReport
-from pushfric_ros.vision.sighting import NotSeen, Sighting
+from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.pusher import Limits, Mode, PusherReport
+from pushfric_core.vision.sighting import NotSeen, Sighting
 
 
 @dataclass(frozen=True)

@@ -14,29 +14,25 @@ from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
 
+from pushfric_core.bags import data_points
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.contents import mcap_file
+from pushfric_core.bags.handover import Handover
+from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.recovery import recover
+from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimator
-from pushfric_core.planar import Pose
-from pushfric_core.table_1 import TABLE_1
-from pushfric_core.trajectory import Trajectory
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.model_file import load_model, make_model, prior, save_model
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.trajectories.trajectory import Trajectory
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstimate, Observation, PusherState
 from pushfric_msgs.srv import ExcludePush, SelectObject
-from pushfric_ros.bags import data_points
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.bags.contents import mcap_file
-from pushfric_ros.bags.handover import Handover
-from pushfric_ros.bags.mcap_file import GrowingFile
-from pushfric_ros.bags.recovery import recover
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.model_file import load_model, make_model, prior, save_model
-from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph.graph import TOPICS
-from pushfric_ros.messages.conversions import (
-    observation_to_msg,
-    pose_sample_from_msg,
-    pusher_sample_from_msg,
-    stamp_from_msg,
-)
+from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.recorder import RecorderNode
@@ -53,7 +49,7 @@ def made(node_class, **parameters):
 
 def kept(path, data):
     """A model file made of some data points."""
-    save_model(make_model(MODEL, fitted(data), tuple(data), "a test", EstimatorSettings()), path)
+    save_model(make_model(MODEL, fitted(data), "a test", EstimatorSettings()), path)
     return str(path)
 
 
@@ -136,7 +132,7 @@ class Cell:
 
         def found():
             settings = data_points.recorded_settings(self.bag)
-            return data_points.observations(self.bag, MODEL, settings, lambda _: None, partial=True)
+            return data_points.read(self.bag, MODEL, settings, lambda _: None, partial=True).observations
 
         count = self.estimates[-1].data_points
         self.ros.wait_for(lambda: len(found()) == count, LONG, "the data points in the bag")

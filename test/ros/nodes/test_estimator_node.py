@@ -13,13 +13,17 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from pushfric_core.contact import PushingLine
+from pushfric_core.bags.samples import observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimator import Estimator
-from pushfric_core.planar import Pose, velocity_at
-from pushfric_core.region import HalfPlanes, RegionConfig, line_of_motion
-from pushfric_core.simulation import PushedObject
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.region import HalfPlanes, RegionConfig, line_of_motion
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.planar import Pose, velocity_at
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
@@ -31,18 +35,9 @@ from pushfric_msgs.msg import (
     SupportFriction,
 )
 from pushfric_msgs.srv import ExcludePush, SelectObject
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.messages.conversions import (
-    observation_from_msg,
-    observation_to_msg,
-    pose_to_msg,
-    stamp_from_msg,
-    stamp_to_msg,
-)
+from pushfric_ros.messages.conversions import observation_to_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
-from pushfric_ros.nodes.estimator import EstimatorNode, publications
-from pushfric_ros.nodes.estimator.publications import friction_is_due
+from pushfric_ros.nodes.estimator import EstimatorNode
 
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)
@@ -318,7 +313,7 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
 
 def test_what_is_said_of_mu_c_lags_behind_by_a_share_and_is_complete_at_rest(ros, monkeypatch):
     """Its cost must not grow with the number of data points; here, two data points already count as many."""
-    monkeypatch.setattr(publications, "RENEWED", 2)
+    monkeypatch.setattr("pushfric_core.uncertainty.spread.EXACT", 2)
     _, out, estimates = estimator_of_observations(ros)
     core = Estimator(load_object(NAME).support_points)
     for observation in DATA:
@@ -328,7 +323,6 @@ def test_what_is_said_of_mu_c_lags_behind_by_a_share_and_is_complete_at_rest(ros
     for msg in estimates:
         assert msg.data_points - msg.data_points // 2 <= sum(msg.contact_friction.histogram) <= msg.data_points
     assert (estimates[-1].contact_friction.p90, estimates[-1].contact_friction.max) == (last.mu_c_p90, last.mu_c_max)
-    assert [friction_is_due(10, said) for said in (11, 10, 5, 4)] == [True, False, False, True]
 
 
 def wrench_msg(stamp, force):
@@ -494,3 +488,44 @@ def test_a_bad_push_is_left_out_and_the_service_takes_it_back(ros):
     assert call(ros, node, ExcludePush, "estimator/keep_push", ExcludePush.Request(push_id=4)).success
     ros.wait_for(lambda: estimates[-1].pushes == len(pushes), what="the estimate with the push")
     assert not estimates[-1].rejected
+
+
+@pytest.mark.parametrize("wild", [PoseWithCovarianceStamped, PusherState])
+def test_a_wild_stamp_costs_one_message_live(ros, wild):
+    """In the third of four pushes, a pose or a pusher state is stamped a day ahead; without it, the rest is as it was."""
+    node = ros.node("peer", namespace="/cell")
+    ros.compose(estimator(object=NAME))
+    observations = collect(ros, node, Observation, "observation", RELIABLE)
+    reports = collect(ros, node, DiagnosticArray, "/diagnostics", RELIABLE)
+    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("observation"), what="the estimator")
+    maker, expected = ObservationMaker(load_object(NAME).outline), []
+    for push_id in range(4):
+        for number, msg in enumerate(push(push_id, 10**18 + push_id * 10**10)):
+            if push_id == 2 and number == (40 if wild is PoseWithCovarianceStamped else 41):
+                assert isinstance(msg, wild)
+                msg.header.stamp.sec += 86_400
+            elif isinstance(msg, PusherState):
+                expected += maker.add_pusher(pusher_sample_from_msg(msg))
+            else:
+                expected += maker.add_pose(pose_sample_from_msg(msg))
+            (states if isinstance(msg, PusherState) else poses).publish(msg)
+        count = len(expected)
+        ros.wait_for(lambda count=count: len(observations) >= count, what="the observations of a push")
+    got = [observation_from_msg(msg) for msg in observations]
+    assert [(o.push_id, o.stamp, o.contact_point, o.twist) for o in got] == [
+        (o.push_id, o.stamp, o.contact_point, o.twist) for o in expected
+    ]
+    assert {one.push_id for one in expected} == {0, 1, 2, 3}
+
+    def sums():
+        found = [one for report in reports for one in report.status if one.name == "/cell/estimator"]
+        return {value.key: value.value for value in found[-1].values} if found else {}
+
+    kinds = ["poses", "pusher states"]
+    ros.wait_for(lambda: all(sums().get(kind, "").startswith("152 received") for kind in kinds), what="the sums")
+    counted = "poses" if wild is PoseWithCovarianceStamped else "pusher states"
+    assert [kind for kind in kinds if ", 1 ahead" in sums()[kind]] == [counted]
+    assert sums()["observations"].startswith(f"{len(expected)} received, {len(expected)} used")
+    assert sums()["pushes"] == "4 received, 4 used"

@@ -9,12 +9,12 @@ from problems import observations_of
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from pushfric_core.estimator import Estimator
-from pushfric_core.planar import Wrench
-from pushfric_core.prediction import model_of, predict, stability
-from pushfric_core.simulation import ContactMode
-from pushfric_core.surface_models import EXPONENTS, Quartic, named_ellipsoid
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.geometry.planar import Wrench
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.prediction import friction_model, predict, stability
+from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid
 from pushfric_msgs.msg import LimitSurface, Observation
 from pushfric_msgs.srv import PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
@@ -82,7 +82,7 @@ def expected_model():
     estimator = Estimator(KNOWN.support_points)
     for observation in DATA:
         estimate = estimator.add(observation)
-    return estimate, model_of(estimate, estimator.observations)
+    return estimate, friction_model(estimate)
 
 
 def test_services_answer_what_the_core_predicts(asked):

@@ -19,21 +19,22 @@ from rosgraph_msgs.msg import Clock
 from stage import STAGE
 from std_srvs.srv import Trigger
 
-from pushfric_core.contact import PushingLine
+from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.planar import Pose
-from pushfric_core.push_plan import PlannedPush, placement
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.estimation.push_plan import PlannedPush, placement
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
-from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
-from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode
-from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
 
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
@@ -75,7 +76,7 @@ class Table:
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
         self._node.create_timer(0.02, self._show)
         self.well = ["/cell/estimator"]
-        self.settled = 0  # what the estimator reports [ns]
+        self.settled = 0 if parameters.get("choose") else 2**62  # what the estimator reports [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08,
                  "still": STILL, "awaits": ["estimator"]}  # fmt: skip
@@ -385,7 +386,7 @@ def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller
     table.visible = False
     table.wait_for_message("the pusher stays where it is: the object is not seen")
     assert max(state.position for state in table.states) < 0.029  # short of the push's end
-    assert "push 1 aborted: the object was not seen for 0.5 s" in capfd.readouterr().err
+    assert re.search(r"push 1 aborted: the object was not seen for \d+\.\d\d s; lost_object is 0\.5 s", capfd.readouterr().err)
     rest = controller.position()
     table.states.clear()
     ros.wait_for(lambda: len(table.states) > 20, what="more states")
@@ -452,13 +453,19 @@ def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, t
     assert table.wait_for_end().completed == 3
 
 
-@pytest.mark.parametrize(("accept", "why"), [(False, "the pusher refused it"), (True, "the pusher forgot it")])
+@pytest.mark.parametrize(
+    ("accept", "why"),
+    [
+        (False, "the pusher refused it"),
+        (True, r"the pusher forgot it: it has reported for \d+\.\d s that it idles; lost_result is 0\.3 s"),
+    ],
+)
 def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(ros, tmp_path, capfd, accept, why):
     DeafPusher(ros, accept)
     table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3)
     last = table.wait_for_end()
     assert (last.completed, last.aborted) == (0, 3)
-    assert capfd.readouterr().err.count(f"aborted: {why}") == 3
+    assert len(re.findall(f"aborted: {why}", capfd.readouterr().err)) == 3
 
 
 @pytest.mark.parametrize(("off", "way"), [(3600, "3600 s ahead of"), (-86400, "86400 s behind")])

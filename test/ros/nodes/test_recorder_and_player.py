@@ -27,15 +27,15 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.contents import BagMessage
+from pushfric_core.bags.recovery import recover
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import Observation
-from pushfric_ros.bags.bag import Bag
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.bags.contents import BagMessage
-from pushfric_ros.bags.recovery import recover
 from pushfric_ros.messages import types as message_types
-from pushfric_ros.messages.types import message_class
+from pushfric_ros.messages.types import definition, message_class
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE, offered
@@ -75,7 +75,7 @@ def make_bag(folder: pathlib.Path, count: int = 30, period_ns: int = 10_000_000)
     """A bag whose three topics take turns; two messages share each log time."""
     with BagWriter(folder) as writer:
         for name, type_name, qos in zip(NAMES, (OBSERVATION, POINT, STRING), (RELIABLE, LATCHED, SENSOR_DATA), strict=True):
-            writer.add_topic(name, type_name, [offered(qos)])
+            writer.add_topic(name, type_name, [offered(qos)], text=definition(type_name))
         for number in range(count):
             point = PointStamped()
             point.point.x = float(number)
@@ -422,7 +422,8 @@ def test_a_second_recorder_on_the_same_folder_is_refused_and_the_first_continues
     first = subprocess.Popen([*RECORDER, *arguments])
     try:
         wait_until_matched(ros, outputs)
-        second = subprocess.run([*RECORDER, *arguments], capture_output=True, timeout=120, check=False)
+        another = [*RECORDER, *arguments, "-r", "__node:=another"]
+        second = subprocess.run(another, capture_output=True, timeout=120, check=False)
         outputs[0].publish(Observation(push_id=3))
         ros.wait_for(lambda: b"zstd" in (tmp_path / "bag/bag_0.mcap").read_bytes(), what="the flushed chunk")
     finally:

@@ -14,9 +14,9 @@ from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import ExcludePush
-from pushfric_ros.files.estimator_settings import EstimatorSettings
 from pushfric_ros.messages.conversions import nothing_known
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA

@@ -8,11 +8,11 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.files.node_settings import ViewConfig
-from pushfric_ros.report.report import to_json
+from pushfric_core.report.report import to_json
+from pushfric_core.vision.camera import Camera, Lens
+from pushfric_ros.cell.node_settings import ViewConfig
 from pushfric_ros.view.clicked_points import MOST, ClickedPoints
 from pushfric_ros.view.points_server import PNG, PointsServer
-from pushfric_ros.vision.camera import Camera, Lens
 
 CAMERA = Camera.looking_down(640, 480, (0.2, 0.15), 1e-3, distortion=(-0.2, 0.08, 0.001, -0.0005, 0.0))
 LENS = Lens(CAMERA.width, CAMERA.height, CAMERA.K, CAMERA.D)

@@ -9,7 +9,7 @@ import yaml
 from sensor_msgs.msg import CameraInfo
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.vision.camera import Camera, lens_from_info, load_camera, load_lens, save_camera
+from pushfric_core.vision.camera import Camera, lens_from_info, load_camera, load_lens, save_camera
 
 K = np.array(((900.0, 0.0, 320.0), (0.0, 910.0, 238.0), (0.0, 0.0, 1.0)))
 D = np.array((-0.2, 0.05, 0.001, -0.001, 0.0))

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.constraint_rows import ConstraintRows
 from pushfric_core.errors import SolverUnavailable
-from pushfric_core.planar import Array
+from pushfric_core.geometry.planar import Array
+from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers.program import HARD_VIOLATION
 
 Indices = npt.NDArray[np.intp]

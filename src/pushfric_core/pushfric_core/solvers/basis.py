@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.planar import Array
+from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.pivoting import COUNT, FIT, UPDATES, VIOLATION, Indices, Mask, Rows, State
 

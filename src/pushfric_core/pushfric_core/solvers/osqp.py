@@ -4,9 +4,9 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from pushfric_core.constraint_rows import ConstraintRows
-from pushfric_core.planar import Array
-from pushfric_core.row_table import SPARE, RowTable
+from pushfric_core.geometry.planar import Array
+from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.row_table import SPARE, RowTable
 from pushfric_core.solvers.active_set import hard_rows, minimise
 from pushfric_core.solvers.program import Groups, Optimum, certify, check_rows, check_size, finite, fit_error
 from pushfric_core.solvers.quadratic import distinct, least_violation

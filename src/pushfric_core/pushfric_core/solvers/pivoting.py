@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from numba.core import event
 
-from pushfric_core.planar import Array
+from pushfric_core.geometry.planar import Array
 
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -56,6 +56,9 @@ PERTURBATION = 1e-10
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
 
+SHORT = 1e-9
+"""An extreme of the level set may fall short of its bound by this share of the range of the tilt: the rounding of bounds."""
+
 REACH = 2.0
 """Pivoting goes no farther than this many radii from the center of its ball.
 
@@ -72,7 +75,7 @@ LARGEST = 1e150
 VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
 NO_STEP = -1.0  # what `ratio_test` returns without one
 COUNT, UPDATES = 0, 1  # places in State.tally
-ARRIVED, LED_OUT, ENDLESS = 0, 1, 2  # how a walk to an extreme of the level set ends
+ARRIVED, LED_OUT, ENDLESS, INEXACT = 0, 1, 2, 3  # how a walk to an extreme of the level set ends
 COEFFICIENT, COST = -1.0, -2.0  # what `store` finds wrong
 
 
@@ -560,7 +563,7 @@ def perturb(state: State, shift: float) -> None:
 
 
 @compiled
-def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> int:
+def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, weights: int) -> int:
     """Walk from the optimum to the x of largest tilt . x among those with F(x) <= level: a parametric simplex method.
 
     On the way F - lambda tilt . x is at its least, for a lambda that rises from 0. The last step ends where F is the level.
@@ -569,8 +572,10 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
         state: at the least F; it is used up.
         tilt: (n,).
         limit: of exchanges.
+        weights: number of columns, the first ones, that are weights.
     Returns:
-        ARRIVED if `state.x` is that x; LED_OUT if the way there leads out of the ball; else ENDLESS: the limit was reached.
+        ARRIVED if `state.x` is proven to be that x; INEXACT if rounding prevents the proof; LED_OUT if the way there leads out
+        of the ball; ENDLESS if the limit was reached.
     """
     n = len(state.active)
     slopes = np.empty(2 * n)
@@ -603,7 +608,9 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
             if merit < best:
                 best, edge = merit, candidate
         if edge < 0:
-            return ARRIVED if holds(ball, x, 1.0) else LED_OUT
+            if not holds(ball, x, 1.0):
+                return LED_OUT
+            return ARRIVED if falls_short(tilt, x, weights, np.max(tilt[:weights])) <= SHORT else INEXACT
         steepness = max(slopes[edge], 0.0)
         i = edge % n
         upwards = 1.0 if edge < n else -1.0
@@ -625,10 +632,10 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
         f += steepness * step
         for j in range(n):
             x[j] += step * direction[j]
-        if end:
-            return ARRIVED if holds(ball, x, 1.0) else LED_OUT
         if not holds(ball, x, 1.0):
             return LED_OUT
+        if end:
+            return ARRIVED if proven(state, tilt, level, edge, weights) else INEXACT
         for k in range(state.tally[COUNT]):
             state.value[k] += step * change[k]
         put(state, state.active[i], upwards)
@@ -643,7 +650,82 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int) -> 
 
 
 @compiled
-def stretch_each(state: State, ball: Ball, tilts: Array, level: float, limit: int, found: Array, first: int) -> tuple[int, int]:
+def proven(state: State, tilt: Array, level: float, edge: int, weights: int) -> bool:
+    """Compute x, where an edge reaches the level, once more without the rounding of the walk; and whether it is proven that no
+    x with F(x) <= level has a larger tilt . x.
+
+    For any rate > 0 and any multipliers y in their box, tilt . x is at most (level - min_j (A' y - rate tilt)_j) / rate. The
+    bound is sharp at the rate at which the cost along the edge is level.
+    """
+    n, x = len(state.active), state.x
+    i = edge % n
+    basis, direction = np.empty((n, n)), np.empty(n)
+    for j in range(n):
+        for p in range(n):
+            basis[p, j] = state.a[j, state.active[p]]
+    solve_basis(state, basis, 0, 1.0, x)
+    solve_basis(state, basis, i, 1.0 if edge < n else -1.0, direction)
+    evaluate(state, x, state.value)
+    sum_gradients(state)
+    slope_along, rate_along, f = state.cost[FIT, 0 if edge < n else 1, state.active[i]], 0.0, 0.0
+    for j in range(n):
+        slope_along += state.gradient[FIT, j] * direction[j]
+        rate_along += tilt[j] * direction[j]
+        f += state.settled[j] * x[j]
+    for k in range(state.tally[COUNT]):
+        f += state.value[k] * slope(state.cost[FIT], k, np.sign(state.value[k]))
+    if not (slope_along > 0 and rate_along > 0):
+        return False
+    step, rate = max(0.0, (level - f) / slope_along), slope_along / rate_along
+    for j in range(n):
+        x[j] += step * direction[j]
+        state.gradient[FIT, j] -= rate * tilt[j]
+    evaluate(state, x, state.value)
+    f, lower_bound, smallest = bounds(state, weights)
+    if f > level + SHORT * abs(level) or smallest < -SHORT:
+        return False
+    return falls_short(tilt, x, weights, (level - lower_bound) / rate) <= SHORT
+
+
+@compiled
+def solve_basis(state: State, basis: Array, i: int, value: float, solution: Array) -> None:
+    """The x at which the i-th active condition has this value and the others zero, without the rounding of the inverse.
+
+    Args:
+        basis: (n, n) the normals of the active conditions.
+        solution: (n,) takes x.
+    """
+    n = len(solution)
+    for j in range(n):
+        solution[j] = value * state.inverse[j, i]
+    residual = np.empty(n)
+    for _ in range(2):
+        largest = 0.0
+        for p in range(n):
+            residual[p] = value if p == i else 0.0
+            for j in range(n):
+                residual[p] -= basis[p, j] * solution[j]
+            largest = max(largest, abs(residual[p]))
+        if largest <= ZERO:
+            break
+        for j in range(n):
+            for p in range(n):
+                solution[j] += state.inverse[j, p] * residual[p]
+
+
+@compiled
+def falls_short(tilt: Array, x: Array, weights: int, bound: float) -> float:
+    """By how much tilt . x is below a bound, as a share of the range of the tilt over the weights."""
+    reached = 0.0
+    for j in range(len(x)):
+        reached += tilt[j] * x[j]
+    return (bound - reached) / (np.max(tilt[:weights]) - np.min(tilt[:weights]) + TIE)
+
+
+@compiled
+def stretch_each(
+    state: State, ball: Ball, tilts: Array, level: float, limit: int, found: Array, first: int, weights: int
+) -> tuple[int, int]:
     """Walk along each of some tilts in turn, always from the same optimum, until a walk does not arrive.
 
     Args:
@@ -651,6 +733,7 @@ def stretch_each(state: State, ball: Ball, tilts: Array, level: float, limit: in
         tilts: (k, n).
         found: (k, n) takes the x of each walk that arrived.
         first: the tilt to begin with.
+        weights: number of columns, the first ones, that are weights.
     Returns:
         The number of the tilt whose walk did not arrive, k if all did; and how the last walk ended.
     """
@@ -667,9 +750,9 @@ def stretch_each(state: State, ball: Ball, tilts: Array, level: float, limit: in
             state.active.copy(),
             state.inverse.copy(),
             state.x.copy(),
-            state.dual,
+            state.dual.copy(),
         )
-        end = stretch(walker, ball, tilts[t], level, limit)
+        end = stretch(walker, ball, tilts[t], level, limit, weights)
         if end != ARRIVED:
             return t, end
         found[t] = walker.x

@@ -14,8 +14,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.constraint_rows import ConstraintRows
-from pushfric_core.planar import Array
+from pushfric_core.geometry.planar import Array
+from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.records import comparable
 
 RELATIVE_GAP = 1e-9
@@ -29,7 +29,13 @@ HARD_VIOLATION = 1e-9
 
 
 class Status(Enum):
-    """How far a solution can be trusted."""
+    """How far a solution can be trusted.
+
+    Example:
+        >>> from pushfric_core import Estimator, Status
+        >>> Estimator([(-0.05, 0.0), (0.05, 0.0)]).estimate().status is Status.OPTIMAL
+        True
+    """
 
     OPTIMAL = "optimal"
     UNCERTIFIED = "uncertified"
@@ -37,14 +43,26 @@ class Status(Enum):
 
 
 class Loss(StrEnum):
-    """How the residuals of all rows add up to the fit error."""
+    """How the residuals of all rows add up to the fit error.
+
+    Example:
+        >>> from pushfric_core import EstimatorConfig, Loss
+        >>> EstimatorConfig(loss=Loss.L2) == EstimatorConfig(loss="l2")
+        True
+    """
 
     L1 = "l1"
     L2 = "l2"
 
 
 class Solver(StrEnum):
-    """What solves the linear program."""
+    """What solves the linear program.
+
+    Example:
+        >>> from pushfric_core import EstimatorConfig, Solver
+        >>> EstimatorConfig().solver is Solver.SIMPLEX
+        True
+    """
 
     SIMPLEX = "simplex"
     OSQP = "osqp"
@@ -52,7 +70,14 @@ class Solver(StrEnum):
 
 @comparable
 class Optimum(NamedTuple):
-    """The w with the smallest F, and how far that is proven."""
+    """The w with the smallest F, and how far that is proven.
+
+    Example:
+        >>> from pushfric_core import Estimator
+        >>> optimum = Estimator([(-0.05, 0.0), (0.05, 0.0)]).estimate().solution
+        >>> optimum.objective, optimum.gap
+        (0.0, 0.0)
+    """
 
     w: Array  # (n,) weights, >= 0, sum 1
     scale: float  # s >= 0; 0 if the program has no scale, or nothing determines it
@@ -178,7 +203,7 @@ def certify(rows: ConstraintRows, w: Array, multipliers: Array, scale: float | N
     # y = 0 is in its box: F is never negative
     lower_bound = max(0.0, min(bound, objective))
     gap = objective - lower_bound
-    worst = float(np.sum(largest * np.maximum(finite(rows.above), finite(rows.below))))
+    worst = largest_fit_error(rows, n)
     if violated.any():
         status = Status.INFEASIBLE
     elif gap <= RELATIVE_GAP * max(objective, NOISELESS * worst):
@@ -224,6 +249,11 @@ def largest_scale(a: Array, b: Array, cost: Array, objective: float) -> float:
 def fit_error(rows: ConstraintRows, residuals: Array) -> float:
     """Sum of the costs of the residuals a . w + b s (m,); the hard sides, satisfied or not, cost nothing."""
     return float(finite(rows.above) @ np.maximum(residuals, 0.0) + finite(rows.below) @ np.maximum(-residuals, 0.0))
+
+
+def largest_fit_error(rows: ConstraintRows, n: int) -> float:
+    """A bound on the fit error of any n weights."""
+    return float(np.sum(np.abs(rows.a[:, :n]).max(axis=1, initial=0.0) * np.maximum(finite(rows.above), finite(rows.below))))
 
 
 def finite(costs: Array) -> Array:

@@ -3,9 +3,9 @@
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.constraint_rows import ConstraintRows
-from pushfric_core.planar import Array
-from pushfric_core.row_table import RowTable
+from pushfric_core.geometry.planar import Array
+from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.row_table import RowTable
 from pushfric_core.solvers.active_set import ROUNDS, VIOLATED, ZERO, HardRows, hard_rows, minimise
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,

@@ -10,18 +10,20 @@ nested, the more of them the more rows there are. The smallest is sorted often, 
 leaves unsettled, and so on. So all rows are looked at seldom: the cost of a data point does not depend on the number before it.
 """
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.constraint_rows import ConstraintRows
-from pushfric_core.planar import Array
+from pushfric_core.geometry.planar import Array
+from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.basis import Basis
 from pushfric_core.solvers.pivoting import (
     COEFFICIENT,
     COST,
     COUNT,
+    INEXACT,
     LARGEST,
     LED_OUT,
     REFRESH,
@@ -85,6 +87,9 @@ SHORTEST_CAP = 400
 the unsettled rows are usual, and their number grows with the square root of that of all rows.
 """
 
+CHORDS = 100
+"""Cap on the programs that are solved for one extreme where rounding has spoilt the walk; about ten are usual."""
+
 WIDENINGS = 8
 """Largest number of times that the balls are doubled for such a walk."""
 
@@ -127,7 +132,6 @@ class Simplex:
         self._optimum: Optimum | None = None  # of the present rows
         self._infeasible = False
         self._strained = False  # the balls had to be enlarged; around the optimum, small ones will be enough again
-        self._widening = 0  # how often they were doubled for the last extremes
         self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
         self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
@@ -224,21 +228,87 @@ class Simplex:
         level = optimum.objective + rise
         padded, found = np.zeros((2, len(tilts), self._columns))
         padded[:, : self._n] = tilts
-        arrived = effort = 0
+        program, effort = self, 0
+        arrived, end = self._stretch(padded, level, found, 0)
         while arrived < len(tilts):
-            state = self._basis.state
-            limit = SHORTEST_CAP + int(state.tally[COUNT])
-            arrived, end = pivoting.stretch_each(state, self._close, padded, level, limit, found, arrived)
-            if arrived < len(tilts):
-                if end != LED_OUT or effort >= WIDENINGS:
+            if end == INEXACT:
+                extreme = self._extreme(padded[arrived], level)
+                if extreme is None:
                     return None
-                effort = max(effort + 1, self._widening - 1)  # more rows may change sides
-                self._sort(effort)
-                self._strained = True
-        if effort > 0:
-            self._widening = effort
+                found[arrived] = extreme
+                arrived += 1
+            elif end != LED_OUT or effort == WIDENINGS:
+                return None
+            else:
+                effort += 1
+                if program is self:
+                    program = self._clone()  # nobody can see from later solutions whether extremes were asked for
+                program._sort(effort)  # more rows may change sides
+            arrived, end = program._stretch(padded, level, found, arrived)
         found = np.maximum(found[:, : self._n], 0.0)
         return np.asarray(found / found.sum(axis=1, keepdims=True))
+
+    def _extreme(self, tilt: Array, level: float) -> Array | None:
+        """The x (columns,) of the largest tilt . x among those with F(x) <= level, certified; None if it is not found.
+
+        This takes longer than a walk, but rounding does not add up on its way: each step is a program of its own, with the row
+        a = max tilt - tilt at another cost. The higher the cost, the smaller a . x and the larger F, from vertex to vertex. The
+        answer lies between the two vertices whose F are next to the level. The chord through them gives the cost at which
+        to look between them.
+        """
+        program = copy.deepcopy(self)
+        row = np.zeros((1, self._columns))
+        row[0, : self._n] = tilt[: self._n].max() - tilt[: self._n]
+
+        def vertex(cost: float) -> tuple[float, float, Array] | None:
+            """F, a . x and x of the optimum at this cost of the row."""
+            group = program._groups.next
+            program.add(ConstraintRows(row, np.full(1, cost), np.zeros(1)))
+            optimum = program.solve()
+            program.remove(group)
+            x = np.append(optimum.w, np.full(self._columns - self._n, optimum.scale))
+            left = float(row[0] @ x)
+            return None if optimum.status is not Status.OPTIMAL else (optimum.objective - cost * left, left, x)
+
+        below, above = vertex(0.0), None
+        if below is None:
+            return None
+        cost = (level - below[0]) / below[1] if below[1] > 0 else 0.0
+        for _ in range(CHORDS):
+            if not below[1] > 0:  # nothing is farther along the tilt
+                return below[2]
+            reached = vertex(cost)
+            if reached is None:
+                return None
+            if above is not None and reached[0] + cost * reached[1] >= (below[0] + cost * below[1]) * (1 - RELATIVE_GAP):
+                share = (level - below[0]) / (above[0] - below[0])
+                return np.asarray(below[2] + share * (above[2] - below[2]))
+            if reached[0] > level:
+                above = reached
+            else:
+                below = reached
+            if above is None:
+                if cost * below[1] > self._worst / RELATIVE_GAP:  # hard rows allow nothing farther along the tilt
+                    return below[2]
+                cost *= 8
+            elif below[1] > above[1]:
+                cost = (above[0] - below[0]) / (below[1] - above[1])
+            else:
+                return below[2]
+        return None
+
+    def _stretch(self, tilts: Array, level: float, found: Array, first: int) -> tuple[int, int]:
+        """As `pivoting.stretch_each`, within the present ball."""
+        state = self._basis.state
+        limit = SHORTEST_CAP + int(state.tally[COUNT])
+        return pivoting.stretch_each(state, self._close, tilts, level, limit, found, first, self._n)
+
+    def _clone(self) -> "Simplex":
+        """The same program, to be sorted in another way; what they share, the rows, sorting leaves as it is."""
+        clone = copy.copy(self)
+        clone._basis, clone._shells = copy.deepcopy(self._basis), list(self._shells)
+        clone._removed = 0  # it does not compact the rows
+        return clone
 
     def row_groups(self) -> Indices:
         """The group of each of the present rows, in order of arrival."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pushfric_core.constraint_rows import ConstraintRows
+from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers.active_set import HardRows, minimise, row_space, unit_rows
 from pushfric_core.solvers.program import Solution, Status, certify
 

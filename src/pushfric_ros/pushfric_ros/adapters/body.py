@@ -7,9 +7,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from pushfric_core.planar import Array, Pose, inverse, transform, wrap
+from pushfric_core.bags.samples import quaternion_length, stamp_from_msg
+from pushfric_core.geometry.planar import Array, Pose, inverse, transform, wrap
+from pushfric_core.plausible import FARTHEST
 from pushfric_core.settings import check_ranges, setting
-from pushfric_ros.messages.conversions import quaternion_length, stamp_from_msg
 
 
 class Body(NamedTuple):
@@ -54,11 +55,14 @@ class MountConfig:
 
     source: str = setting("pose_stamped", "kind of message: an entry point of the group pushfric.sources")
     origin: tuple[float, ...] = setting(
-        (0.0, 0.0, 0.0), "place of the object's origin, or of the tip's centre, in the frame of the body [m]"
+        (0.0, 0.0, 0.0), "place of the object's origin, or of the tip's centre, in the frame of the body [m]", -10.0, 10.0
     )
     turn: float = setting(0.0, "angle of the object's x axis from that of the body, about z [rad]", -math.pi, math.pi)
     table: tuple[float, ...] = setting(
-        (0.0, 0.0, 0.0), "x, y [m] and angle [rad] of the table frame in the tracker's frame, whose z axis points up"
+        (0.0, 0.0, 0.0),
+        "x, y [m] and angle [rad] of the table frame in the tracker's frame, whose z axis points up",
+        -FARTHEST,
+        FARTHEST,
     )
     time_offset: float = setting(0.0, "added to the stamps [s]", -10.0, 10.0)
 

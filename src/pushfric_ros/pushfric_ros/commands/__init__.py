@@ -1,1 +1,39 @@
-"""The command line: one module for each command, loaded when it is called."""
+"""The commands that need the node graph, a pusher or a camera; they join the command line as an entry point."""
+
+SECTIONS = {
+    "Cell": {
+        "demo": "Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal,"
+        " an operator.",
+        "run": "Run the real cell: carry out its push plan, estimate, record.",
+        "replay": "Play a bag through the live graph, with the settings it was recorded with;"
+        " this gives the estimate of the live run.",
+        "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
+        "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
+        "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the"
+        " pusher's entries.",
+        "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",
+    },
+    "Pusher": {
+        "rehearse": "Cause every fault of docs/safety.md on a real controller without an object; measure how the pusher stops.",
+        "stop": "Stop the pusher of a running cell; nothing moves before ./pushfric reset.",
+        "reset": "After a stop, fault or alarm: home, or if the cell does not home, confirm the reported position.",
+        "status": "Print what the pusher of a running cell is doing, where it is, and what is wrong.",
+        "echo": "Print the states of the pusher of a running cell as they come, until Ctrl-C.",
+        "jog": "Move the pusher of a running cell a little, without a push; it stops when this command ends.",
+    },
+}
+"""The sections of the list of commands: each command's name and the first paragraph of its help; its function's docstring
+adds to that."""
+
+COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
+
+RUN_NODES = ("demo", "run", "replay")
+"""Commands that start the nodes of a graph."""
+
+
+def prepare(name: str) -> None:
+    """Called before a command is loaded: what it will need loads at the same time."""
+    if name in RUN_NODES:
+        from pushfric_ros.graph import fork_server  # not for the other commands
+
+        fork_server.prepare()

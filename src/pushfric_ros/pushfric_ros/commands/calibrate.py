@@ -6,27 +6,27 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console
+from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.errors import InvalidInput
-from pushfric_core.wording import counted
-from pushfric_ros.commands.clicking import click_points
-from pushfric_ros.commands.console import console
-from pushfric_ros.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
-from pushfric_ros.commands.group import Group
-from pushfric_ros.commands.interrupt import telling_what_is_left
-from pushfric_ros.commands.options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
-from pushfric_ros.files.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
-from pushfric_ros.vision.board import Board
-from pushfric_ros.vision.board_pdf import save_board
-from pushfric_ros.vision.camera import load_lens, save_camera
-from pushfric_ros.vision.lens_calibration import lens_from_frames
-from pushfric_ros.vision.table_calibration import (
+from pushfric_core.vision.board import Board
+from pushfric_core.vision.board_pdf import save_board
+from pushfric_core.vision.camera import load_lens, save_camera
+from pushfric_core.vision.lens_calibration import lens_from_frames
+from pushfric_core.vision.table_calibration import (
     calibrate_table,
     read_table_places,
     read_table_points,
     table_from_frames,
 )
+from pushfric_core.wording import counted
+from pushfric_ros.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
+from pushfric_ros.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
+from pushfric_ros.commands.clicking import click_points
+from pushfric_ros.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 
-app = typer.Typer(cls=Group, add_completion=False, no_args_is_help=True)
+app = Application(no_args_is_help=True)
 
 CAMERA = ACCEPTED_WITH_TOPICS[0].upper() + ACCEPTED_WITH_TOPICS[1:]
 
@@ -110,7 +110,7 @@ def table(
     --view, the points that are clicked give it.
     """
     if figure is not None:
-        from pushfric_ros.report.figures import check_image_name, table_error_figure  # imported late: it takes a second
+        from pushfric_core.report.figures import check_image_name, table_error_figure  # imported late: it takes a second
 
         check_image_name(figure)
     known = load_lens(camera)

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from pushfric_core import settings
+from pushfric_ros.cell.cell_file import ROOT, SECTIONS, driver_kinds
 from pushfric_ros.commands.markdown import as_yaml, limits, table
-from pushfric_ros.files.cell_file import ROOT, SECTIONS, driver_kinds
 
 COMMAND = "python -m pushfric_ros.commands.cell_docs docs/cell.md"
 
@@ -22,10 +22,13 @@ TYPES = {bool: "true or false", int: "whole number", float: "number", str: "text
 
 def tables() -> str:
     """A table for each section."""
-    parts = [table(HEAD, _rows(ROOT))]
-    for name, configs in SECTIONS.items():
-        parts.append(f"### `{name}`\n\n{table(HEAD, _rows([*configs, *driver_kinds(name, {})]))}")
-    return "\n".join(parts)
+    return "\n".join(f"### `{name}`\n\n{table(HEAD, rows)}" if name else table(HEAD, rows) for name, rows in sections().items())
+
+
+def sections() -> dict[str, list[tuple[str, ...]]]:
+    """The rows of the tables; the keys outside of any section first, with an empty name."""
+    rows = {name: _rows([*configs, *driver_kinds(name, {})]) for name, configs in SECTIONS.items()}
+    return {"": _rows(ROOT)} | rows
 
 
 def written(text: str) -> str:

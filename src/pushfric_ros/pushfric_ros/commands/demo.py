@@ -11,36 +11,39 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, fail
+from pushfric_core.commands.interrupt import telling_what_is_left
+from pushfric_core.commands.json_option import JsonOption, write_json
+from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.pushers.grbl_config import GrblConfig
+from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.report.report import to_json, truth
+from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.commands.console import console, fail
-from pushfric_ros.commands.interrupt import telling_what_is_left
-from pushfric_ros.commands.json_option import JsonOption, write_json
-from pushfric_ros.commands.options import HeadlessFlag, ViewOption, WithView, view_at
-from pushfric_ros.commands.recorded_run import RUNS, course_of, left_behind
-from pushfric_ros.commands.settings_options import option
+from pushfric_ros.cell.cell_file import CellFile
+from pushfric_ros.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
+from pushfric_ros.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
+from pushfric_ros.commands.recorded_run import course_of, left_behind
 from pushfric_ros.commands.watch import watch
-from pushfric_ros.files.cell_file import CellFile
-from pushfric_ros.files.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.files.plan_file import load_plan
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.graph.supervisor import Ended
-from pushfric_ros.pushers.grbl_config import GrblConfig
-from pushfric_ros.pushers.pusher import PusherConfig
-from pushfric_ros.report.report import report, to_json, truth
-from pushfric_ros.vision.camera import Camera, save_camera
-from pushfric_ros.vision.tracker_settings import ContourConfig
+from pushfric_ros.messages.conversions import report_from_msg
 
 SPEED: float = SimulatedRunConfig.speed
 """Multiple of real time at which the simulated cell runs."""
 
 FIGURE = "figure.png"
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 @app.command(cls=WithView)
@@ -71,8 +74,8 @@ def demo(
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
     print_summary(console, object_name, last)
-    write_json(to_json({**report(last), "truth": truth(object_name), "bag": str(bag)}), json)
-    from pushfric_ros.report.figures import summary_figure  # imported late, or matplotlib would be in memory during the run
+    write_json(to_json({**report_from_msg(last).to_dict(), "truth": truth(object_name), "bag": str(bag)}), json)
+    from pushfric_core.report.figures import summary_figure  # imported late, or matplotlib would be in memory during the run
 
     figure = bag / FIGURE
     summary_figure(figure, TABLE_1[object_name].outline, *course_of(bag), TABLE_1[object_name])
@@ -113,11 +116,10 @@ def run_demo(
     with scratch_folder() as scratch:
         cell = dataclasses.replace(demo_cell(object_name, scratch), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
-        if view is not None:
-            specs = graph.with_view(specs, object_name, view)
+        specs = graph.with_view(specs, object_name, view) if view is not None else specs
+        specs = specs if live or view is not None else graph.unattended(specs)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
-        what, attended = f"pushing {object_name}", live or view is not None
-        ended, last = watch(console, specs, cell.namespace, what, live, recorded=bag, attended=attended)
+        ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live, recorded=bag)
     return last, ended
 
 

@@ -10,10 +10,10 @@ from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.vision.camera import Image, picture_from
+from pushfric_core.vision.frame_source import ACCEPTED, DeviceFrames, Frames
 from pushfric_ros.node_kit.visit import Visit, visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
-from pushfric_ros.vision.camera import Image, picture_from
-from pushfric_ros.vision.frame_source import ACCEPTED, DeviceFrames, Frames
 
 ACCEPTED_WITH_TOPICS = f"{ACCEPTED}; or {' or '.join(TOPICS)}, for a camera whose driver is a node"
 """What a source may be."""

@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 
 from pushfric_core import settings
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.bags.offered_qos import OfferedQos
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.vision.sighting import UNMEASURED
+from pushfric_ros.commands import cell_docs
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.markdown import as_yaml, limits, table
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NAMESPACE
-from pushfric_ros.messages.qos import RELIABLE
+from pushfric_ros.messages.types import definition, type_hash
 from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
-from pushfric_ros.vision.sighting import UNMEASURED
 
 COMMAND = "python -m pushfric_ros.commands.interface_docs > docs/interfaces.md"
 
@@ -83,7 +83,7 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     picture, bag = folder / "picture.png", folder / "bag"
     cv2.imwrite(str(picture), np.zeros((480, 640), np.uint8))
     with BagWriter(bag) as writer:
-        writer.add_topic(f"{NAMESPACE}/anything", OF_THE_BAG, [OfferedQos.of(RELIABLE)])
+        writer.add_topic(f"{NAMESPACE}/anything", OF_THE_BAG, [], type_hash(OF_THE_BAG), definition(OF_THE_BAG))
         writer.write(f"{NAMESPACE}/anything", 1, EMPTY)
     sources: dict[str, dict[str, Any]] = {
         "`source: compressed`": {"source": "compressed"},
@@ -134,13 +134,15 @@ def section(described: Description) -> str:
         (f"`{one.name}`", one.type, "*required*" if one.required else f"`{as_yaml(one.default)}`", span(one), one.description)
         for one in described.settings
     ]
-    return "\n".join(
-        (
-            f"## {described.node}\n\n{described.summary}\n",
-            table(("", "name", "type", "QoS", "when"), topics),
-            table(("parameter", "type", "default", "range", "what"), settings),
-        )
-    )
+    keys = {(key, default, what) for rows in cell_docs.sections().values() for key, _, default, _, what in rows}
+    of_cell = [key for key, _, default, _, what in settings if (key, default, what) in keys]
+    own = [row for row in settings if row[0] not in of_cell]
+    parts = [f"## {described.node}\n\n{described.summary}\n", table(("", "name", "type", "QoS", "when"), topics)]
+    if of_cell:
+        parts.append(f"Parameters that [cell.md](cell.md#all-keys) describes as keys of a cell's file: {', '.join(of_cell)}.\n")
+    if own:
+        parts.append(table(("parameter", "type", "default", "range", "what"), own))
+    return "\n".join(parts)
 
 
 def span(setting: Setting) -> str:

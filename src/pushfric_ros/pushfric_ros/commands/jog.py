@@ -4,20 +4,26 @@ from typing import Annotated
 
 import typer
 
-from pushfric_ros.commands.options import NamespaceOption
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.options import in_range
+from pushfric_ros.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE, NamespaceOption
 from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.person import Person
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 @app.command()
 def jog(
     distance: Annotated[
-        float, typer.Argument(help="Distance along the stroke [mm]; negative, after --: back, as in jog -- -5.")
+        float,
+        typer.Argument(
+            help="Distance along the stroke [m]; negative, after --: back, as in jog -- -0.005.",
+            **in_range(-LONGEST_STROKE, LONGEST_STROKE, "m"),
+        ),
     ],
-    speed: Annotated[float, typer.Option(help="Speed [mm/s].", min=0.1, max=1000.0)] = 10.0,
+    speed: Annotated[float, typer.Option(help="Speed [m/s].", **in_range(0.0001, FASTEST_STROKE, "m/s"))] = 0.01,
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     with Person(namespace, enclave(namespace, COMMAND_LINE)) as person:
-        print(person.jog(distance * 1e-3, speed * 1e-3))
+        print(person.jog(distance, speed))

@@ -4,11 +4,12 @@ import dataclasses
 import pathlib
 from collections.abc import Mapping, Sequence
 
-from pushfric_ros.bags import data_points
+from pushfric_core.bags import data_points
+from pushfric_ros.cell.cell_file import load_cell
+from pushfric_ros.cell.node_settings import ViewConfig
+from pushfric_ros.commands.cell_options import AUTO_VIEW, view_at
 from pushfric_ros.commands.demo import SPEED, demo_cell
-from pushfric_ros.commands.options import AUTO_VIEW, view_at
-from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.files.node_settings import ViewConfig
+from pushfric_ros.commands.recorded_run import failures
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import Launchable, NodeSpec
 
@@ -19,16 +20,21 @@ def _cell(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[Nod
     return file.namespace, _shown(specs, file.object, values["view"], file.view)
 
 
+def _found(values: Mapping[str, str], namespace: str) -> Sequence[str]:
+    return failures(pathlib.Path(values["bag"]), namespace)
+
+
 def _demo(values: Mapping[str, str], folder: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
     cell = dataclasses.replace(demo_cell(values["object"], folder), namespace=values["namespace"])
     specs = graph.simulated_cell(cell, values["bag"], int(values["seed"]), float(values["speed"]))
+    specs = specs if values["view"] else graph.unattended(specs)
     return cell.namespace, _shown(specs, cell.object, values["view"], cell.view)
 
 
 def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
     bag = pathlib.Path(values["bag"])
-    settings = data_points.recorded_settings(bag)
-    source = data_points.source_of(bag, settings.with_forces)
+    settings = data_points.recorded_settings(bag, values["namespace"] or None)
+    source = data_points.source_of(bag, settings.with_forces, values["namespace"] or None)
     object_name = values["object"] or str(data_points.object_beside(bag))
     specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
     return source.namespace, _shown(specs, object_name, values["view"], ViewConfig())
@@ -51,6 +57,7 @@ CELL = Launchable(
         **VIEW,
     },
     _cell,
+    _found,
 )
 """The real cell: carry out its push plan, estimate, record."""
 
@@ -64,6 +71,7 @@ DEMO = Launchable(
         **VIEW,
     },
     _demo,
+    _found,
 )
 """The whole graph on a simulated cell."""
 
@@ -72,6 +80,7 @@ REPLAY = Launchable(
         "bag": (None, "path of the bag"),
         "object": ("", "name of an object of Table 1, or path of an object YAML; empty: the bag's own object.yaml"),
         "rate": ("1.0", "multiple of the recorded speed"),
+        "namespace": ("", "of the cell, for a bag of several"),
         **VIEW,
     },
     _replay,

@@ -1,19 +1,19 @@
 """The bag of a run: where it goes, what an interrupted run leaves in it, and the course of its estimates."""
 
 import pathlib
-from collections.abc import Collection
+from typing import TYPE_CHECKING
 
+from pushfric_core.commands.console import warn
 from pushfric_core.errors import PushfricError
-from pushfric_core.estimate import Estimate
-from pushfric_core.observation import Observation
-from pushfric_core.planar import Twist
-from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.commands.console import warn
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import OBJECT_FILE, ObjectModel, load_object
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
+from pushfric_core.trajectories.observations import Observations
+from pushfric_core.wording import counted
+from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 
-RUNS = pathlib.Path("runs")
-"""Folder for bags, unless the command line gives another."""
+if TYPE_CHECKING:
+    from pushfric_core.bags.data_points import Reading
 
 
 def left_behind(bag: pathlib.Path) -> str:
@@ -21,38 +21,36 @@ def left_behind(bag: pathlib.Path) -> str:
     if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
     try:
-        _, _, data = _recorded(bag)
+        data = _recorded(bag)[2].observations
     except PushfricError as error:
         return f"bag left in {bag}, which gives no estimate: {error}"
     return f"bag left in {bag} (pushes: {len({point.push_id for point in data})}); ./pushfric estimate {bag} reads it"
 
 
-def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Collection[int], aborted: int) -> list[str]:
-    """The differences between the bag, the live estimate and the plan of a finished run, in words; empty if they agree.
+def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
+    """What does not add up between the bag, the live estimate and the plan of a finished run, in words; empty if all does.
 
     Args:
         bag: folder of the bag.
         live: the last estimate that the run published; None if there was none.
-        pushed: ids of the pushes of the plan that were carried out.
-        aborted: number of those pushes that did not reach their end.
+        planned: number of pushes that the run was to carry out.
+        aborted: number of those that did not reach their end.
     """
-    from pushfric_ros.bags import data_points
+    from pushfric_core.bags import data_points
 
-    said = [f"{aborted} of {len(pushed)} pushes were aborted"] if aborted else []
+    said = [f"{aborted} of {counted(planned, 'push was', 'pushes were')} aborted"] if aborted else []
     try:
-        model, settings, data = _recorded(bag)
-        made = data_points.recorded_observations(bag, model, settings, warn)
+        model, settings, reading = _recorded(bag)
     except PushfricError as error:
         return [*said, f"the bag {bag} gives no estimate: {error}"]
-    if empty := sorted(set(pushed) - {point.push_id for point in data} - {*settings.excluded}):
-        said.append(f"no data point came from push {', '.join(str(push_id + 1) for push_id in empty)}")
+    said += reading.ledger.doubts
     estimator = settings.new_estimator(model.support_points)
     # the node has told of the data points that it refused
     counts = (0, 0)
-    for estimate in data_points.taken(estimator.take, data, lambda _: None):
+    for estimate in data_points.taken(estimator.add, reading.observations, lambda _: None):
         counts = estimate.data_points, estimate.pushes
     live_counts = (0, 0) if live is None else (live.data_points, live.pushes)
-    if counts != live_counts or {*map(_content, made)} != {*map(_content, data)}:
+    if counts != live_counts:
         said.append(
             "the live estimate missed messages that are in the bag, or the other way round: it has {} data points of {} "
             "pushes, the bag {} of {}; read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
@@ -60,22 +58,46 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, pushed: Coll
     return said
 
 
-def _content(point: Observation) -> tuple[int, int, Twist]:
-    return point.stamp, point.push_id, point.twist
+def failures(bag: pathlib.Path, namespace: str) -> list[str]:
+    """In which ways a run that is over has failed, as its bag shows, in words; empty if it has not.
+
+    Args:
+        bag: folder of the bag.
+        namespace: of the cell.
+    """
+    from pushfric_core.bags.bag import Bag
+
+    live: FrictionEstimate | None = None
+    course: list[PlanProgress] = []
+    try:
+        recorded = Bag(bag)
+        for message in recorded.messages([f"{namespace}/plan_progress", f"{namespace}/friction_estimate"]):
+            msg = recorded.deserialize(message)
+            if message.topic.endswith("plan_progress"):
+                course.append(msg)
+            elif msg.status != FrictionEstimate.STATUS_NO_DATA:
+                live = msg
+    except (PushfricError, ValueError) as error:
+        return [f"the bag {bag} does not say how the run went: {error}"]
+    if not course or course[-1].phase != PlanProgress.PHASE_FINISHED:
+        return [f"the plan is not finished: it stood at push {course[-1].push_id + 1}" if course else "no plan was begun"]
+    first, newest = course[0], course[-1]
+    planned = first.count - first.push_id + first.completed + first.aborted
+    return disagreements(bag, live, planned, newest.aborted)
 
 
-def course_of(bag: pathlib.Path) -> tuple[list[Estimate], tuple[Observation, ...]]:
+def course_of(bag: pathlib.Path) -> tuple[list[Estimate], Observations]:
     """The estimates after each data point, and the data points, from a recorded bag; for figures."""
-    from pushfric_ros.bags import data_points
+    from pushfric_core.bags import data_points
 
-    model, settings, data = _recorded(bag)
+    model, settings, reading = _recorded(bag)
     estimator = settings.new_estimator(model.support_points)
-    return list(data_points.taken(estimator.take, data, warn)), estimator.observations
+    return list(data_points.taken(estimator.add, reading.observations, warn)), estimator.observations
 
 
-def _recorded(bag: pathlib.Path) -> tuple[ObjectModel, EstimatorSettings, list[Observation]]:
-    """The object of a bag, the settings it was estimated with, and its data points."""
-    from pushfric_ros.bags import data_points  # not before the run has ended: it would hold 10 MB meanwhile
+def _recorded(bag: pathlib.Path) -> "tuple[ObjectModel, EstimatorSettings, Reading]":
+    """The object of a bag, the settings it was estimated with, and what it gives."""
+    from pushfric_core.bags import data_points  # not before the run has ended: it would hold 10 MB meanwhile
 
     model, settings = load_object(str(bag / OBJECT_FILE)), data_points.recorded_settings(bag)
-    return model, settings, data_points.observations(bag, model, settings, warn)
+    return model, settings, data_points.read(bag, model, settings, warn)

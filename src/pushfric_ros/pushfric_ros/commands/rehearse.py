@@ -7,18 +7,22 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.options import in_range
+from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands.console import console, warn
-from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
-from pushfric_ros.commands.settings_options import option
-from pushfric_ros.pushers.grbl_settings import GrblSettings
-from pushfric_ros.rehearsal.damage import damage as damaged
+from pushfric_core.plausible import check_within
+from pushfric_core.pushers.grbl_settings import GrblSettings
+from pushfric_core.report.report import to_json
+from pushfric_ros.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
 from pushfric_ros.rehearsal.faults import FAULTS, Outcome, rehearse
-from pushfric_ros.rehearsal.kills import KINDS, kill
+from pushfric_ros.rehearsal.random_faults import KINDS, damages
+from pushfric_ros.rehearsal.random_faults import kills as killed
 from pushfric_ros.rehearsal.stage import Rehearsed, Stage
-from pushfric_ros.report.report import to_json
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 @app.command("rehearse")
@@ -27,10 +31,12 @@ def rehearsal(
     stroke: Annotated[
         float | None,
         typer.Option(
-            help="How far the pusher may go forward from where it stands [mm].", min=1.0, max=1000.0, show_default="asked for"
+            help="How far the pusher may go forward from where it stands [m].",
+            **in_range(0.001, LONGEST_STROKE, "m"),
+            show_default="asked for",
         ),
     ] = None,
-    speed: Annotated[float, typer.Option(help="Speed of the pushes [mm/s].", min=1.0, max=1000.0)] = 20.0,
+    speed: Annotated[float, typer.Option(help="Speed of the pushes [m/s].", **in_range(0.001, FASTEST_STROKE, "m/s"))] = 0.02,
     axis: Annotated[str, typer.Option(help="Axis of the controller; -X: the stroke goes to negative coordinates.")] = "X",
     baud: Annotated[int, typer.Option(help="Speed of the port [bit/s].", min=300, max=4_000_000)] = 115200,
     silence: Annotated[float, option(GrblSettings, "silence")] = GrblSettings.silence,
@@ -62,15 +68,19 @@ def rehearsal(
         raise InvalidInput("--kills and --damage are two campaigns: give one of them")
     if stroke is None:
         if not sys.stdin.isatty():
-            raise InvalidInput("--stroke is missing: how far the pusher may go forward from where it stands (mm)")
-        stroke = typer.prompt(
-            "The pusher will move. How far may it go forward from where it stands (mm)?", type=float, err=True
-        )
+            raise InvalidInput("--stroke is missing: how far the pusher may go forward from where it stands [m]")
+        stroke = typer.prompt("The pusher will move. How far may it go forward from where it stands [m]?", type=float, err=True)
+        try:
+            check_within("the stroke", (stroke,), LONGEST_STROKE, "m")
+        except ValueError as error:
+            raise InvalidInput(str(error)) from error
     outcomes: list[Outcome] = []
-    with Stage(Rehearsed(port, baud, axis, 1e-3 * stroke, 1e-3 * speed, silence), warn) as stage:
-        console.print(f"strokes of {1e3 * stage.reach:.1f} mm at {speed:g} mm/s; Ctrl-C stops the pusher", highlight=False)
-        campaign = kill(stage, kills, seed) if kills else damaged(stage, damage, seed) if damage else rehearse(stage, FAULTS)
-        for outcome in campaign:
+    with Stage(Rehearsed(port, baud, axis, stroke, speed, silence), warn) as stage:
+        console.print(
+            f"strokes of {1e3 * stage.reach:.1f} mm at {1e3 * speed:g} mm/s; Ctrl-C stops the pusher", highlight=False
+        )
+        faults = killed(kills, seed) if kills else damages(damage, seed) if damage else FAULTS
+        for outcome in rehearse(stage, faults):
             outcomes.append(outcome)
             console.print(line(outcome), highlight=False, markup=False)
         changed = stage.bring_back()

@@ -5,20 +5,22 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.bags import data_points
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, fail, warn
+from pushfric_core.commands.json_option import JsonOption
+from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.commands.result import print_result
+from pushfric_core.commands.settings_options import option
+from pushfric_core.offline.inputs import object_of
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.bags import data_points
-from pushfric_ros.commands.console import console, fail, warn
-from pushfric_ros.commands.json_option import JsonOption
-from pushfric_ros.commands.options import HeadlessFlag, ObjectOption, PartialFlag, ViewOption, WithView, view_at
-from pushfric_ros.commands.result import print_result
-from pushfric_ros.commands.settings_options import option
+from pushfric_ros.cell.node_settings import PlayerConfig, ViewConfig
+from pushfric_ros.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.watch import watch
-from pushfric_ros.files.node_settings import PlayerConfig, ViewConfig
 from pushfric_ros.graph import graph
-from pushfric_ros.offline.inputs import object_of
-from pushfric_ros.report.report import report
+from pushfric_ros.messages.conversions import report_from_msg
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 @app.command(cls=WithView)
@@ -27,6 +29,7 @@ def replay(
     object_name: ObjectOption = "",
     rate: Annotated[float, option(PlayerConfig, "rate")] = PlayerConfig.rate,
     partial: PartialFlag = False,
+    namespace: CellOption = None,
     json: JsonOption = None,
     headless: HeadlessFlag = False,
     view: ViewOption = "",
@@ -35,9 +38,10 @@ def replay(
     ] = False,
 ) -> None:
     model, object_file = object_of(bag, object_name)
-    settings = data_points.recorded_settings(bag)
-    data = data_points.observations(bag, model, settings, warn, partial)
-    source = data_points.source_of(bag, settings.with_forces)
+    settings = data_points.recorded_settings(bag, namespace)
+    reading = data_points.read(bag, model, settings, warn, partial, namespace)
+    data, doubts = reading.observations, "; ".join(reading.ledger.doubts)
+    source = data_points.source_of(bag, settings.with_forces, namespace)
     model_file = str(data_points.prior_beside(bag) or "")
     specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file)
     if (shown := view_at(view, ViewConfig())) is not None:
@@ -51,7 +55,7 @@ def replay(
         if last is None or last.data_points < expected:
             arrived = 0 if last is None else last.data_points
             fail(f"the live graph made only {arrived} of the {expected} data points in the bag; try a lower --rate", 1)
-        print_result(report(last), json, settings.estimator.loss)
+        print_result(report_from_msg(last).to_dict(), json, settings.estimator.loss)
         printed = True
 
     def show_and_stay(last: FrictionEstimate | None) -> None:
@@ -68,3 +72,7 @@ def replay(
     if ended.code:
         fail(ended.reason, ended.code)
     show(last)
+    if doubts and partial:
+        warn(f"{bag}: does not add up: {doubts}")
+    elif doubts:
+        fail(f"{bag}: does not add up: {doubts}", 1)

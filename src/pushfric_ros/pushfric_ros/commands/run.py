@@ -8,19 +8,21 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, fail
+from pushfric_core.commands.interrupt import telling_what_is_left
+from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands.console import console, fail
-from pushfric_ros.commands.interrupt import telling_what_is_left
-from pushfric_ros.commands.options import HeadlessFlag, ViewOption, WithView, view_at
-from pushfric_ros.commands.recorded_run import RUNS, left_behind
-from pushfric_ros.commands.settings_options import option
+from pushfric_core.files.object_file import load_object
+from pushfric_ros.cell.cell_file import load_cell
+from pushfric_ros.cell.node_settings import ExperimentConfig, SimulatedRunConfig
+from pushfric_ros.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
+from pushfric_ros.commands.recorded_run import left_behind
 from pushfric_ros.commands.watch import watch
-from pushfric_ros.files.cell_file import load_cell
-from pushfric_ros.files.node_settings import ExperimentConfig, SimulatedRunConfig
-from pushfric_ros.files.object_file import load_object
 from pushfric_ros.graph import graph
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 @app.command(cls=WithView)
@@ -78,9 +80,10 @@ def run(
             specs = graph.cell(file, str(bag), start)
         if shown is not None:
             specs = graph.with_view(specs, file.object, shown)
-        attended = live or shown is not None or not simulated  # who runs a real pusher is near it
+        if simulated and not live and shown is None:  # who runs a real pusher is near it
+            specs = graph.unattended(specs)
         what = f"pushing {model.name}"
-        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, recorded=bag, attended=attended)
+        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, recorded=bag)
     if ended.code:
         fail(ended.reason, ended.code)
     console.print(f"bag: {bag}", markup=False)

@@ -11,16 +11,17 @@ import cv2
 import numpy as np
 import typer
 
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands.console import console
-from pushfric_ros.files.cell_file import CellFile, load_cell
-from pushfric_ros.files.node_settings import LOOPBACK
+from pushfric_core.vision.camera import load_camera
+from pushfric_ros.cell.cell_file import CellFile, load_cell
+from pushfric_ros.cell.node_settings import LOOPBACK
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.node_kit.introspection import Endpoint, Introspection
 from pushfric_ros.nodes.tracker import TOPICS as CAMERA_TOPICS
-from pushfric_ros.vision.camera import load_camera
 
 FILE = "policy.xml"
 VERSION = "0.2.0"
@@ -52,7 +53,7 @@ PERSON = (
 )
 """What the command line may do: watch, stop and reset, but not push."""
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 class Permission(NamedTuple):

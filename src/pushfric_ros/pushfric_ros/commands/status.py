@@ -2,14 +2,13 @@
 
 import sys
 
-import typer
-
+from pushfric_core.commands.application import Application
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.commands.options import NamespaceOption
+from pushfric_ros.commands.cell_options import NamespaceOption
 from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.person import Person, line
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 @app.command()

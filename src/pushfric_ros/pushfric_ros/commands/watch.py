@@ -1,7 +1,6 @@
 """Runs a graph and shows the operator the last estimate of every push, and how far the plan has come."""
 
 import contextlib
-import math
 import pathlib
 import time
 from collections.abc import Callable, Sequence
@@ -14,21 +13,18 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from pushfric_core.observation import Observation
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.commands.interrupt import end_at_once
+from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.commands.interrupt import end_at_once
 from pushfric_ros.commands.recorded_run import disagreements
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import Ended, Supervisor
-from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.node_kit.visit import Visit
 from pushfric_ros.nodes.monitor import MonitorNode
 
 PATIENCE = 10.0
 """After the end of a run, its last estimate is awaited; the wait ends if the estimator makes no progress for this long [s]."""
-
-ALARM_PATIENCE = 5.0
-"""An alarm of the pusher that lasts this long [s] ends a run that nobody attends; while it homes, one may come and go."""
 
 PROMPTING = (PlanProgress.PHASE_WAITING, PlanProgress.PHASE_PLACING, PlanProgress.PHASE_ALARM)
 
@@ -43,7 +39,6 @@ def watch(
     unfinished: Callable[[int], None] | None = None,
     recorded: pathlib.Path | None = None,
     stay: Callable[[FrictionEstimate | None], None] | None = None,
-    attended: bool = True,
 ) -> tuple[Ended, FrictionEstimate | None]:
     """Run a graph with a monitor until it has ended and its last estimate has come; afterwards Ctrl-C ends the process.
 
@@ -57,7 +52,6 @@ def watch(
         recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
             estimate and its plan disagree.
         stay: called with the last estimate when the run has ended well; the other nodes then run on until Ctrl-C.
-        attended: somebody is there to end an alarm of the pusher. Otherwise it ends the run.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
@@ -71,7 +65,7 @@ def watch(
             return replayed is not None and monitor.complete >= len(replayed)
 
         # made here, where the supervisor holds signals back, so that no signal interrupts its start or its end
-        with contextlib.closing(Monitor(console, namespace, what, steps, live, unfinished is not None, attended)) as monitor:
+        with contextlib.closing(Monitor(console, namespace, what, steps, live, unfinished is not None)) as monitor:
             try:
                 ended = monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed)
                 if stay is not None and ended.code == 0:
@@ -88,7 +82,7 @@ def watch(
         if ended.code == 0 and supervisor.failed_at_the_end is not None:
             ended = supervisor.failed_at_the_end
         elif ended.code == 0 and recorded is not None:
-            found = disagreements(recorded, monitor.estimate, monitor.pushed, monitor.aborted)
+            found = disagreements(recorded, monitor.estimate, monitor.planned, monitor.aborted)
             ended = Ended(1, "; ".join(found)) if found else ended
         return ended, monitor.estimate
     finally:
@@ -104,7 +98,6 @@ class Monitor:
         steps: number of pushes expected; None: the plan's progress gives it.
         live: show a table that is redrawn in place; otherwise print a line for each push.
         prompts: without the table, print what the run waits for; the table shows it anyway.
-        attended: as for `watch`.
     """
 
     def __init__(
@@ -115,14 +108,12 @@ class Monitor:
         steps: int | None,
         live: bool,
         prompts: bool = False,
-        attended: bool = True,
     ) -> None:
         self.estimate: FrictionEstimate | None = None
         self.next_push: int | None = None  # number of the current push in the plan; None: no plan is under way
-        self.pushed: set[int] = set()  # the pushes of the plan that were carried out
+        self.planned = 0  # number of pushes that the run is to carry out, from the first that it was heard of
         self.aborted = 0  # number of these that did not reach their end
-        self._prompts, self._attended = prompts and not live, attended
-        self._alarmed = math.inf  # since when the pusher is in alarm
+        self._prompts = prompts and not live
         self._console, self._live = console, live
         self._rows: dict[int, FrictionEstimate] = {}
         self._progress = Progress(
@@ -145,18 +136,17 @@ class Monitor:
 
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, go on until `done`, but not for ever."""
-        ended, deadline, settled = None, 0.0, -1
+        ended, deadline, progress = None, 0.0, (-1, -1)
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
             while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
                 self._visit.spin_once(0.05)
                 view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
-                if now is None and not self._attended and time.monotonic() - self._alarmed > ALARM_PATIENCE:
-                    now = Ended(1, f"{self._message}; nobody is here to do that")
                 if now is not None and (ended is None or now.code):
                     ended, deadline = now, time.monotonic() + PATIENCE
-                if self._visit.node.settled != settled and self._catches_up():
-                    settled, deadline = self._visit.node.settled, time.monotonic() + PATIENCE
+                seen = (self._visit.node.settled if self._catches_up() else progress[0]), self.complete
+                if seen != progress:
+                    progress, deadline = seen, time.monotonic() + PATIENCE
         if not self._live and self.estimate is not None:
             self._console.print(line_of(self.estimate))
         if ended.code == 0 and self.next_push is not None:
@@ -197,14 +187,12 @@ class Monitor:
             self._progress.update(self._task, completed=push)
 
     def _on_progress(self, msg: PlanProgress) -> None:
-        self._alarmed = time.monotonic() if msg.phase == PlanProgress.PHASE_ALARM else math.inf
         if self._prompts and msg.message != self._message and msg.phase in PROMPTING:
             self._console.print(msg.message, highlight=False, markup=False)
         self._message = msg.message
         finished = msg.phase == PlanProgress.PHASE_FINISHED
         self.aborted = msg.aborted
-        if msg.phase == PlanProgress.PHASE_PUSHING:
-            self.pushed.add(msg.push_id)
+        self.planned = self.planned or msg.count - msg.push_id + msg.completed + msg.aborted
         if finished:
             self._finished = stamp_from_msg(msg.header.stamp)
         self.next_push = None if finished else msg.push_id + 1

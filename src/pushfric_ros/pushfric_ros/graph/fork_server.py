@@ -32,8 +32,8 @@ PRELOADED = (
     "pushfric_ros.node_kit.process",
     "pushfric_ros.node_kit.diagnostics",
     "pushfric_ros.node_kit.parameters",
-    "pushfric_ros.files.object_file",
-    "pushfric_ros.files.node_settings",
+    "pushfric_core.files.object_file",
+    "pushfric_ros.cell.node_settings",
     "pushfric_ros.messages.conversions",
 )
 """What the server imports: what several nodes need.

@@ -6,17 +6,17 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files import estimator_settings
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.pushers.grbl_config import GrblConfig
 from pushfric_core.settings import merged, plain
-from pushfric_ros.files import estimator_settings
-from pushfric_ros.files.cell_file import CellFile
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.node_settings import NAMESPACE, ViewConfig
+from pushfric_core.vision.tracker_settings import ContourConfig
+from pushfric_ros.cell.cell_file import CellFile
+from pushfric_ros.cell.node_settings import NAMESPACE, ViewConfig
 from pushfric_ros.node_kit import network
-from pushfric_ros.pushers.grbl_config import GrblConfig
-from pushfric_ros.vision.tracker_settings import ContourConfig
 
 if TYPE_CHECKING:  # only a replay reads bags
-    from pushfric_ros.bags.data_points import Source
+    from pushfric_core.bags.data_points import Source
 
 PACKAGE = "pushfric_ros"
 
@@ -51,6 +51,8 @@ class Launchable(NamedTuple):
     arguments: Mapping[str, tuple[str | None, str]]  # name -> (default, description); without a default it must be given
     graph: Callable[[Mapping[str, str], pathlib.Path], tuple[str, Sequence[NodeSpec]]]
     """From the values of the arguments, and a folder for files of the run, the namespace and the nodes."""
+    found: Callable[[Mapping[str, str], str], Sequence[str]] = lambda values, namespace: ()
+    """From these values and the namespace, once all nodes of a finished run have ended: in which ways the run has failed."""
 
 
 class Topic(NamedTuple):
@@ -129,10 +131,11 @@ def _movers(file: CellFile, frames: Mapping[str, Any], bag: str, start: int) -> 
         return [NodeSpec("tip_source", {"object": file.object, "bag": bag, **frames, **merged(file.tip)}, respawn=True)]
     watched = (_seer(file, frames).name, "estimator")
     pusher = replace(file.pusher, requires=file.pusher.requires or watched)
+    leading = {"object": file.object, "start": start, "lifeless": pusher.requires_timeout}
     return [
         # a new actuator does not know where the pusher stands, unless it homes
         NodeSpec("actuator", {**frames, **plain(pusher), **plain(file.driver)}, respawn=file.pusher.home),
-        NodeSpec("experiment", {"object": file.object, "start": start, **frames, **plain(file.plan)}, ends_run=True),
+        NodeSpec("experiment", {**leading, **frames, **plain(file.plan)}, ends_run=True),
     ]
 
 
@@ -166,7 +169,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
         raise InvalidInput("the simulated cell has a camera and a pusher, expected the sections camera and pusher")
     if not isinstance(file.driver, GrblConfig):
         raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
-    simulation = {"port_link": file.driver.port, "seed": seed, "speed": speed}
+    simulation = {"port_link": file.driver.port, "poll_rate": file.pusher.poll_rate, "seed": seed, "speed": speed}
     # at a multiple of real time, a busy machine alone can make the object unseen and the controller silent
     late = PATIENCE * speed  # of simulated time, by the stamps of a busy machine
     plan = replace(
@@ -247,6 +250,11 @@ def replay(
     player = NodeSpec("player", playing, ends_run=True)
     live = NodeSpec("estimator", {"object": object_name, "source": source.kind, "model": model, **settings.parameters()})
     return with_own_clock([with_simulated_time(live), player], source.namespace)
+
+
+def unattended(specs: Sequence[NodeSpec]) -> list[NodeSpec]:
+    """The same nodes of a simulated cell; nobody is there to end an alarm of the pusher, so an alarm ends the run."""
+    return [replace(spec, parameters={**spec.parameters, "attended": False}) if spec.ends_run else spec for spec in specs]
 
 
 def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -> list[NodeSpec]:

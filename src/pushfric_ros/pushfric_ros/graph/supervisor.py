@@ -17,8 +17,8 @@ from ament_index_python.packages import get_package_prefix
 from pushfric_ros.graph import fork_server
 from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec, enclave
-from pushfric_ros.graph.lock import lock
 from pushfric_ros.graph.scratch import scratch_folder
+from pushfric_ros.node_kit.lock import lock
 
 PATIENCE = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 """The signals that end a process, and how long to wait after each [s]; SIGINT would print a traceback."""
@@ -40,6 +40,25 @@ class Ended(NamedTuple):
     reason: str
 
 
+class Restarts:
+    """Which nodes of a graph are started again when they have ended, and which end the run; for any way to start them."""
+
+    def __init__(self) -> None:
+        self._deaths: dict[str, deque[float]] = {}
+
+    def after(self, spec: NodeSpec, code: int) -> Ended | None:
+        """How the run ends because a node has ended with an exit code; None: the node is started again."""
+        if code == 0 and spec.ends_run:
+            return Ended(0, f"{spec.name} has finished")
+        if not spec.respawn or code in (0, 2):  # 2: unusable input, with which it would only end again
+            return Ended(code if code > 0 else 1, f"{spec.name} {describe(code)}")
+        deaths = self._deaths.setdefault(spec.name, deque(maxlen=DEATHS))
+        deaths.append(time.monotonic())
+        if len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN:
+            return Ended(code if code > 0 else 1, f"{spec.name} {describe(code)}, {DEATHS} times within {DEATHS_WITHIN:g} s")
+        return None
+
+
 class Supervisor:
     """The processes of a graph, each in a process group of its own; use it as a context manager and call `poll` often.
 
@@ -58,7 +77,7 @@ class Supervisor:
         self._processes: dict[str, NodeProcess] = {}
         self._listeners: list[threading.Thread] = []
         self._due: dict[str, float] = {}  # when a node is started again
-        self._deaths: dict[str, deque[float]] = {spec.name: deque(maxlen=DEATHS) for spec in self._specs}
+        self._restarts = Restarts()
         self._stopped: dict[str, float] = {}  # since when a node's process stands still
         self._interrupted = False
         self._at_the_end: Ended | None = None
@@ -118,16 +137,11 @@ class Supervisor:
                 if time.monotonic() >= self._due[spec.name]:
                     del self._due[spec.name]
                     self._start(spec)
-            elif code == 0 and spec.ends_run:
-                return Ended(0, f"{spec.name} has finished")
-            elif spec.respawn and code not in (0, 2):  # 2: unusable input, with which it would only end again
-                if self._keeps_dying(spec.name):
-                    reason = f"{spec.name} {describe(code)}, {DEATHS} times within {DEATHS_WITHIN:g} s"
-                    return Ended(code if code > 0 else 1, reason)
+            elif (ended := self._restarts.after(spec, code)) is not None:
+                return ended
+            else:
                 self._say("supervisor", f"{spec.name} {describe(code)}; starting it again")
                 self._due[spec.name] = time.monotonic() + RESPAWN_DELAY
-            else:
-                return Ended(code if code > 0 else 1, f"{spec.name} {describe(code)}")
         return None
 
     def _end_if_stopped(self, name: str) -> None:
@@ -138,12 +152,6 @@ class Supervisor:
             self._say("supervisor", f"{name} was stopped (SIGSTOP) for {STOPPED:g} s and is ended")
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process.pid, signal.SIGKILL)
-
-    def _keeps_dying(self, name: str) -> bool:
-        """Count a death; return whether there were too many."""
-        deaths = self._deaths[name]
-        deaths.append(time.monotonic())
-        return len(deaths) == DEATHS and deaths[-1] - deaths[0] < DEATHS_WITHIN
 
     def _end_all(self) -> None:
         """End all processes, the first one last, because the others may depend on it."""

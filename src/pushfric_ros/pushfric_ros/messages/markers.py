@@ -9,11 +9,11 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pushfric_core.contact import friction_cone, tangent
-from pushfric_core.observation import Observation
-from pushfric_core.outline import Outline
-from pushfric_core.planar import Array
-from pushfric_core.push_plan import PlannedPush, planned_contact
+from pushfric_core.estimation.push_plan import PlannedPush, planned_contact
+from pushfric_core.geometry.contact import friction_cone, tangent
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Array
+from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, FrictionEstimate
 
 WHITE = ColorRGBA(r=0.9, g=0.9, b=0.9, a=1.0)

@@ -6,7 +6,8 @@ quality:
 - RELIABLE: every message counts. The middleware sends a lost one again, and both sides keep as many as a run publishes while
   one of its nodes stands still. A loss is a fault: the run has failed.
 - SENSOR_DATA, SENSOR_QUEUE: the publisher promises no more than to try. A loss is warned of and counted.
-- LATCHED, LATCHED_QUEUE: the newest message replaces all earlier ones, and the publisher keeps no other. There are no losses.
+- NEWEST, LATCHED, LATCHED_QUEUE: the newest message replaces all earlier ones, and the publisher keeps no other. There are no
+  losses.
 """
 
 from dataclasses import dataclass
@@ -44,6 +45,12 @@ SENSOR_QUEUE = Qos(depth=500, reliability=Reliability.BEST_EFFORT)
 
 RELIABLE = Qos(depth=2000)
 """For topics of which every message counts: at 200 messages a second, 10 s, after which a stopped node is ended."""
+
+NEWEST = Qos(depth=1)
+"""For heartbeats: an older one says nothing that the newest does not say, and is not sent again."""
+
+NEWEST_OF_MANY = Qos(depth=100)
+"""For a subscriber to the heartbeats of all nodes of a cell: with a depth of 1, a node's heartbeat would displace another's."""
 
 LATCHED = Qos(depth=1, durability=Durability.TRANSIENT_LOCAL)
 """For topics whose last message a late subscriber gets at once."""

@@ -1,5 +1,6 @@
 """The message types installed on this machine: their classes, definitions and hashes, looked up by name."""
 
+import functools
 import importlib
 import json
 import pathlib
@@ -7,9 +8,11 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
+from pushfric_core.bags.contents import Topic
 from pushfric_core.errors import InvalidInput
 
 
+@functools.cache
 def message_class(type_name: str) -> type:
     """The installed class of package/msg/Type.
 
@@ -21,6 +24,18 @@ def message_class(type_name: str) -> type:
         return getattr(importlib.import_module(f"{package}.{kind}"), name)
     except (ValueError, ImportError, AttributeError) as error:
         raise InvalidInput(f"message type {type_name!r} is not installed, expected package/msg/Type") from error
+
+
+def recorded_class(topic: Topic) -> type:
+    """The installed class of a recorded topic.
+
+    Raises:
+        InvalidInput: the type is not installed, or not with the definition that the bag was recorded with.
+    """
+    installed = message_class(topic.type_name)
+    if topic.type_hash and topic.type_hash != type_hash(topic.type_name):
+        raise InvalidInput(f"{topic.name}: was recorded with another definition of {topic.type_name} than the one installed")
+    return installed
 
 
 def type_hash(type_name: str) -> str:

@@ -13,8 +13,8 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from pushfric_ros.messages.conversions import stamp_from_msg
-from pushfric_ros.messages.frames import put_prefix
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.geometry.frames import put_prefix
 from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.qos import RELIABLE
 

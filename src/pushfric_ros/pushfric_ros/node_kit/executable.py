@@ -1,6 +1,5 @@
 """What the nodes' executables run: they end quietly even if they are told to end while they are still loading."""
 
-import ctypes
 import importlib
 import os
 import signal
@@ -26,14 +25,17 @@ def main() -> None:
         if not parent.isdecimal():
             print(f"error: {PARENT} must be the id of a process, got {parent[:40]!r}", file=sys.stderr)
             sys.exit(2)
+        import ctypes  # late: a signal must not find it half loaded
+
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if os.getppid() != int(parent):  # the parent has ended already
             sys.exit()
     try:
         if {"-h", "--help"} & set(sys.argv[1:]):
-            importlib.import_module("pushfric_ros.commands.node_help").print_help(name)
+            describe = importlib.import_module("pushfric_ros.commands.node_help").print_help
+            importlib.import_module("pushfric_core.commands.program").run(lambda: describe(name))
         else:
             importlib.import_module(f"pushfric_ros.nodes.{name}").main()
-    except (ImportError, AttributeError, TypeError):
-        importlib.import_module("pushfric_ros.commands.dependencies").explain()
+    except (ImportError, AttributeError, TypeError) as error:
+        importlib.import_module("pushfric_core.commands.dependencies").explain(error)
         raise

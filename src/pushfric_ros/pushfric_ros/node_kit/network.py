@@ -21,7 +21,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.files.node_settings import Discovery
+from pushfric_ros.cell.node_settings import Discovery
 from pushfric_ros.node_kit.domain import domain
 
 RCLError = rclpy_implementation.RCLError

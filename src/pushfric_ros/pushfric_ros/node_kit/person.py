@@ -25,6 +25,7 @@ from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.visit import SERVING_NOTHING
 
 PATIENCE = 5.0
 """How long the actuator may take to answer [s]."""
@@ -46,7 +47,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self._context = rclpy.Context()
         with configured():
             rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave])
-            self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context)
+            self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context, **SERVING_NOTHING)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._states: list[PusherState] = []
@@ -129,7 +130,11 @@ class Person(contextlib.AbstractContextManager["Person"]):
         Raises:
             NoAnswer: the actuator does not answer or refuses, or the pusher does not arrive.
         """
-        client, heartbeat = ActionClient(self._node, Push, "push"), Heartbeat(self._node)
+        try:
+            client = ActionClient(self._node, Push, "push")
+        except ValueError as error:
+            raise NoAnswer("the permissions of the command line do not allow to push (SROS 2)") from error
+        heartbeat = Heartbeat(self._node)
         try:
             self._wait(client.server_is_ready, "no action push: does the cell run?")
             owned = uuid.uuid4().bytes

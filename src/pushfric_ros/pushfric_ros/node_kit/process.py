@@ -19,12 +19,13 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_ros.node_kit.lock import node_lock
 from pushfric_ros.node_kit.network import configured
 
 EXIT_INVALID_INPUT = 2
 
-WINDING_UP, LAST_WORDS = 2.0, 0.1
-"""How long a node may take to wind up, and its last messages to leave [s]."""
+WINDING_UP, LAST_WORDS = 5.0, 0.1
+"""How long a node may take to wind up, and its last messages to leave [s]; `ros2 launch` kills a node after 10 s."""
 
 HUNG = 60
 """A node whose executor has not turned for this long [s] has hung: the kernel ends its process by SIGALRM.
@@ -45,12 +46,12 @@ keeps Python from running meanwhile. A healthy end takes 0.2 s of CPU time, but 
 def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = False) -> NoReturn:
     """Make a node, spin it until SIGINT, SIGTERM or its own end, destroy it and leave.
 
-    Bad parameters and unusable input (InvalidInput) end the process with one line and exit code 2; any other PushfricError
-    that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its process by raising
-    SystemExit in a callback. A node that hangs is ended by SIGALRM after `HUNG`, and one that hangs at its end by SIGPROF or
-    SIGALRM after `LAST_RESORT`. A node that `winds_up` has a method `wind_up`; after a signal it is called, while the node is
-    still spun, until it returns True, so that the node can tell others how it ended. A node that publishes `images` gets
-    memory for them (`network.configured`).
+    A name that another node has, bad parameters and unusable input (InvalidInput) end the process with one line and exit code
+    2; any other PushfricError that a node raises while it is destroyed ends it with one line and exit code 1. A node ends its
+    process by raising SystemExit in a callback, with an exit code, or with the line that says why it fails. A node that hangs
+    is ended by SIGALRM after `HUNG`, and one that hangs at its end by SIGPROF or SIGALRM after `LAST_RESORT`. A node that
+    `winds_up` has a method `wind_up`; after a signal it is called, while the node is still spun, until it returns True, so
+    that the node can tell others how it ended. A node that publishes `images` gets memory for them (`network.configured`).
     """
     # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
     asked_to_stop: list[int] = []
@@ -75,11 +76,13 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
         signal.signal(number, stop)
     node = executor = None
     code = 0
+    name = contextlib.ExitStack()
     try:
         with configured(images):
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO if winds_up else None)
             if not asked_to_stop:  # otherwise the signal came before rclpy's handlers were installed
                 executor = SingleThreadedExecutor()  # made first, because after a signal it could not be made without an error
+                name.enter_context(node_lock(_full_name(make)))
                 node = make()
         if executor is not None and node is not None:
             executor.add_node(node)
@@ -94,7 +97,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
         if not (asked_to_stop and isinstance(error.__cause__, rclpy_implementation.RCLError)):
             code = _refuse(error)
     except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 1
+        code = end.code if isinstance(end.code, int) else _refuse(PushfricError(str(end.code)))
     except ExternalShutdownException:
         pass
     except rclpy_implementation.RCLError:
@@ -111,7 +114,17 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
             executor.shutdown()
         rclpy.try_shutdown()
     del node, executor
+    name.close()
     _leave(code)
+
+
+def _full_name(make: Callable[[], Node]) -> str:
+    """The full name that the process's arguments give the node; asked of a node without topics, before the real one has any."""
+    module = make.__module__.rpartition(".")[2].strip("_")
+    probe = Node(module, start_parameter_services=False, enable_rosout=False)
+    name: str = probe.get_fully_qualified_name()
+    probe.destroy_node()
+    return name
 
 
 def _leave(code: int) -> NoReturn:

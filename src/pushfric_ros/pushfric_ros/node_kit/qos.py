@@ -2,7 +2,7 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from pushfric_ros.bags.offered_qos import INFINITE_NS, OfferedQos
+from pushfric_core.bags.offered_qos import INFINITE_NS, OfferedQos
 from pushfric_ros.messages import qos
 
 
@@ -25,5 +25,7 @@ def offered(found: QoSProfile) -> OfferedQos:
 SENSOR_DATA = profile(qos.SENSOR_DATA)
 SENSOR_QUEUE = profile(qos.SENSOR_QUEUE)
 RELIABLE = profile(qos.RELIABLE)
+NEWEST = profile(qos.NEWEST)
+NEWEST_OF_MANY = profile(qos.NEWEST_OF_MANY)
 LATCHED = profile(qos.LATCHED)
 LATCHED_QUEUE = profile(qos.LATCHED_QUEUE)

@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
@@ -15,6 +16,12 @@ from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.network import configured
 
 AnyNode = TypeVar("AnyNode", bound=Node)
+
+SERVING_NOTHING: dict[str, Any] = {
+    "start_parameter_services": False,
+    "parameter_overrides": [Parameter("start_type_description_service", value=False)],
+}
+"""Arguments of a node that only visits a cell: SROS 2 forbids services that its policy does not name."""
 
 
 class Visit(Generic[AnyNode]):

@@ -21,31 +21,38 @@ from rclpy.task import Future
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
-from pushfric_core.contact import pushing_line
 from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.contact import pushing_line
+from pushfric_core.geometry.frames import TABLE
+from pushfric_core.pushers.position_memory import PositionMemory
+from pushfric_core.pushers.pusher import (
+    Fault,
+    Mode,
+    NotConnected,
+    Pusher,
+    PusherConfig,
+    PusherDriver,
+    PusherError,
+    PusherReport,
+)
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.files.node_settings import FrameConfig
-from pushfric_ros.files.plugins import PUSHERS, plugin
+from pushfric_ros.cell.node_settings import FrameConfig
+from pushfric_ros.cell.plugins import PUSHERS, plugin
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
-from pushfric_ros.pushers.position_memory import PositionMemory
-from pushfric_ros.pushers.pusher import Fault, Mode, NotConnected, Pusher, PusherConfig, PusherDriver, PusherError, PusherReport
 
 READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.1, 5.0
 FORCE_SILENCE = 0.5
-OWNER_GRACE = 1.0  # until the first sign of life of a goal's owner
 GRACE = 3.0  # a port may appear this late without an error message; simulated time begins once a simulated port is there
 ROUNDING = 1e-5  # tolerance of positions [m]
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
-NOT_ENABLED = "the topic enable does not say true, or said so too long ago"
 UNKNOWN = "where the pusher stands is not known: "
 REMEDIES = {
     False: UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset",
@@ -96,10 +103,15 @@ class ActuatorNode(LifecycleNode):
         self._revoked: str | None = None  # why the goal may not go on
         self._push_id = PusherState.NO_PUSH
         self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
+        self._travelled = 0.0  # of the stroke
         self._arrival: Future | None = None
         self._diagnostics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
         self._told_fault: Fault | None = None
+        self._guarded, self._gap = (
+            time.monotonic(),
+            0.0,
+        )  # when the conditions of a push were last checked; how long before that
         self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
@@ -238,27 +250,52 @@ class ActuatorNode(LifecycleNode):
 
     def _guard(self) -> None:
         """Stop a push if any of its conditions fails: enable, owner, required nodes, force."""
-        config, goal = self._config, self._goal
+        config, goal, now = self._config, self._goal, time.monotonic()
+        self._gap, self._guarded = now - self._guarded, now
         moves = goal is not None or (self._pusher.busy and self._pusher.mode is Mode.HOMING)
-        if moves and config.enable_timeout and time.monotonic() - self._enabled > config.enable_timeout:
-            self._revoke(Fault.DISABLED, NOT_ENABLED)
+        if moves and (disabled := self._disabled) is not None:
+            self._revoke(Fault.DISABLED, disabled)
         if goal is None or self._revoked is not None:
             return
-        lasted = time.monotonic() - self._accepted
+        lasted = now - self._accepted
         waits = self._may_go is not None and not self._may_go.done()
-        ownerless = bool(config.owner_timeout) and self._life.ownerless(bytes(goal.goal_id.uuid)) > config.owner_timeout
-        if ownerless and not (waits and lasted < OWNER_GRACE):
-            how = f"its client published no heartbeat for {config.owner_timeout:g} s"
-            self._revoke(Fault.OWNER, f"{how}; docs/graph.md says how, or set owner_timeout to 0")
-        lacking = [name for name in config.requires if self._life.silent(name) > config.requires_timeout]
-        if lacking and not (waits and lasted < config.requires_timeout):
-            self._revoke(Fault.NODES, f"{lacking[0]} showed no sign of life for {config.requires_timeout:g} s")
-        if self._may_go is not None and waits and not (ownerless or lacking):
+        lacking = self._lifeless(bytes(goal.goal_id.uuid), lasted)
+        if lacking is not None and not (waits and lasted < config.grace):
+            self._revoke(*lacking)
+        if self._may_go is not None and waits and lacking is None:
             self._may_go.set_result(None)
         if lasted > config.max_time:
-            self._revoke(Fault.TIME, f"the push took longer than max_time {config.max_time:g} s")
-        if config.max_force and time.monotonic() - self._forced > FORCE_SILENCE:
-            self._revoke(Fault.FORCE, f"no force was measured for {FORCE_SILENCE:g} s")
+            self._revoke(Fault.TIME, f"the push took {lasted:.1f} s, more than max_time {config.max_time:g} s")
+        if config.max_force and (unmeasured := now - self._forced) > FORCE_SILENCE:
+            how_long = "yet" if math.isinf(unmeasured) else f"for {unmeasured:.2f} s, the limit is {FORCE_SILENCE:g} s"
+            self._revoke(Fault.FORCE, f"no force was measured {how_long}")
+
+    @property
+    def _disabled(self) -> str | None:
+        """Why nothing may move, as far as the topic enable says; None if it may."""
+        ago, limit = time.monotonic() - self._enabled, self._config.enable_timeout
+        if not limit or ago <= limit:
+            return None
+        if math.isinf(ago):
+            return "the topic enable does not say true"
+        return f"the topic enable said true {ago:.2f} s ago; enable_timeout is {limit:g} s"
+
+    def _lifeless(self, goal: bytes, lasted: float) -> tuple[Fault, str] | None:
+        """Who shows no sign of life, of those that a goal needs: the fault, and what was measured; None if all of them live."""
+        config = self._config
+        self._life.look()
+        needed = [(Fault.OWNER, "its client", self._life.owner(goal), "owner_timeout")] if config.owner_timeout else []
+        needed += [(Fault.NODES, name, self._life.node(name), "requires_timeout") for name in config.requires]
+        for fault, who, sign, setting in needed:
+            limit: float = getattr(config, setting)
+            if sign is None:
+                how = "; docs/graph.md says how, or set owner_timeout to 0" if fault is Fault.OWNER else ""
+                return fault, f"{who} published no heartbeat in {lasted:.2f} s, expected one within {config.grace:g} s{how}"
+            # the client must be able to cancel; a node that is only needed may have much to do
+            if (sign.idle if fault is Fault.OWNER else sign.age) > limit:
+                own = f"; the actuator itself stood still for {self._gap:.2f} s" if self._gap > limit / 2 else ""
+                return fault, f"{who} shows no sign of life: its {sign}; {setting} is {limit:g} s{own}"
+        return None
 
     def _on_enable(self, msg: Bool) -> None:
         self._enabled = time.monotonic() if msg.data else -math.inf
@@ -317,8 +354,10 @@ class ActuatorNode(LifecycleNode):
         self._report = report
         self._publish(report)
         self._remember()
-        if self._goal is not None and self._start is not None:
-            self._goal.publish_feedback(Push.Feedback(travelled=report.position - self._start, speed=report.speed))
+        if self._goal is not None:  # also while it waits, so that its client knows that it is not forgotten
+            if self._start is not None:
+                self._travelled = report.position - self._start
+            self._goal.publish_feedback(Push.Feedback(travelled=self._travelled, speed=report.speed))
 
     def _on_connected(self, report: PusherReport) -> None:
         self.get_logger().info(f"connected to {self._pusher.name}")
@@ -466,8 +505,8 @@ class ActuatorNode(LifecycleNode):
             return f"the pusher must be idle, it is {self._explained(mode)}"
         if push.push_id < PusherState.NO_PUSH:
             return f"push_id must be 0 or more, or {PusherState.NO_PUSH} for a jog, got {push.push_id}"
-        if config.enable_timeout and time.monotonic() - self._enabled > config.enable_timeout:
-            return NOT_ENABLED
+        if (disabled := self._disabled) is not None:
+            return disabled
         if push.distance == 0 or not math.isfinite(push.distance):
             return f"distance must be a length, negative for the way back, got {push.distance} m"
         if abs(push.distance) > config.max_distance:
@@ -485,7 +524,7 @@ class ActuatorNode(LifecycleNode):
 
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
         self._goal, self._revoked, self._fault = goal, None, Fault.NONE
-        self._may_go, self._accepted = Future(), time.monotonic()
+        self._may_go, self._accepted, self._travelled = Future(), time.monotonic(), 0.0
         goal.execute()
 
     def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:

@@ -16,19 +16,20 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
-from pushfric_core.contact import PushingLine
+from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.planar import Pose, wrap
-from pushfric_core.push_plan import PlannedPush, placement
-from pushfric_core.trajectory import PoseSample, Trajectory
+from pushfric_core.estimation.push_plan import PlannedPush, placement
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import Pose, wrap
+from pushfric_core.trajectories.trajectory import PoseSample, Trajectory
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
-from pushfric_ros.files.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.files.plan_file import load_plan
-from pushfric_ros.messages.conversions import pose_sample_from_msg, pose_to_msg, pusher_sample_from_msg, stamp_from_msg
-from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.cell.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
+from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Awaited, Complaint, Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat, Listener
@@ -39,14 +40,16 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 NANOSECONDS = 1e9
 WITHDRAWN = 1e-3  # a pusher nearer than this to the beginning of its stroke need not be brought back [m]
 
-LIFELESS = 0.5
-"""A node whose heartbeat stopped this long ago has died or hangs: no push begins until it is back [s of wall time]."""
-
 STALL = 0.5
 """If this node stood still for longer, it could not hear anyone meanwhile [s of wall time]."""
 
+ALARM_PATIENCE = 5.0
+"""An alarm of the pusher that lasts this long ends a run that nobody attends; while it homes, one may come and go [s of wall
+time]."""
+
 LAST_WORDS = 20.0
-"""The node ends this long after its plan, even if a listener has not acknowledged what it last said [s of wall time]."""
+"""The node ends this long after its plan, even if a listener has not acknowledged what it last said, or the estimator has not
+processed what it has seen [s of wall time]."""
 
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
 PASSED = "a person went on to the next push"
@@ -68,7 +71,8 @@ class ExperimentNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("experiment", **kwargs)
-        model, begin = declare(self, ObjectConfig), declare(self, ExperimentConfig)
+        model = declare(self, ObjectConfig)
+        self._begin = begin = declare(self, ExperimentConfig)
         self._config = declare(self, PlanConfig)
         self._object = load_object(model.object)
         self._plan = [] if self._config.choose else load_plan(self._config.plan, self._object)
@@ -106,7 +110,10 @@ class ExperimentNode(Node):
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
         if self._config.choose:
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
-            topics.subscribe(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
+        # not a topic without which this node is unwell: a run may go without an estimator
+        self._estimator = self.create_subscription(
+            EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED
+        )
         self.create_timer(0.05, self._check_condition)
         # in a group of its own, because the plan waits in this callback while other callbacks run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
@@ -133,7 +140,13 @@ class ExperimentNode(Node):
         )
         deadline = time.monotonic() + LAST_WORDS
         at_once = Duration(seconds=0)  # a wait would hold up this node's heartbeat, and end as a hang
-        await self._until(lambda: self._progress_out.wait_for_all_acked(at_once) or time.monotonic() > deadline)
+
+        def all_told() -> bool:
+            # what leads the run must not end before the estimator has all that was seen of it
+            estimated = self._settled >= self._pushed or not self._estimator.get_publisher_count()
+            return estimated and self._progress_out.wait_for_all_acked(at_once)
+
+        await self._until(lambda: all_told() or time.monotonic() > deadline)
         raise SystemExit(0)
 
     async def _withdraw(self) -> str | None:
@@ -206,33 +219,42 @@ class ExperimentNode(Node):
         return problem
 
     async def _owned(self, goal: Push.Goal, owned: bytes) -> str | None:
-        answered = self._action.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned)))
+        answered = self._action.send_goal_async(goal, self._on_feedback, UUID(uuid=list(owned)))
         self._idle_since = None
-        await self._until(lambda: answered.done() or self._forgotten())
+        forgotten: list[str] = []  # how it has shown that it forgot the goal, when this struck
+        stopped: list[str] = []  # for this reason
+
+        def strikes(reasons: list[str], reason: str | None) -> bool:
+            reasons.extend(filter(None, [reason]))
+            return bool(reasons)
+
+        await self._until(lambda: answered.done() or strikes(forgotten, self._forgotten))
         if not answered.done():
-            return "the pusher does not answer"
+            return f"the pusher does not answer: {forgotten[0]}"
         handle = answered.result()
         if not handle.accepted:
             return "the pusher refused it"
         result = handle.get_result_async()
         self._idle_since = None
         self._following = self._followed()
-        stopped: list[str] = []  # for this reason
+        forgotten.clear()
 
-        def stops() -> bool:
-            stopped.extend(filter(None, [self._reason_to_stop()]))
-            return bool(stopped)
+        def over() -> bool:
+            return result.done() or strikes(forgotten, self._forgotten)
 
-        await self._until(lambda: result.done() or self._forgotten() or stops())
+        await self._until(lambda: over() or strikes(stopped, self._reason_to_stop()))
         if stopped:
             self._blind = self._unseen
             handle.cancel_goal_async()
-            await self._until(lambda: result.done() or self._forgotten())
+            await self._until(over)
         if not result.done():
-            return "the pusher forgot it"
+            return f"the pusher forgot it: {forgotten[0]}"
         if result.result().status == GoalStatus.STATUS_SUCCEEDED:
             return None
         return stopped[0] if stopped else str(result.result().result.message)
+
+    def _on_feedback(self, _: Push.Impl.FeedbackMessage) -> None:
+        self._idle_since = None  # the actuator has the goal, though it may wait for signs of life
 
     def _blindness(self) -> str | None:
         """Why the pusher is not brought back yet: nobody knows what it would do to an object that is not seen."""
@@ -271,10 +293,17 @@ class ExperimentNode(Node):
         def changed() -> bool:
             return problem() != said
 
+        def given_up() -> bool:
+            return said == IN_ALARM and not self._begin.attended and time.monotonic() - since > ALARM_PATIENCE
+
+        since = 0.0
         while (said := problem()) is not None:
             phase_now = PlanProgress.PHASE_ALARM if said == IN_ALARM else phase
             self._report(phase_now, f"{prompt}: {said}" if said else prompt)
-            await self._until(changed)
+            since = time.monotonic()
+            await self._until(lambda: changed() or given_up())
+            if given_up() and not changed():
+                raise SystemExit(f"{self._progress.message}; nobody is here to do that")
 
     def _until(self, condition: Callable[[], bool]) -> Future:
         """A future that is done once a condition holds, which is checked 20 times a second."""
@@ -294,7 +323,9 @@ class ExperimentNode(Node):
 
     def _unwell(self) -> str | None:
         """The nodes that have not reported OK yet, or whose heartbeat has stopped; None if there is none."""
-        lifeless = {name for name in self._config.awaits if LIFELESS < self._life.silent(name) < math.inf}
+        self._life.look()
+        signs = {name: self._life.node(name) for name in self._config.awaits}
+        lifeless = {name for name, sign in signs.items() if sign is not None and sign.age > self._begin.lifeless}
         return ", ".join(sorted(lifeless.union(self._awaited.missing))) or None
 
     def _hindrance(self) -> str | None:
@@ -309,10 +340,15 @@ class ExperimentNode(Node):
     def _silent(self) -> bool:
         return time.monotonic() - self._heard > self._config.lost_result
 
-    def _forgotten(self) -> bool:
-        """Whether the pusher has forgotten its goal: it idles, or it does not report at all."""
-        idles = self._idle_since is not None and time.monotonic() - self._idle_since > self._config.lost_result
-        return idles or self._silent
+    @property
+    def _forgotten(self) -> str:
+        """How the pusher has shown that it forgot its goal: it idles, or it does not report at all; empty: it has not."""
+        now, limit = time.monotonic(), self._config.lost_result
+        if self._silent:
+            return f"its last report came {now - self._heard:.1f} s ago; lost_result is {limit:g} s"
+        if self._idle_since is not None and now - self._idle_since > limit:
+            return f"it has reported for {now - self._idle_since:.1f} s that it idles; lost_result is {limit:g} s"
+        return ""
 
     @property
     def _unseen(self) -> bool:
@@ -328,7 +364,8 @@ class ExperimentNode(Node):
         if self._passed:
             return PASSED
         if self._unseen:
-            return f"the object was not seen for {self._config.lost_object:g} s"
+            ago = time.monotonic() - self._seen
+            return f"the object was not seen for {ago:.2f} s; lost_object is {self._config.lost_object:g} s"
         contradiction = self._following.contradiction
         return contradiction and f"{contradiction}; {REMEDY}"
 
@@ -341,7 +378,9 @@ class ExperimentNode(Node):
         return None
 
     def _namesake(self) -> str | None:
-        """Whether another cell of this name is running; on another computer, no lock keeps it from starting."""
+        """Whether another cell or node has a name that is used here; on another computer, no lock keeps it from starting."""
+        if self._life.twins:
+            return f"two nodes named {self._life.twins[0]} are running on this ROS domain: end one of them"
         plans = self.get_publishers_info_by_topic(self._progress_out.topic_name)
         if len(plans) < 2:
             return None

@@ -7,9 +7,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
+from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
-from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE
+from pushfric_ros.node_kit.visit import SERVING_NOTHING
 
 LOOK_PERIOD = 0.05
 """Time between two looks for the player, in wall time [s]."""
@@ -32,7 +33,7 @@ class MonitorNode(Node):
         starts_player: bool,
         **kwargs: Any,
     ) -> None:
-        super().__init__("monitor", **kwargs)
+        super().__init__("monitor", **SERVING_NOTHING, **kwargs)
         self.settled = self.newest = -1  # what the estimator has processed, and its newest data point [ns]
         self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED_QUEUE)
         self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED_QUEUE)

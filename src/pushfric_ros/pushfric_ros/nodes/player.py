@@ -16,12 +16,13 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
+from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.contents import BagMessage, Topic
 from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
-from pushfric_ros.bags.bag import Bag, recorded_class
-from pushfric_ros.bags.contents import BagMessage, Topic
-from pushfric_ros.files.node_settings import PlayerConfig
+from pushfric_ros.cell.node_settings import PlayerConfig
 from pushfric_ros.messages.qos import Durability
+from pushfric_ros.messages.types import recorded_class
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare

@@ -6,11 +6,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.frames import TABLE
 from pushfric_ros.adapters.body import MountConfig
-from pushfric_ros.files.node_settings import AudienceConfig, FrameConfig
-from pushfric_ros.files.plugins import SOURCES, plugin
+from pushfric_ros.cell.node_settings import AudienceConfig, FrameConfig
+from pushfric_ros.cell.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.messages.frames import TABLE
 from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.bodies import follow
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher

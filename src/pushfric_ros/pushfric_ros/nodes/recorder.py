@@ -15,13 +15,13 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
+from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE, load_object, save_object
 from pushfric_core.wording import counted
-from pushfric_ros.bags.bag_writer import BagWriter
-from pushfric_ros.files.node_settings import KnownTopic, RecorderConfig, RecordingConfig
-from pushfric_ros.files.object_file import OBJECT_FILE, PRIOR_FILE, load_object, save_object
+from pushfric_ros.cell.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_ros.messages.qos import QUALITIES, RELIABLE
-from pushfric_ros.messages.types import message_class
+from pushfric_ros.messages.types import definition, message_class, type_hash
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.losses import Losses, Reception
@@ -87,16 +87,15 @@ class RecorderNode(Node):
         """
         receptions, self._receptions = self._receptions, {}
         now = self.get_clock().now().nanoseconds
-        failed = self._bag.closed  # for a reason that was told
         try:
-            for received in () if failed else receptions.values():
+            if self._bag.closed:  # for a reason that was told
+                return
+            for received in receptions.values():
                 received.drain()
-        finally:
+            self._write_waiting(now)
+            self._bag.close()
+        finally:  # the bag is finished before the middleware, which may hang at its end
             super().destroy_node()
-        if failed:
-            return
-        self._write_waiting(now)
-        self._bag.close()
         lost = {name: received.losses for name, received in receptions.items() if received.losses.messages}
         if lost:
             where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
@@ -121,7 +120,8 @@ class RecorderNode(Node):
     def _record(
         self, name: str, type_name: str, found: Sequence[QoSProfile], wanted: QoSProfile, hash_text: str | None = None
     ) -> None:
-        self._bag.add_topic(name, type_name, [offered(profile) for profile in found], hash_text)
+        offers = [offered(profile) for profile in found]
+        self._bag.add_topic(name, type_name, offers, hash_text or type_hash(type_name), definition(type_name))
         deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
         kind, record = message_class(type_name), partial(self._on_message, name)
         self._receptions[name] = Reception(self, kind, name, record, deep, raw=True)

@@ -20,33 +20,40 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import CameraInfo, Image
 
-from pushfric_core.contact import pushing_line
+from pushfric_core.bags.samples import pose_from_msg, pusher_sample_from_msg
 from pushfric_core.errors import SolverFailed
-from pushfric_core.planar import Pose
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.contact import pushing_line
+from pushfric_core.geometry.frames import CAMERA
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.geometry.support import Support
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.pushers.pusher import StageConfig
 from pushfric_core.settings import REQUIRED, check_ranges, setting
-from pushfric_core.simulation import PushedObject
-from pushfric_core.support import Support
-from pushfric_core.table_1 import TABLE_1
+from pushfric_core.simulated.camera import SimulatedCamera
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_core.vision.camera import load_camera
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.messages.conversions import pose_from_msg, pusher_sample_from_msg, stamp_to_msg
-from pushfric_ros.messages.frames import CAMERA
+from pushfric_ros.cell.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
+from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
-from pushfric_ros.pushers.pusher import StageConfig
-from pushfric_ros.simulated.camera import SimulatedCamera
-from pushfric_ros.simulated.grbl_firmware import SimulatedGrbl
-from pushfric_ros.vision.camera import load_camera
 
 STEPS_PER_FRAME = 4
 """Number of physics steps, and of ticks of /clock, from one frame to the next."""
 
 START = 1_000_000_000_000_000_000
 """Simulated time begins here [ns], so that no stamp looks like the 0 of a missing stamp."""
+
+OVERDUE, OVERDUE_STEP = 1.6, 0.05
+"""While the moving pusher's position has not been asked for in this many periods, a step takes this long [s of wall time].
+
+So the reports of a stroke lie close together on a busy machine, too; elsewhere, no step is held back.
+"""
 
 LAG = 0.15
 """With a real controller, a frame shows the world as it was this long ago [s]: two reports enclose the tip's place then."""
@@ -61,6 +68,7 @@ class SimulatedCellConfig:
 
     calibration: str = setting(REQUIRED, "path of the camera's calibration YAML")
     port_link: str = setting("", "path at which the controller's serial port appears; empty: the controller is a real one")
+    poll_rate: float = setting(20.0, "how often the actuator asks for the position [Hz]", 1.0, 100.0)
     object_height: float = setting(0.0, "of the outline over the table [m]; 0: as the object's file says", 0.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -98,7 +106,7 @@ class SimulatedCellNode(Node):
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         self._grbl: SimulatedGrbl | None = None
         self._reports: deque[tuple[int, float]] = deque(maxlen=REPORTS)  # (when [ns], where [m]) of a real pusher
-        self._wall_start = time.monotonic()
+        self._wall_start = self._stepped = time.monotonic()
         if place.port_link:
             self._clock_out = topics.advertise(ClockMsg, "/clock", RELIABLE)
             self._grbl = SimulatedGrbl(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
@@ -110,6 +118,10 @@ class SimulatedCellNode(Node):
             topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
             period, step = 1 / config.frame_rate, self._follow
         self.create_timer(period, step, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def wind_up(self) -> bool:
+        """True once the actuator has left the port: a controller that went first would look like a lost one."""
+        return self._grbl is None or not self._grbl.opened
 
     def destroy_node(self) -> None:
         """Remove the simulated serial port, too."""
@@ -127,8 +139,12 @@ class SimulatedCellNode(Node):
         os.symlink(self._grbl.port, path)
 
     def _step(self) -> None:
-        """Advance by one step of simulated time."""
+        """Advance by one step of simulated time, but not far beyond what the actuator has noticed."""
         assert self._grbl is not None
+        now = time.monotonic()
+        if self._grbl.unasked() > OVERDUE / self._place.poll_rate and now - self._stepped < OVERDUE_STEP:
+            return
+        self._stepped = now
         self._steps += 1
         self._elapsed = self._steps * self._period
         stamp = stamp_to_msg(START + round(self._elapsed * 1e9))
@@ -227,7 +243,7 @@ def pushed_object(name: str, contact_friction: float) -> PushedObject:
 
 
 def main() -> None:
-    run_node(SimulatedCellNode, images=True)
+    run_node(SimulatedCellNode, winds_up=True, images=True)
 
 
 if __name__ == "__main__":

@@ -9,16 +9,17 @@ from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from pushfric_core.bags.contents import mcap_file
+from pushfric_core.bags.samples import pose_sample_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.planar import Array, inverse, transform
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import Array, inverse, transform
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.adapters.body import MountConfig
-from pushfric_ros.bags.contents import mcap_file
-from pushfric_ros.files.node_settings import FrameConfig, ObjectConfig, TipConfig, TipNodeConfig
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.files.plugins import SOURCES, plugin
-from pushfric_ros.messages.conversions import pose_sample_from_msg, stamp_to_msg
-from pushfric_ros.messages.frames import TABLE
+from pushfric_ros.cell.node_settings import FrameConfig, ObjectConfig, TipConfig, TipNodeConfig
+from pushfric_ros.cell.plugins import SOURCES, plugin
+from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.bodies import follow
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
@@ -27,7 +28,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
 
 if TYPE_CHECKING:
-    from pushfric_ros.bags.handover import PushCount
+    from pushfric_core.bags.handover import PushCount
 
 COUNT_PERIOD = 0.2
 """Time between two looks into the bag, while a node that was started again counts the pushes in it, in wall time [s]."""
@@ -69,7 +70,7 @@ class TipSourceNode(Node):
         """The pushes that a node before this one has numbered; None if this is the first one of the run."""
         if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
             return None
-        from pushfric_ros.bags.handover import PushCount  # imported late: few nodes of this kind need to read bags
+        from pushfric_core.bags.handover import PushCount  # imported late: few nodes of this kind need to read bags
 
         try:
             before = PushCount(pathlib.Path(self._bag), self.get_namespace())

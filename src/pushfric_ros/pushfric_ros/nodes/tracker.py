@@ -13,13 +13,17 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
+from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.planar import Pose, transform
-from pushfric_ros.files.node_settings import AudienceConfig, CameraConfig, FrameConfig, ObjectConfig
-from pushfric_ros.files.object_file import load_object
-from pushfric_ros.files.plugins import chosen_tracker, tracker_kinds
-from pushfric_ros.messages.conversions import pose_from_msg, pose_to_msg, stamp_from_msg, stamp_to_msg
-from pushfric_ros.messages.frames import CAMERA, TABLE
+from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.frames import CAMERA, TABLE
+from pushfric_core.geometry.planar import Pose, transform
+from pushfric_core.vision.camera import Image, load_camera, picture_from
+from pushfric_core.vision.frame_source import Device
+from pushfric_core.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
+from pushfric_ros.cell.node_settings import AudienceConfig, CameraConfig, FrameConfig, ObjectConfig
+from pushfric_ros.cell.plugins import chosen_tracker, tracker_kinds
+from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
@@ -28,9 +32,6 @@ from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform
-from pushfric_ros.vision.camera import Image, load_camera, picture_from
-from pushfric_ros.vision.frame_source import Device
-from pushfric_ros.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
 
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Holds more than a second of frames, so that none is lost in a busy moment."""

@@ -7,8 +7,8 @@ import sys
 import time
 
 from pushfric_core.settings import plain
+from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.rehearsal.stage import EndedEarly, NotRehearsed, Stage, words_of
-from pushfric_ros.vision.camera import Camera, save_camera
 
 LONGEST = 0.05
 """Largest length of a push in the rendered camera's view [m]."""
@@ -24,7 +24,7 @@ def cell_under_way(stage: Stage, share: float) -> "subprocess.Popen[str]":
     distance = min(stage.reach, LONGEST)
     cell, bag = _written(stage, distance), stage.folder / f"bag_{time.monotonic_ns()}"
     arguments = ["run", str(cell), "--simulated-camera", "--headless", "--bag", str(bag)]
-    stage.client = run = stage.process([sys.executable, "-m", "pushfric_ros", *arguments])
+    stage.client = run = stage.process([sys.executable, "-m", "pushfric_core", *arguments])
     try:
         stage.wait(lambda: stage.along() > share * distance or run.poll() is not None, "the push of a cell")
     except NotRehearsed as error:

@@ -4,21 +4,20 @@ import os
 import re
 import signal
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from pushfric_core.errors import PushfricError
+from pushfric_core.pushers.check import Level
+from pushfric_core.pushers.grbl import RESET_PATIENCE, SILENCE
+from pushfric_core.pushers.grbl_checks import check_controller
+from pushfric_core.pushers.stroke import OFF_WAY
+from pushfric_core.simulated.faulty_line import Filter, nothing, once
+from pushfric_core.simulated.line_damage import in_lines
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import NoAnswer
-from pushfric_ros.pushers.check import Level
-from pushfric_ros.pushers.grbl import RESET_PATIENCE, SILENCE
-from pushfric_ros.pushers.grbl_checks import check_controller
-from pushfric_ros.pushers.stroke import OFF_WAY
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
-from pushfric_ros.rehearsal.stage import REACTION, SAME, EndedEarly, Stage, words_of
-from pushfric_ros.simulated.faulty_line import Filter, nothing, once
-from pushfric_ros.simulated.line_damage import in_lines
+from pushfric_ros.rehearsal.stage import MID_PUSH, REACTION, SAME, EndedEarly, Stage, words_of
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
 RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
@@ -50,26 +49,27 @@ class Fault(NamedTuple):
     """The pusher may go on for this long [s]; None: until it has left the way of its push, wherever that is."""
     check: Callable[[Stage], str | None] = lambda stage: None
     """Called once the pusher rests; returns what is wrong, or None."""
+    true: float = TRUE
+    """A published position must be true within this [m]."""
 
 
 class Excess(PushfricError):
     """A fault did not end as it must."""
 
 
-def rehearse(stage: Stage, faults: tuple[Fault, ...]) -> Iterator[Outcome]:
-    """Cause the faults one after the other; the pusher is brought back after each."""
+def rehearse(stage: Stage, faults: Iterable[Fault]) -> Iterator[Outcome]:
+    """Cause the faults one after the other; the pusher is brought back after each.
+
+    A fault is tried again if its push ended before, but not for ever.
+    """
     for fault in faults:
-        yield tried(partial(_rehearsed, stage, fault), fault.name)
-
-
-def tried(once: Callable[[], Outcome], name: str) -> Outcome:
-    """Try again if the push ended before the fault, but not for ever."""
-    for _ in range(TRIES):
-        try:
-            return once()
-        except EndedEarly as error:
-            early = error
-    return Outcome(name, None, None, None, str(early))
+        for _ in range(TRIES):
+            try:
+                outcome = _rehearsed(stage, fault)
+                break
+            except EndedEarly as error:
+                outcome = Outcome(fault.name, None, None, None, str(error))
+        yield outcome
 
 
 def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
@@ -77,7 +77,7 @@ def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
     first = len(stage.heard)
     try:
         begin = fault.bring_about(stage)
-        outcome = judged(stage, fault.name, begin, first, fault.within)
+        outcome = _judged(stage, fault, begin, first)
         if outcome.problem is None:
             outcome = outcome._replace(problem=fault.check(stage) or traceback_in(stage))
     except (Excess, NoAnswer) as error:
@@ -85,16 +85,14 @@ def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
     return outcome
 
 
-def judged(stage: Stage, name: str, begin: float | None, first: int, within: float | None, true: float = TRUE) -> Outcome:
+def _judged(stage: Stage, fault: Fault, begin: float | None, first: int) -> Outcome:
     """Wait until the pusher rests, watch it for a while, and judge what it did.
 
     Args:
         stage: where the fault was caused.
-        name: of the fault.
-        begin: when the fault was caused; None: the pusher had to go on to the end of its push.
+        fault: what was caused.
+        begin: when; None: the pusher had to go on to the end of its push.
         first: index of the first report of this push.
-        within: see Fault.
-        true: a published position is true within this [m].
     """
     client = stage.client
     if begin is None and client is not None:  # on a busy machine a push may pause
@@ -112,10 +110,10 @@ def judged(stage: Stage, name: str, begin: float | None, first: int, within: flo
     else:
         there = stage.at(begin)
         seconds, travelled = max(0.0, at_rest.when - begin), abs(at_rest.along - there)
-        if within is None:
+        if fault.within is None:
             allowed = max(0.0, stage.reach - there) + OFF_WAY + REACTION * given.speed + stage.braking
         else:
-            allowed = within * given.speed + stage.braking
+            allowed = fault.within * given.speed + stage.braking
         if travelled > allowed + RESOLUTION:
             problem = "it went too far"
     furthest = max(one.along for one in stage.heard[first:])
@@ -124,7 +122,8 @@ def judged(stage: Stage, name: str, begin: float | None, first: int, within: flo
     stage.pause(WATCHED)
     if abs(stage.along() - at_rest.along) > SAME:
         problem = "it moved again"
-    return Outcome(name, seconds, travelled, allowed, problem or untrue(stage, stage.heard[first].when, at_rest.when, true))
+    problem = problem or untrue(stage, stage.heard[first].when, at_rest.when, fault.true)
+    return Outcome(fault.name, seconds, travelled, allowed, problem)
 
 
 def untrue(stage: Stage, since: float, rested: float, true: float) -> str | None:
@@ -189,11 +188,11 @@ def modes_changed(stage: Stage) -> None:
     stage.line.tell_controller(b"\x91" * 10)
 
 
-def signalled(number: signal.Signals, client: bool) -> Callable[[Stage], float]:
-    """Send a signal to the actuator or the client, in mid-push."""
+def signalled(number: signal.Signals, client: bool, share: float = MID_PUSH) -> Callable[[Stage], float]:
+    """Send a signal to the actuator or the client once a push has covered this share."""
 
     def bring_about(stage: Stage) -> float:
-        stage.under_way()
+        stage.under_way(share)
         process = stage.client if client else stage.actuator
         assert process is not None
         begin = time.monotonic()
@@ -203,20 +202,24 @@ def signalled(number: signal.Signals, client: bool) -> Callable[[Stage], float]:
     return bring_about
 
 
-def hung_experiment(stage: Stage) -> float:
-    """Stop the experiment of a whole cell in mid-push; the cell's other nodes live on."""
-    cell_under_way(stage, 0.3)
-    pid = pid_of("experiment", stage)
-    begin = time.monotonic()
-    os.kill(pid, signal.SIGSTOP)
-    return begin
+def cell_signalled(number: signal.Signals, node: str, share: float = MID_PUSH) -> Callable[[Stage], float]:
+    """Send a signal to a node of a whole cell, or its "command line", in a push; the cell's other processes live on."""
+
+    def bring_about(stage: Stage) -> float:
+        run = cell_under_way(stage, share)
+        pid = run.pid if node == "command line" else pid_of(node, stage)
+        begin = time.monotonic()
+        os.kill(pid, number)
+        return begin
+
+    return bring_about
 
 
 def cell_ends(stage: Stage) -> str | None:
-    """The cell must notice that a node is stopped, end it, and move nothing."""
+    """All processes of the cell must end, and move nothing."""
     rest = stage.along()
     cell_has_ended(stage)
-    return "it moved again when the experiment was ended" if abs(stage.along() - rest) > SAME else None
+    return "it moved again when the cell ended" if abs(stage.along() - rest) > SAME else None
 
 
 def goes_on_and_moves_nothing(stage: Stage) -> str | None:
@@ -389,7 +392,7 @@ FAULTS = (
     Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),
     Fault("kill -9 of the push's client", signalled(signal.SIGKILL, client=True), OWNER),
     Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
-    Fault("SIGSTOP of a cell's experiment", hung_experiment, OWNER, cell_ends),
+    Fault("SIGSTOP of a cell's experiment", cell_signalled(signal.SIGSTOP, "experiment"), OWNER, cell_ends),
     Fault("the controller goes silent", mute),
     Fault("the cable is cut", cut, check=whole_again),
     Fault("a new actuator finds the controller moving", found_moving, check=waits_for_a_person),

@@ -15,25 +15,26 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
+from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.grbl_config import GrblConfig
+from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
+from pushfric_core.pushers.grbl_settings import GrblSettings
+from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError
+from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
+from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.graph.fork_server import die_with_parent
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import command
-from pushfric_ros.messages.conversions import stamp_from_msg
 from pushfric_ros.node_kit.person import NoAnswer, Person
-from pushfric_ros.pushers.grbl import Grbl
-from pushfric_ros.pushers.grbl_config import GrblConfig
-from pushfric_ros.pushers.grbl_protocol import RealTime, parse_status
-from pushfric_ros.pushers.grbl_settings import GrblSettings
-from pushfric_ros.pushers.pusher import Limits, Mode, PusherConfig, PusherError
-from pushfric_ros.pushers.stroke import OFF_WAY
-from pushfric_ros.simulated.faulty_line import FaultyLine
 
 REACTION = 0.3
 """Whatever breaks, the pusher may go on for this long before it brakes [s]."""
 INCH = 25.4  # [mm]
+MID_PUSH = 0.3  # of a push
 SAME = 2e-5  # positions that differ by no more are the same [m]
 LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
@@ -355,12 +356,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     def push(self) -> None:
         """Start another process, which owns a push over the whole reach."""
-        way, speed = 1e3 * self.reach, 1e3 * self.given.speed
+        way, speed = self.reach, self.given.speed
         self.client = self.process(
-            [sys.executable, "-m", "pushfric_ros", "jog", "--namespace", self.namespace, "--speed", f"{speed}", f"{way}"]
+            [sys.executable, "-m", "pushfric_core", "jog", "--namespace", self.namespace, "--speed", f"{speed}", f"{way}"]
         )
 
-    def under_way(self, share: float = 0.3) -> None:
+    def under_way(self, share: float = MID_PUSH) -> None:
         """Start a push, and wait until it has covered this share of the reach.
 
         Raises:

@@ -7,15 +7,14 @@ import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.planar import Array
+from pushfric_core.geometry.planar import Array
+from pushfric_core.plausible import FARTHEST
+from pushfric_core.vision.camera import Camera, Lens
+from pushfric_core.vision.table_calibration import Placement, TableCalibration, calibrate_table
 from pushfric_core.wording import counted
-from pushfric_ros.vision.camera import Camera, Lens
-from pushfric_ros.vision.table_calibration import Placement, TableCalibration, calibrate_table
 
 MOST = 100
 """Number of points."""
-FARTHEST = 100.0
-"""Distance of a point from the table's origin along an axis [m]."""
 ENOUGH = 4
 """Points that are needed."""
 

@@ -18,11 +18,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
+from pushfric_core.bags.samples import pose_sample_from_msg, stamp_from_msg
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import ObjectModel
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
-from pushfric_ros.files.estimator_settings import EstimatorSettings
-from pushfric_ros.files.object_file import ObjectModel
-from pushfric_ros.messages.conversions import MODE_NAMES, pose_sample_from_msg, stamp_from_msg
-from pushfric_ros.report.report import report
+from pushfric_ros.messages.conversions import MODE_NAMES, report_from_msg
 
 Change = dict[str, Any]
 
@@ -72,7 +72,7 @@ class Story:
         """The estimate, and the row of the push that its newest data point belongs to."""
         if msg.status == FrictionEstimate.STATUS_NO_DATA:
             return self._without_data()
-        told = report(msg)
+        told = report_from_msg(msg).to_dict()
         friction = msg.contact_friction
         histogram = {"bin_width": friction.bin_width, "counts": list(friction.histogram)}
         stamp = stamp_from_msg(msg.header.stamp)

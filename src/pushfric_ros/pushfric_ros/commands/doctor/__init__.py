@@ -12,26 +12,27 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console
+from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.options import RUNS
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands.console import console
+from pushfric_core.files.object_file import ObjectModel, load_object
+from pushfric_core.pushers.check import Check, Level
+from pushfric_core.report.report import to_json
+from pushfric_core.vision.camera import Camera, load_camera
+from pushfric_ros.cell.cell_file import CellConfig, CellFile, load_cell
+from pushfric_ros.cell.node_settings import CameraConfig
 from pushfric_ros.commands.doctor.camera import Watched, check_camera, check_exposure, check_stamps, watch
 from pushfric_ros.commands.doctor.discovery import check_discovery, check_multicast
 from pushfric_ros.commands.doctor.interfaces import check_build
 from pushfric_ros.commands.doctor.machine import check_clock, check_disk, check_packages, check_ros
 from pushfric_ros.commands.doctor.scene import check_calibration, check_object, check_plan
-from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
-from pushfric_ros.commands.recorded_run import RUNS
-from pushfric_ros.files.cell_file import CellConfig, CellFile, load_cell
-from pushfric_ros.files.node_settings import CameraConfig
-from pushfric_ros.files.object_file import ObjectModel, load_object
-from pushfric_ros.graph.lock import lock
 from pushfric_ros.node_kit import network
+from pushfric_ros.node_kit.lock import lock
 from pushfric_ros.nodes.tracker import TOPICS
-from pushfric_ros.pushers.check import Check, Level
-from pushfric_ros.report.report import to_json
-from pushfric_ros.vision.camera import Camera, load_camera
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 
 def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[str], None]) -> Iterator[Check]:

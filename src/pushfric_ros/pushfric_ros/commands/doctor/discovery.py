@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 from std_srvs.srv import Trigger
 
+from pushfric_core.pushers.check import Check, Level
 from pushfric_ros.node_kit.visit import visit
-from pushfric_ros.pushers.check import Check, Level
 
 LAST_DOMAIN = 101
 """Higher ROS domains use ephemeral ports, which Linux may give to any program."""

@@ -6,8 +6,8 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.pushers.check import Check, Level
 from pushfric_ros.messages.types import message_class
-from pushfric_ros.pushers.check import Check, Level
 
 INTERFACE_PARTS = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
 PRIMITIVES = {"bool": "boolean", "float32": "float", "float64": "double", "byte": "octet", "char": "uint8"}

@@ -7,9 +7,9 @@ import shutil
 import sys
 import time
 
-from pushfric_ros.commands import dependencies
+from pushfric_core.commands import dependencies
+from pushfric_core.pushers.check import Check, Level
 from pushfric_ros.node_kit.visit import middleware
-from pushfric_ros.pushers.check import Check, Level
 
 TRIED_DISTROS, TRIED_RMW = ("jazzy", "kilted"), "rmw_fastrtps_cpp"
 

@@ -3,14 +3,14 @@
 import numpy as np
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.files.cell_file import CellFile
-from pushfric_ros.files.node_settings import PlanConfig
-from pushfric_ros.files.object_file import ObjectModel
-from pushfric_ros.files.plan_file import load_plan
-from pushfric_ros.pushers.check import Check, Level
-from pushfric_ros.pushers.pusher import PusherConfig
-from pushfric_ros.vision.camera import Camera, Image
-from pushfric_ros.vision.sighting import NotSeen, Tracker
+from pushfric_core.files.object_file import ObjectModel
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.sighting import NotSeen, Tracker
+from pushfric_ros.cell.cell_file import CellFile
+from pushfric_ros.cell.node_settings import PlanConfig
 
 COARSEST = 0.5e-3
 """Largest useful size of a pixel on the table [m]."""

@@ -11,19 +11,16 @@ import typer
 import yaml
 from rich.console import Console
 
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.interrupt import telling_what_is_left
+from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.options import in_range
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.commands.console import console, warn
-from pushfric_ros.commands.frames import frames_from
-from pushfric_ros.commands.interrupt import telling_what_is_left
-from pushfric_ros.commands.json_option import STDOUT, JsonOption, write_json
-from pushfric_ros.commands.measure.stroke import along_the_stroke, pictures
-from pushfric_ros.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, object_text, permit, write
-from pushfric_ros.files.cell_file import CellFile, load_cell
-from pushfric_ros.files.object_file import ObjectModel, load_object
-from pushfric_ros.files.yaml_edit import Value
-from pushfric_ros.node_kit import network
-from pushfric_ros.pushers.pusher import PusherConfig
-from pushfric_ros.report.measurement import (
+from pushfric_core.files.object_file import ObjectModel, load_object
+from pushfric_core.files.yaml_edit import Value
+from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.report.measurement import (
     object_figures,
     object_findings,
     object_picture,
@@ -32,14 +29,19 @@ from pushfric_ros.report.measurement import (
     tip_findings,
     tip_picture,
 )
-from pushfric_ros.report.report import to_json
-from pushfric_ros.vision.camera import Camera, load_camera
-from pushfric_ros.vision.frame_source import Frames
-from pushfric_ros.vision.outline_measurement import height_of, measured_object, places_from
-from pushfric_ros.vision.tip_measurement import measure_tip
-from pushfric_ros.vision.tracker_settings import ContourConfig
+from pushfric_core.report.report import to_json
+from pushfric_core.vision.camera import Camera, load_camera
+from pushfric_core.vision.frame_source import Frames
+from pushfric_core.vision.outline_measurement import height_of, measured_object, places_from
+from pushfric_core.vision.tip_measurement import measure_tip
+from pushfric_core.vision.tracker_settings import ContourConfig
+from pushfric_ros.cell.cell_file import CellFile, load_cell
+from pushfric_ros.commands.frames import frames_from
+from pushfric_ros.commands.measure.stroke import along_the_stroke, pictures
+from pushfric_ros.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, object_text, permit, write
+from pushfric_ros.node_kit import network
 
-app = typer.Typer(add_completion=False)
+app = Application()
 
 STROKES = 13
 """Positions along the stroke, from one end to the other."""
@@ -66,8 +68,7 @@ def measure(
         float | None,
         typer.Option(
             help="Height of the object's bright face over the table, measured with a caliper [m].",
-            min=0.0,
-            max=1.0,
+            **in_range(0.0, 1.0, "m"),
             show_default=False,
         ),
     ] = None,
@@ -76,8 +77,7 @@ def measure(
         typer.Option(
             help="Measure the height instead: the pictures show the object in two places, between which it was slid along a"
             " ruler by this distance [m].",
-            min=0.01,
-            max=10.0,
+            **in_range(0.01, 10.0, "m"),
             show_default=False,
         ),
     ] = None,
@@ -85,8 +85,7 @@ def measure(
         float | None,
         typer.Option(
             help="Height over the table of the part of the tip that the camera sees [m].",
-            min=0.0,
-            max=1.0,
+            **in_range(0.0, 1.0, "m"),
             show_default="from the length that the stroke seems to have",
         ),
     ] = None,
@@ -98,7 +97,9 @@ def measure(
             show_default=False,
         ),
     ] = "",
-    speed: Annotated[float, typer.Option(help="Speed of the pusher between two pictures [m/s].", min=0.0001, max=1.0)] = 0.01,
+    speed: Annotated[
+        float, typer.Option(help="Speed of the pusher between two pictures [m/s].", **in_range(0.0001, 1.0, "m/s"))
+    ] = 0.01,
     out: Annotated[pathlib.Path | None, typer.Option(help="Folder to write to.", show_default="the folder of CELL")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files without asking.")] = False,
     json: JsonOption = None,

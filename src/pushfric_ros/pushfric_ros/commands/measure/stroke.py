@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.frame_source import Frames
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.files.cell_file import CellFile
+from pushfric_ros.cell.cell_file import CellFile
 from pushfric_ros.graph.graph import COMMAND_LINE, enclave, pusher_alone
 from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.node_kit.person import NoAnswer, Person
-from pushfric_ros.vision.camera import Camera, Image
-from pushfric_ros.vision.frame_source import Frames
 
 STALE, AVERAGED = 3, 8
 """After a motion, the first number of frames may still show it; then the mean of the second number of frames is taken."""

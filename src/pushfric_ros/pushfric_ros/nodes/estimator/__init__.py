@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
@@ -11,35 +12,37 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from pushfric_core.bags.contents import mcap_file
+from pushfric_core.bags.samples import (
+    force_sample_from_msg,
+    observation_from_msg,
+    pose_sample_from_msg,
+    pusher_sample_from_msg,
+    stamp_from_msg,
+)
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimate import Estimate
-from pushfric_core.misplacement import tip_stays_away
-from pushfric_core.observation import Observation
-from pushfric_core.observation_maker import ObservationMaker
-from pushfric_core.online_estimation import OnlineEstimation
-from pushfric_core.recognition import Recognizer
-from pushfric_core.spread import FEWEST_PUSHES
-from pushfric_core.verdict import Verdict
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.online_estimation import OnlineEstimation
+from pushfric_core.estimation.recognition import Recognizer
+from pushfric_core.estimation.verdict import Verdict
+from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
+from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_core.files.model_file import check_name, make_model, prior, save_model
+from pushfric_core.files.object_file import ObjectModel, load_object
+from pushfric_core.geometry.frames import OBJECT
+from pushfric_core.report.ledger import sums_in_words
+from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Event, Ledger
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observation_maker import ObservationMaker
+from pushfric_core.trajectories.stream import OUTLASTS
+from pushfric_core.uncertainty.misplacement import tip_stays_away
+from pushfric_core.uncertainty.spread import FEWEST_PUSHES
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
 from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import ExcludePush, SelectObject
-from pushfric_ros.bags.contents import mcap_file
-from pushfric_ros.files.estimator_settings import START_TOPIC, EstimatorSettings
-from pushfric_ros.files.estimator_settings import TOPIC as SETTINGS_TOPIC
-from pushfric_ros.files.model_file import check_name, make_model, prior, save_model
-from pushfric_ros.files.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
-from pushfric_ros.files.object_file import ObjectModel, load_object
-from pushfric_ros.messages.conversions import (
-    force_sample_from_msg,
-    observation_from_msg,
-    observation_to_msg,
-    pose_sample_from_msg,
-    pusher_sample_from_msg,
-    stamp_from_msg,
-    stamp_to_msg,
-)
-from pushfric_ros.messages.frames import OBJECT
+from pushfric_ros.cell.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
+from pushfric_ros.messages.conversions import observation_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
@@ -51,10 +54,13 @@ from pushfric_ros.nodes.estimator.planner_answers import PlannerAnswers
 from pushfric_ros.nodes.estimator.publications import Publications
 
 if TYPE_CHECKING:
-    from pushfric_ros.bags.handover import Handover
+    from pushfric_core.bags.handover import Handover
 
 PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, in wall time [s]."""
+
+KINDS = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES}
+"""The inputs' names in the ledger."""
 
 HANDOVER_PERIOD = 0.2
 """While a restarted estimator catches up from the bag: time between two reads of the bag, in wall time [s]."""
@@ -134,7 +140,7 @@ class EstimatorNode(Node):
                 assert self._online.estimate is not None
                 made_from = self._bag or self.get_fully_qualified_name()
                 settings = self._settings.without(self._excluded)
-                model = make_model(self._object, self._online.estimate, self._online.observations, made_from, settings)
+                model = make_model(self._object, self._online.estimate, made_from, settings)
                 save_model(model, pathlib.Path(self._models.save))
         finally:
             super().destroy_node()
@@ -143,7 +149,7 @@ class EstimatorNode(Node):
         """What an estimator that died in this run has left behind; None if this is the run's first estimator."""
         if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
             return None
-        from pushfric_ros.bags.handover import Handover  # imported late: few estimators need to read bags
+        from pushfric_core.bags.handover import Handover  # imported late: few estimators need to read bags
 
         inputs = ("object_pose", "pusher_state", *["wrench"] * self._settings.with_forces)
         try:
@@ -188,6 +194,7 @@ class EstimatorNode(Node):
         self._select(load_object(chosen))
         self._chosen = chosen
         for observation in self._prior if chosen == self._initial else ():
+            self._made[observation.push_id] += 1
             if observation.push_id not in self._excluded:
                 self._online.learn(observation)
 
@@ -205,6 +212,9 @@ class EstimatorNode(Node):
         self._verdict = Verdict()
         self._problem: str | None = None
         self._refused = 0
+        self._refused_messages: Counter[str] = Counter()  # by kind of the ledger
+        self._made: Counter[int] = Counter()  # observations of each push
+        self._noted: set[Event] = set()  # the log has them
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         self._on_input("object_pose", msg)
@@ -231,6 +241,7 @@ class EstimatorNode(Node):
             else:
                 self._take(self._maker.add_pusher(pusher_sample_from_msg(msg)))
         except ValueError as error:
+            self._refused_messages[KINDS[topic]] += 1
             self._refuse(topic, error)
             return False
         return True
@@ -240,12 +251,14 @@ class EstimatorNode(Node):
             observation = observation_from_msg(msg)
             observation.check_contact(self._object.outline)
         except (ValueError, PushfricError) as error:
+            self._refused_messages[OBSERVATIONS] += 1
             self._refuse("observation", error)
         else:
             self._take([observation])
 
     def _take(self, observations: list[Observation]) -> None:
         for observation in observations:
+            self._made[observation.push_id] += 1
             if self._handover is None or (observation.push_id, observation.stamp) not in self._handover.told:
                 self._tell(observation)
             if observation.push_id in self._excluded:
@@ -373,6 +386,8 @@ class EstimatorNode(Node):
             return
         self._lasted = estimate
         if not self._publications.complete:
+            self._online.settle()
+            self._before = self._lasted = self._online.estimate
             self._publications.estimate(self._judge())
         self._planner.publish_limit_surface()
 
@@ -390,6 +405,15 @@ class EstimatorNode(Node):
             msg.header.stamp, msg.header.frame_id = stamp_to_msg(newest), OBJECT
             self._progress_out.publish(msg)
 
+    def _ledger(self) -> Ledger:
+        """What has become of every message so far."""
+        ledger = self._maker.ledger()
+        for kind, number in self._refused_messages.items():
+            ledger.accounts[kind].enter(REFUSED, number)
+        used = Counter(one.push_id for one in self._online.observations)
+        ledger.settle(self._made, used, self._excluded, {one.push_id for one in self._verdict.rejected})
+        return ledger
+
     def _health(self) -> Health:
         values = {"object": self._object.name, "refused": self._refused, "data points": 0}
         if (estimate := self._online.estimate) is not None:
@@ -401,6 +425,10 @@ class EstimatorNode(Node):
                 "gap": solution.gap,
                 "status": estimate.status.value,
             }
+        values |= sums_in_words(self._ledger())
+        for event in sorted(set(self._maker.events) - self._noted):
+            self.get_logger().warning(event.text)
+        self._noted.update(self._maker.events)
         if self._maker.waiting is not None:
             values["data points without their force yet"] = self._maker.waiting
         if self._handover is not None:
@@ -409,6 +437,9 @@ class EstimatorNode(Node):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:
             return Health(Level.ERROR, self._problem, values)
+        if self._maker.skew > OUTLASTS:
+            ahead = f"the poses are stamped {self._maker.skew:.0f} s ahead of the pusher states: no observation can be made"
+            return Health(Level.WARN, ahead, values)
         if self._maker.contradiction is not None:
             return Health(Level.WARN, self._maker.contradiction, values)
         if (apart := self._maker.apart) is not None:

@@ -6,14 +6,14 @@ import time
 from rclpy.node import Node
 
 from pushfric_core.errors import PushfricError
-from pushfric_core.estimate import Estimate
-from pushfric_core.observation import check_planned_contact
-from pushfric_core.online_estimation import OnlineEstimation
-from pushfric_core.planar import Array
-from pushfric_core.prediction import FrictionModel, model_of, predict, stability
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.online_estimation import OnlineEstimation
+from pushfric_core.files.object_file import ObjectModel
+from pushfric_core.geometry.planar import Array
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
+from pushfric_core.trajectories.observation import check_half_width, check_planned_contact
 from pushfric_msgs.msg import LimitSurface
 from pushfric_msgs.srv import PredictPush, StablePushes
-from pushfric_ros.files.object_file import ObjectModel
 from pushfric_ros.messages.conversions import (
     limit_surface_to_msg,
     predictions_to_msg,
@@ -71,7 +71,9 @@ class PlannerAnswers:
     def _on_predict_push(self, request: PredictPush.Request, response: PredictPush.Response) -> PredictPush.Response:
         try:
             pushes = pushes_from_msg(request)
-            return predictions_to_msg(predict(self._asked_for(*pushes[:2]), *pushes), response)
+            estimate, model = self._asked_for(*pushes[:2])
+            response.data_points = estimate.data_points
+            return predictions_to_msg(predict(model, *pushes), response)
         except (ValueError, PushfricError) as error:
             response.message = str(error)
             return response
@@ -79,21 +81,24 @@ class PlannerAnswers:
     def _on_stable_pushes(self, request: StablePushes.Request, response: StablePushes.Response) -> StablePushes.Response:
         try:
             turns = turns_from_msg(request)
-            return stability_to_msg(stability(self._asked_for(*turns[:2]), *turns), response)
+            for half_width in turns[2].tolist():
+                check_half_width(self._object.outline, half_width)
+            estimate, model = self._asked_for(*turns[:2])
+            response.data_points = estimate.data_points
+            return stability_to_msg(stability(model, *turns), response)
         except (ValueError, PushfricError) as error:
             response.message = str(error)
             return response
 
-    def _asked_for(self, points: Array, normals: Array) -> FrictionModel:
-        """What answers a planner that asks about contacts (k, 2) [m] with these normals (k, 2).
+    def _asked_for(self, points: Array, normals: Array) -> tuple[Estimate, FrictionModel]:
+        """What answers a planner that asks about contacts (k, 2) [m] with these normals (k, 2), and what that rests on.
 
         Raises:
             ValueError: there is no estimate to predict from, or a contact is not one.
         """
         self._asked = time.monotonic()
         self._check_contacts(points, normals)
-        model = self._make_model() if self._model is None or self._outdated() else self._model
-        return model[1]
+        return self._make_model() if self._model is None or self._outdated() else self._model
 
     def _check_contacts(self, points: Array, normals: Array) -> None:
         """Refuse contacts that are not on the object, or whose normals are wrong. Raises ValueError."""
@@ -116,7 +121,7 @@ class PlannerAnswers:
             raise ValueError(estimate.contradiction)
         if self._model is None or self._model[0] is not estimate:
             begin = time.monotonic()
-            self._model = estimate, model_of(estimate, self._online.observations)
+            self._model = estimate, friction_model(estimate)
             self._usable_until = time.monotonic() + (time.monotonic() - begin) / MODEL_SHARE
         return self._model
 

@@ -5,25 +5,16 @@ from collections.abc import Collection
 from geometry_msgs.msg import PointStamped
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pushfric_core.online_estimation import OnlineEstimation
-from pushfric_core.verdict import Verdict
+from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
+from pushfric_core.estimation.online_estimation import OnlineEstimation
+from pushfric_core.estimation.verdict import Verdict
+from pushfric_core.files.object_file import ObjectModel
+from pushfric_core.uncertainty.spread import is_due
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, FrictionEstimate, Recognition, SupportFriction
-from pushfric_ros.files.object_file import ObjectModel
-from pushfric_ros.messages.conversions import (
-    FrictionParts,
-    estimate_to_msg,
-    friction_to_msg,
-    nothing_known,
-    recognition_to_msg,
-    region_to_msg,
-)
+from pushfric_ros.messages.conversions import estimate_to_msg, nothing_known, recognition_to_msg, region_to_msg
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import LATCHED
-
-RENEWED = 200
-"""mu_c rests on all data points. It is renewed after one more data point for each this many, so that its cost does not grow: up
-to 200 after each, then after every second, ...; and once no more data points come."""
 
 
 class Publications:
@@ -47,14 +38,17 @@ class Publications:
     def begin(self, model: ObjectModel, online: OnlineEstimation) -> None:
         """Publish the estimation of this object from now on; nothing is published yet."""
         self._object, self._online = model, online
-        self._mu_c: FrictionParts | None = None  # what was last said of mu_c
+        self._mu_c: FrictionReport | None = None  # what was last said of mu_c
         self._region = CenterOfFrictionRegion()
 
     @property
     def complete(self) -> bool:
-        """Whether what was said of mu_c rests on all data points."""
+        """Whether all that was published last rests on all data points."""
         estimate = self._online.estimate
-        return self._mu_c is None or estimate is None or self._mu_c.data_points == estimate.data_points
+        if self._mu_c is None or estimate is None:
+            return True
+        held = {self._mu_c.data_points} if estimate.spread is None else {self._mu_c.data_points, estimate.spread.data_points}
+        return held == {estimate.data_points}
 
     def everything(self, verdict: Verdict) -> None:
         """Publish all that is known."""
@@ -74,11 +68,11 @@ class Publications:
         estimate = self._online.estimate
         assert estimate is not None
         friction = self._mu_c
-        if friction is None or at_rest or friction_is_due(estimate.data_points, friction.data_points):
+        if friction is None or at_rest or is_due(estimate.data_points, friction.data_points):
             observations = self._online.observations if self._slipping else ()
             slips = [observation.push_id in self._slipping for observation in observations]
-            friction = self._mu_c = friction_to_msg(estimate, self._object.name, slips)
-        msg = estimate_to_msg(estimate, self._object.name, verdict=verdict, friction=friction)
+            friction = self._mu_c = FrictionReport.of(estimate, slips)
+        msg = estimate_to_msg(EstimateReport.of(estimate, self._object.name, verdict=verdict, friction=friction))
         self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
         self._parts(msg if self._online.usable else nothing_known(self._object.name))
@@ -119,8 +113,3 @@ class Publications:
         self._support_friction_out.publish(msg.support_friction)
         self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
         self._contact_friction_out.publish(msg.contact_friction)
-
-
-def friction_is_due(data_points: int, said_of: int) -> bool:
-    """Whether mu_c, which rests on the first number of data points, must be renewed for the second."""
-    return not 0 <= data_points - said_of <= data_points // RENEWED

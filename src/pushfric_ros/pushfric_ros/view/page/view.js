@@ -222,6 +222,9 @@ function judged(row) {
 }
 
 function drawNodes() {
+  const sums = story["node/estimator"]?.values ?? {};
+  const kinds = ["poses", "pusher states", "wrenches", "observations", "pushes"].filter((kind) => sums[kind]);
+  at("ledger").textContent = kinds.map((kind) => `${kind}: ${sums[kind]}`).join("; ");
   const signs = { ok: "✓", warning: "!", error: "✗", stale: "?" };
   const list = at("nodes");
   for (const name of Object.keys(story).filter((key) => key.startsWith("node/")).sort()) {

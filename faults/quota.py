@@ -1,0 +1,59 @@
+"""Little CPU time for a running cell: by a control group, or by busy loops where none can be made."""
+
+import contextlib
+import math
+import os
+import pathlib
+import subprocess
+import sys
+from collections.abc import Iterator
+
+GROUPS = pathlib.Path("/sys/fs/cgroup")
+
+PERIOD = 100_000
+"""Within which the kernel counts the CPU time of a group, its default [us]."""
+
+
+@contextlib.contextmanager
+def cpu_quota(percent: float, pid: int) -> Iterator[str]:
+    """Leave a process, and all that it starts from now on, this share of one processor's time.
+
+    Yields:
+        How the time is limited, in words.
+    """
+    with contextlib.ExitStack() as undo:
+        try:
+            group = undo.enter_context(_group(percent))
+        except OSError:
+            loops = os.cpu_count() * math.ceil(100 / percent - 1)  # type: ignore[operator]
+            for _ in range(loops):
+                busy = undo.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+                undo.callback(busy.kill)
+            yield f"{loops} busy processes"
+        else:
+            (group / "cgroup.procs").write_text(str(pid))
+            yield f"a control group with {percent:g} % of a processor"
+
+
+@contextlib.contextmanager
+def _group(percent: float) -> Iterator[pathlib.Path]:
+    """A new control group with a quota, which must be empty when it is removed.
+
+    Raises:
+        OSError: none can be made here.
+    """
+    unified = (GROUPS / "cgroup.controllers").exists()  # cgroups(7): version 2, else version 1
+    group = (GROUPS if unified else GROUPS / "cpu") / f"pushfric-{os.getpid()}"
+    group.mkdir()
+    try:
+        quota = round(PERIOD * percent / 100)
+        if unified:
+            (group / "cpu.max").write_text(f"{quota} {PERIOD}")
+        else:
+            (group / "cpu.cfs_quota_us").write_text(str(quota))
+        yield group
+    finally:
+        for pid in (group / "cgroup.procs").read_text().split():
+            with contextlib.suppress(OSError):  # it has ended meanwhile
+                (group.parent / "cgroup.procs").write_text(pid)
+        group.rmdir()

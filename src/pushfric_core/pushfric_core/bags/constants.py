@@ -1,0 +1,18 @@
+"""The constants in the definitions of pushfric_msgs."""
+
+import functools
+import pathlib
+import re
+from collections.abc import Mapping
+
+FOLDER = pathlib.Path(__file__).parent / "msg"
+"""A copy of the definitions of pushfric_msgs, for places where only pushfric_core is installed."""
+
+CONSTANT = re.compile(r"^\w+ +([A-Z][A-Z0-9_]*) *= *(-?\d+) *(?:#.*)?$", re.MULTILINE)
+
+
+@functools.cache
+def constants(name: str) -> Mapping[str, int]:
+    """The whole-number constants of a type of pushfric_msgs, given its name without the package."""
+    text = (FOLDER / f"{name}.msg").read_text(encoding="utf-8")
+    return {constant: int(value) for constant, value in CONSTANT.findall(text)}

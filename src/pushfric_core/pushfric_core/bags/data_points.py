@@ -1,0 +1,454 @@
+"""Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate with which a live run would end."""
+
+import dataclasses
+import os
+import pathlib
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+import numpy as np
+
+from pushfric_core.bags.contents import Standing
+from pushfric_core.bags.rosbag2_metadata import METADATA
+from pushfric_core.bags.run_record import RunRecord, content
+from pushfric_core.bags.samples import (
+    force_sample_from_msg,
+    observation_from_msg,
+    pose_sample_from_msg,
+    pusher_sample_from_msg,
+)
+from pushfric_core.errors import InvalidInput, PushfricError, extra
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator
+from pushfric_core.estimation.recognition import Ranking, Recognizer
+from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.model_file import prior
+from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE, ObjectModel, load_object
+from pushfric_core.files.observation_file import read_observations
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.trajectories.ledger import (
+    FOREIGN,
+    OBSERVATIONS,
+    POSES,
+    REFUSED,
+    REPEATED,
+    STATES,
+    UNCONFIRMED,
+    WRENCHES,
+    Ledger,
+)
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observation_maker import ObservationMaker
+from pushfric_core.trajectories.stream import counted_of
+from pushfric_core.trajectories.trajectory import TrajectoryConfig
+from pushfric_core.uncertainty.misplacement import tip_stays_away
+
+if TYPE_CHECKING:
+    from pushfric_core.bags.bag import Bag
+
+Warn = Callable[[str], None]
+
+Taken = TypeVar("Taken")
+
+POSE_TOPICS, OBSERVATION_TOPICS, WRENCH = ("object_pose", "pusher_state"), ("observation",), "wrench"
+"""The topics from which data points are made, the topic of data points themselves, and that of forces."""
+
+TYPES = {
+    "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "pusher_state": "pushfric_msgs/msg/PusherState",
+    "observation": "pushfric_msgs/msg/Observation",
+    "wrench": "geometry_msgs/msg/WrenchStamped",
+    SETTINGS_TOPIC: "std_msgs/msg/String",
+}
+"""Types of the messages on these topics."""
+
+BAG_FILES = (METADATA, "*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
+"""Patterns of files, of which a bag's folder contains at least one."""
+
+
+class Source(NamedTuple):
+    """The source of a bag's data points."""
+
+    kind: str  # poses or observations: the estimator node's parameter `source`
+    namespace: str  # of the cell that was recorded
+    topics: tuple[str, ...]  # full names
+
+
+def check_source(path: pathlib.Path) -> None:
+    """Check that a path leads to something that may contain data points.
+
+    Raises:
+        InvalidInput: there is no such file, or it is a folder of several bags, one of which must be named.
+    """
+    if not os.path.exists(path):
+        raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
+    if bags := bags_in(path):
+        raise InvalidInput(f"{path}: is a folder of bags, expected one of them: {', '.join(map(str, bags))}")
+
+
+def is_bag(folder: pathlib.Path) -> bool:
+    """Whether a folder contains a bag's files."""
+    return any(file for name in BAG_FILES for file in folder.glob(name))
+
+
+def bags_in(path: pathlib.Path) -> list[pathlib.Path]:
+    """The bags in a folder that is not itself a bag, in order; otherwise none."""
+    if not path.is_dir() or is_bag(path):
+        return []
+    return sorted({file.parent for name in BAG_FILES for file in path.glob(f"*/{name}")})
+
+
+def object_beside(path: pathlib.Path) -> pathlib.Path | None:
+    """The object's YAML file in a bag's folder, if there is one."""
+    file = (path if path.is_dir() else path.parent) / OBJECT_FILE
+    return file if path.suffix != ".csv" and file.is_file() else None
+
+
+def prior_beside(path: pathlib.Path) -> pathlib.Path | None:
+    """The model in a bag's folder that the recorded run went on from, if there is one."""
+    file = (path if path.is_dir() else path.parent) / PRIOR_FILE
+    return file if path.suffix != ".csv" and file.is_file() else None
+
+
+def source_of(path: pathlib.Path, with_forces: bool = False, namespace: str | None = None) -> Source:
+    """The source of a bag's data points: poses if there are any, so that they are made as in a live run.
+
+    Args:
+        path: the bag.
+        with_forces: poses are useful only with the topic of the force sensor.
+        namespace: of the cell; None: the bag has only one.
+    Raises:
+        InvalidInput: the bag contains neither poses with pusher states nor observations, or those of several cells, or cannot
+            be read.
+    """
+    return _source(_opened(path), with_forces, namespace)
+
+
+def _opened(path: pathlib.Path) -> "Bag":
+    """A bag. Raises MissingPackage if the libraries that read bags are not installed."""
+    with extra("bags", f"the bag {path}"):
+        from pushfric_core.bags.bag import Bag  # not above: a CSV needs none of these libraries
+    return Bag(path)
+
+
+def _source(bag: "Bag", with_forces: bool, namespace: str | None) -> Source:
+    poses = (*POSE_TOPICS, WRENCH) if with_forces else POSE_TOPICS
+    recorded = _recorded_types(bag)
+    cell = _cell(bag, namespace)
+    for kind, wanted in (("poses", poses), ("observations", OBSERVATION_TOPICS)):
+        topics = tuple(f"{cell}/{name}" for name in wanted)
+        if cell is not None and set(topics) <= set(recorded):
+            for topic in topics:
+                _check_type(bag, topic, recorded[topic])
+            return Source(kind, cell, topics)
+    where = "" if namespace is None else f" of {cell or '/'}"
+    raise InvalidInput(
+        f"{bag.path}: no data points{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
+    )
+
+
+def _recorded_types(bag: "Bag") -> dict[str, str]:
+    """The type of each topic that has messages."""
+    return {topic.name: topic.type_name for topic in bag.summary.topics if topic.message_count}
+
+
+def _cell(bag: "Bag", namespace: str | None) -> str | None:
+    """The namespace of the cell to read: the one that is given, or the only one with data points; None: there is none.
+
+    Raises:
+        InvalidInput: there are several, and none is given.
+    """
+    if namespace is not None:
+        return f"/{namespace.strip('/')}".rstrip("/")
+    found = cells(bag)
+    if len(found) > 1:
+        names = ", ".join(cell or "/" for cell in found)
+        raise InvalidInput(f"{bag.path}: holds the data points of {len(found)} cells, {names}; choose one with --namespace")
+    return found[0] if found else None
+
+
+def cells(bag: "Bag") -> list[str]:
+    """The namespaces of the cells with data points."""
+    recorded = set(_recorded_types(bag))
+    found = {
+        name.rpartition("/")[0]
+        for wanted in (POSE_TOPICS, OBSERVATION_TOPICS)
+        for name in recorded
+        if {f"{name.rpartition('/')[0]}/{one}" for one in wanted} <= recorded
+    }
+    return sorted(found)
+
+
+def _check_type(bag: "Bag", topic: str, type_name: str) -> None:
+    expected = TYPES[topic.rpartition("/")[2]]
+    if type_name != expected:
+        raise InvalidInput(f"{bag.path}: {topic} holds messages of {type_name[:80]}, expected {expected}")
+
+
+def recorded_settings(path: pathlib.Path, namespace: str | None = None) -> EstimatorSettings:
+    """The settings of the recorded run's estimator; the defaults for a CSV, and for a bag without settings.
+
+    Args:
+        path: the file or the bag.
+        namespace: of the cell; None: the bag has only one.
+    Raises:
+        InvalidInput: the bag, or the settings in it, cannot be read, or it holds several cells.
+    """
+    if path.suffix == ".csv":
+        return EstimatorSettings()
+    bag = _opened(path)
+    wanted = f"{_cell(bag, namespace)}/{SETTINGS_TOPIC}"
+    topics = {name: type_name for name, type_name in _recorded_types(bag).items() if name == wanted}
+    for topic, type_name in topics.items():
+        _check_type(bag, topic, type_name)
+    last = deque(bag.messages(topics) if topics else (), maxlen=1)
+    try:
+        return (
+            EstimatorSettings.from_text(content(bag, last[0], lambda message: str(message.data)))
+            if last
+            else EstimatorSettings()
+        )
+    except ValueError as error:
+        raise InvalidInput(f"{path}: {last[0].topic} is not understood: {error}") from error
+
+
+class Reading:
+    """What a CSV file or a bag gives, and the account of it.
+
+    Attributes:
+        observations: the data points, in order, without those of excluded pushes.
+        ledger: what became of every message, and what does not add up.
+    """
+
+    def __init__(self, found: list[Observation], excluded: Collection[int], ledger: Ledger, record: RunRecord | None) -> None:
+        self.observations = [observation for observation in found if observation.push_id not in excluded]
+        self.ledger = ledger
+        self._found, self._excluded, self._record = found, excluded, record
+
+    def settle(self, estimator: Estimator) -> None:
+        """Enter what an estimator has made of the data points."""
+        record = self._record
+        self.ledger.settle(
+            Counter(one.push_id for one in self._found),
+            Counter(one.push_id for one in estimator.observations),
+            self._excluded,
+            {one.push_id for one in estimator.rejected},
+            record.started if record is not None else (),
+            record.aborted if record is not None else (),
+        )
+
+
+def read(
+    path: pathlib.Path,
+    model: ObjectModel,
+    settings: EstimatorSettings,
+    warn: Warn,
+    partial: bool = False,
+    namespace: str | None = None,
+) -> Reading:
+    """The data points of a CSV file or a bag, with those of the model that the recorded run went on from first.
+
+    Args:
+        path: the file or the bag.
+        model: the object.
+        settings: how poses become data points, which pushes are left out, and whether forces are needed.
+        warn: called with a line for each message that is refused, and one for a damaged bag.
+        partial: accept a bag from which messages are missing.
+        namespace: of the cell; None: the bag has only one.
+    Raises:
+        InvalidInput: the file cannot be read, or does not contain the data points that are needed.
+        DamagedBag: messages are missing from the bag.
+    """
+    check_source(path)
+    ledger, record = Ledger(), None
+    if path.suffix == ".csv":
+        found = read_observations(path, model.outline)
+    else:
+        bag = _opened(path)
+        if not partial:
+            bag.require_whole()
+        if bag.damage is not None:
+            warn(bag.what_is_missing())
+        for note in bag.notes:
+            warn(note)
+        source = _source(bag, settings.with_forces, namespace)
+        earlier = [] if (file := prior_beside(path)) is None else prior(file, model)
+        record = RunRecord(bag, source.namespace)
+        found = _account(bag, source, model.outline, settings, ledger, record, warn)
+        if not found:
+            raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
+        if record.unfinished is not None:
+            warn(f"{path}: {record.unfinished}")
+        record.close(ledger, found if _is_recorded(path, model) else None, settings, len(earlier))
+        found = earlier + found
+    for push_id in settings.excluded:
+        if all(observation.push_id != push_id for observation in found):
+            raise InvalidInput(f"{path}: no data point of push {push_id}, which is to be left out")
+    reading = Reading(found, settings.excluded, ledger, record)
+    if settings.with_forces and all(observation.force is None for observation in reading.observations):
+        raise InvalidInput(f"{path}: no data point has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
+    return reading
+
+
+def ledger_of(path: pathlib.Path, namespace: str | None = None) -> Ledger | None:
+    """What does not add up in a bag of a run, and what became of its messages; None if the bag holds no run.
+
+    Without the object's file next to the bag, it is not known which observations its poses give.
+
+    Raises:
+        InvalidInput: the bag, or a file next to it, cannot be read.
+    """
+    bag, ledger, file = _opened(path), Ledger(), object_beside(path)
+    settings = recorded_settings(path, namespace)
+    try:
+        source = _source(bag, settings.with_forces, namespace)
+    except InvalidInput:
+        return None
+    model = None if file is None else load_object(str(file))
+    outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
+    record = RunRecord(bag, source.namespace)
+    made = _account(bag, source, outline, settings, ledger, record, lambda _: None)
+    before = prior_beside(path)
+    earlier = [] if model is None or before is None else prior(before, model)
+    record.close(ledger, None if model is None else made, settings, len(earlier))
+    return ledger
+
+
+def _account(
+    bag: "Bag",
+    source: Source,
+    outline: Outline,
+    settings: EstimatorSettings,
+    ledger: Ledger,
+    record: RunRecord,
+    warn: Warn,
+) -> list[Observation]:
+    """The data points of a bag; the ledger and the record take what becomes of its messages."""
+    made = _from_poses if source.kind == "poses" else _recorded
+    found = list(made(bag, source, outline, settings.trajectory, ledger, record, warn))
+    _enter_unread(bag, source, ledger)
+    for kind, account in ledger.accounts.items():
+        if number := account.ended[REFUSED]:
+            ledger.doubt(f"{counted_of(number, account.received, kind)} refused: the values are impossible")
+    return found
+
+
+def _enter_unread(bag: "Bag", source: Source, ledger: Ledger) -> None:
+    """Enter the messages that are not read: of other cells, copies, and those that nothing confirms."""
+    kinds = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES, "observation": OBSERVATIONS}
+    reasons = {Standing.SALVAGED: UNCONFIRMED, Standing.FOREIGN: UNCONFIRMED, Standing.DOUBLED: REPEATED}
+    for standing, counts in bag.standings.items():
+        for topic, count in counts.items():
+            namespace, _, name = topic.rpartition("/")
+            reason = FOREIGN if namespace != source.namespace else reasons.get(standing)
+            if name in kinds and reason is not None:
+                ledger.accounts[kinds[name]].enter(reason, count)
+
+
+def _is_recorded(path: pathlib.Path, model: ObjectModel) -> bool:
+    """Whether a model has the outline of the object that was recorded, as far as the bag's folder says."""
+    file = object_beside(path)
+    if file is None:
+        return True
+    recorded = load_object(str(file)).outline.vertices
+    return np.array_equal(recorded, model.outline.vertices)
+
+
+def _from_poses(
+    bag: "Bag", source: Source, outline: Outline, config: TrajectoryConfig, ledger: Ledger, record: RunRecord, warn: Warn
+) -> Iterator[Observation]:
+    maker = ObservationMaker(outline, config, with_forces=len(source.topics) > len(POSE_TOPICS))
+    kinds = dict(zip(source.topics, (POSES, STATES, WRENCHES), strict=False))
+    for message in bag.messages((*source.topics, *record.topics)):
+        kind = kinds.get(message.topic)
+        try:
+            if kind is None:
+                record.take(message)
+            elif kind == POSES:
+                yield from maker.add_pose(content(bag, message, pose_sample_from_msg))
+            elif kind == STATES:
+                yield from maker.add_pusher(content(bag, message, pusher_sample_from_msg))
+            else:
+                yield from maker.add_force(content(bag, message, force_sample_from_msg))
+        except ValueError as error:
+            warn(f"{message.topic} refused: {error}")
+            ledger.accounts[kind or OBSERVATIONS].enter(REFUSED)
+    ledger.absorb(maker.ledger())
+    if maker.apart is not None:
+        warn(f"{bag.path}: {tip_stays_away(maker.apart)}")
+    if maker.waiting:
+        warn(f"{bag.path}: ends before the force of its last data points was measured; left out: {maker.waiting}")
+
+
+def _recorded(
+    bag: "Bag", source: Source, outline: Outline, _: TrajectoryConfig, ledger: Ledger, record: RunRecord, warn: Warn
+) -> Iterator[Observation]:
+    for message in bag.messages((*source.topics, *record.topics)):
+        if message.topic in record.topics:
+            record.take(message)
+        if message.topic not in source.topics:
+            continue
+        try:
+            observation = content(bag, message, observation_from_msg)
+            observation.check_contact(outline)
+        except (ValueError, PushfricError) as error:
+            warn(f"{message.topic} refused: {error}")
+            ledger.accounts[OBSERVATIONS].enter(REFUSED)
+        else:
+            yield observation
+
+
+def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], warn: Warn) -> Iterator[Taken]:
+    """The result of each data point, one by one, as in a live node; `warn` is called with a line for each that is left out."""
+    for observation in data:
+        try:
+            yield take(observation)
+        except PushfricError as error:
+            warn(f"data point of push {observation.push_id} refused: {error}")
+
+
+def last(results: Iterable[Taken]) -> Taken:
+    """The result of the last data point.
+
+    Raises:
+        InvalidInput: all data points were left out.
+    """
+    newest = deque(results, maxlen=1)
+    if not newest:
+        raise InvalidInput("no data point could be used, expected at least one")
+    return newest[0]
+
+
+def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
+    """The estimate from all observations at once, to the bit the one after the last; raises and warns as `taken` and `last`."""
+    usable = _usable(estimator, data, warn)
+    last(usable)
+    return estimator.add(usable)
+
+
+def _usable(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> list[Observation]:
+    def checked(observation: Observation) -> Observation:
+        estimator.check(observation)
+        return observation
+
+    return list(taken(checked, data, warn))
+
+
+def relied_on(data: Iterable[Observation], model: ObjectModel, settings: EstimatorSettings, warn: Warn) -> list[Observation]:
+    """The data points that the estimate of a live run would rest on: without those of pushes that are unlike the others.
+
+    `warn` is called with a line for each push, and for each single data point, that is left out.
+    """
+    config = dataclasses.replace(settings.estimator, confidence=False, tie_break=False)  # they leave out no push
+    estimator = dataclasses.replace(settings, estimator=config).new_estimator(model.support_points)
+    estimator.add(_usable(estimator, data, warn))
+    for push in estimator.rejected:
+        warn(f"push {push.push_id} is left out: {push.reason}")
+    return list(estimator.observations)
+
+
+def recognize(recognizer: Recognizer, data: Iterable[Observation], warn: Warn) -> Ranking:
+    """The ranking after the last data point; raises and warns as `taken` and `last`."""
+    return last(taken(recognizer.add, data, warn))

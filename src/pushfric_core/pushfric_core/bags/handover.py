@@ -1,0 +1,136 @@
+"""What a node that was killed and started again takes from the run's bag, and, an estimator, what it takes from the topics.
+
+A message that was published before the new estimator's subscriptions were matched is in the bag, at the latest after the
+recorder's next flush; a later one comes by topic. So the bag is read until it holds, for each input, the first message that
+also came by topic. The stamps of an input grow, and a message that is not newer than the last one is ignored, as always: each
+message counts once. Nothing is taken before the bag also holds the first message of the new estimator: all those of the old one
+came before it.
+"""
+
+import pathlib
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from pushfric_core.bags.contents import mcap_file
+from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
+from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+
+INPUTS = ("object_pose", "pusher_state", "wrench", "observation", START_TOPIC, SETTINGS_TOPIC)
+"""Relative names of the topics that are read."""
+
+
+class Input(NamedTuple):
+    """A message of one of the inputs."""
+
+    topic: str  # relative name
+    msg: Any
+    log_time_ns: int = 0  # when it was recorded
+
+
+class Handover:
+    """The bag of a run whose estimator may have died, read while it is recorded.
+
+    Args:
+        bag: its folder; it need not exist yet.
+        namespace: of the cell.
+        inputs: relative names of the topics that data points are made from.
+    Attributes:
+        start: the last message of earlier estimators about what they estimate, and since when; None if there was none.
+        settings: the last settings that they published; None if they published none.
+        continuation: the new estimator's number, which it is to publish.
+        told: (push id, stamp [ns]) of the data points in the bag.
+    Raises:
+        OSError: the bag cannot be read.
+        ValueError: the bag, or a message in it, is not what it should be.
+    """
+
+    def __init__(self, bag: pathlib.Path, namespace: str, inputs: Sequence[str]) -> None:
+        self._file = GrowingFile(mcap_file(bag))
+        self._inputs = inputs
+        self._names = {f"{namespace.rstrip('/')}/{name}": name for name in INPUTS}
+        self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
+        self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
+        self._held: list[Input] = []
+        self.told: set[tuple[int, int]] = set()
+        self.start: Any = None
+        self.settings: EstimatorSettings | None = None
+        self.continuation = time.time_ns()
+        self._since = 0  # when the estimate began, by the clock of the cell [ns]
+        self._heard = False  # whether the bag holds the new estimator's number
+        self._past = self._read()
+
+    def hold(self, topic: str, msg: Any) -> None:
+        """Keep a message that came by topic until the bag has been read up to it."""
+        self._came.setdefault(topic, stamp_from_msg(msg.header.stamp))
+        self._held.append(Input(topic, msg))
+
+    def read_on(self) -> list[Input] | None:
+        """The messages of the inputs that came into the bag since the last call; at the first call, since the estimate began.
+
+        It returns None while the bag does not hold the new estimator's number. It raises the errors of the class.
+        """
+        self._past += self._read()
+        if not self._heard:
+            return None
+        past, self._past = self._past, []
+        # messages recorded earlier belong to an abandoned estimate; a start may itself be recorded late
+        return [each for each in past if each.log_time_ns >= self._since]
+
+    @property
+    def held(self) -> list[Input] | None:
+        """The messages that came by topic, in order, once the bag holds all earlier ones; None until then."""
+        if all(name in self._came and self._recorded.get(name, -1) >= self._came[name] for name in self._inputs):
+            return self._held
+        return None
+
+    def _read(self) -> list[Input]:
+        found: list[Input] = []
+        for message in self._file.read_on():
+            name = self._names.get(self._file.channels[message.channel_id].topic)
+            if name is None:
+                continue
+            msg = self._file.decoded(message)
+            if name == START_TOPIC and msg.continuation:
+                self._heard = self._heard or msg.continuation == self.continuation
+            elif name == START_TOPIC:
+                self.start, self._since = msg, stamp_from_msg(msg.header.stamp)
+            elif name == SETTINGS_TOPIC:
+                self.settings = EstimatorSettings.from_text(msg.data)
+            elif name == "observation":
+                self.told.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
+            elif name in self._inputs:
+                self._recorded[name] = stamp_from_msg(msg.header.stamp)
+                found.append(Input(name, msg, message.log_time_ns))
+        return found
+
+
+class PushCount:
+    """The pushes in the bag of a run, counted while it is recorded.
+
+    Args:
+        bag: its folder; it need not exist yet.
+        namespace: of the cell.
+    Attributes:
+        pushes: the largest number of a push in the bag, plus one.
+        newest: stamp of the newest pusher state in the bag [ns]; None: it holds none.
+    Raises:
+        OSError, ValueError: the bag cannot be read; the second also where its messages are not what they should be.
+    """
+
+    def __init__(self, bag: pathlib.Path, namespace: str) -> None:
+        self._file = GrowingFile(mcap_file(bag))
+        self._topic = f"{namespace.rstrip('/')}/pusher_state"
+        self.pushes = 0
+        self.newest: int | None = None
+        self.read_on()
+
+    def read_on(self) -> None:
+        """Count what was recorded since the last call. Raises as the class."""
+        for message in self._file.read_on():
+            if self._file.channels[message.channel_id].topic == self._topic:
+                state = self._file.decoded(message)
+                self.pushes = max(self.pushes, state.push_id + 1)
+                self.newest = stamp_from_msg(state.header.stamp)

@@ -1,0 +1,215 @@
+"""What a run recorded about itself, its plan, its observations and its last estimate; and whether the bag bears it out."""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from pushfric_core.bags.constants import constants
+from pushfric_core.bags.contents import BagMessage
+from pushfric_core.bags.samples import observation_from_msg
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
+from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
+from pushfric_core.trajectories.ledger import Ledger
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.wording import counted
+
+if TYPE_CHECKING:
+    from pushfric_core.bags.bag import Bag
+
+OBSERVATION, ESTIMATE, PLAN = "observation", "friction_estimate", "plan_progress"
+
+TYPES = {
+    OBSERVATION: "pushfric_msgs/msg/Observation",
+    ESTIMATE: "pushfric_msgs/msg/FrictionEstimate",
+    PLAN: "pushfric_msgs/msg/PlanProgress",
+    START_TOPIC: "pushfric_msgs/msg/EstimationStart",
+    SETTINGS_TOPIC: "std_msgs/msg/String",
+}
+
+PHASES = constants("PlanProgress")
+
+SAME = 1e-9
+"""Values of an observation that differ by no more than this [m, m/s, rad/s] may come from another processor."""
+
+Key = tuple[int, int]  # push id and stamp [ns]
+
+Taken = TypeVar("Taken")
+
+
+def content(bag: "Bag", message: BagMessage, convert: Callable[[Any], Taken]) -> Taken:
+    """The record that a message contains.
+
+    Raises:
+        ValueError: the message contains impossible values.
+        InvalidInput: the message was recorded with a definition that lacks one of the fields.
+    """
+    decoded = bag.deserialize(message)
+    try:
+        return convert(decoded)
+    except AttributeError as error:
+        raise InvalidInput(f"{bag.path}: {message.topic} was recorded with another definition of its type: {error}") from error
+
+
+class RunRecord:
+    """Takes the messages of a run about itself, in any order among topics, and compares them with what the bag gives.
+
+    Args:
+        bag: the bag.
+        namespace: of the cell.
+    Attributes:
+        topics: full names of the topics to read; those that the bag lacks, or has with another type, are not among them.
+        started, aborted: ids of the pushes of the plan that began, and of those that did not reach their end.
+    """
+
+    def __init__(self, bag: "Bag", namespace: str) -> None:
+        self._bag = bag
+        recorded = {(topic.name, topic.type_name) for topic in bag.summary.topics}
+        names = {f"{namespace}/{name}": name for name, kind in TYPES.items() if (f"{namespace}/{name}", kind) in recorded}
+        self.topics: Collection[str] = names.keys()
+        self._names = names
+        self._observations: dict[Key, Observation] = {}
+        self._repeated = 0
+        self._unread: set[str] = set()  # topics with messages that cannot be read
+        self._last: BagMessage | None = None  # estimate
+        self._settings: BagMessage | None = None
+        self._starts = 0
+        self._plan: Any = None  # the last plan_progress
+        self.started: set[int] = set()
+        self._done: set[int] = set()
+        self.aborted: set[int] = set()
+        self._skipped: list[tuple[int, int]] = []  # numbers of pushes done, between which the plan says nothing
+
+    def take(self, message: BagMessage) -> None:
+        """Take a message of one of the topics."""
+        name = self._names[message.topic]
+        try:
+            if name == OBSERVATION:
+                self._on_observation(content(self._bag, message, observation_from_msg))
+            elif name == ESTIMATE:
+                self._last = message
+            elif name == SETTINGS_TOPIC:
+                self._settings = message
+            elif name == PLAN:
+                self._on_plan(content(self._bag, message, lambda msg: msg))
+            else:
+                self._starts += content(self._bag, message, lambda msg: msg.continuation == 0)
+        except (ValueError, PushfricError, AttributeError):
+            self._unread.add(name)
+
+    def _on_observation(self, observation: Observation) -> None:
+        key = observation.push_id, observation.stamp
+        self._repeated += key in self._observations
+        self._observations[key] = observation
+
+    def _on_plan(self, msg: Any) -> None:
+        before, self._plan = self._plan, msg
+        if before is not None:
+            done, earlier = msg.completed + msg.aborted, before.completed + before.aborted
+            if done > earlier:
+                (self.aborted if msg.aborted > before.aborted else self._done).add(before.push_id)
+            if done > earlier + 1 or msg.push_id > before.push_id + 1:
+                self._skipped.append((before.push_id, msg.push_id))
+        if msg.phase == PHASES["PHASE_PUSHING"]:
+            self.started.add(msg.push_id)
+
+    @property
+    def unfinished(self) -> str | None:
+        """In words, where the plan stands if the bag does not show its end; None without a plan, or at its end."""
+        if self._plan is None or self._plan.phase == PHASES["PHASE_FINISHED"]:
+            return None
+        return f"the plan is not finished: it stands at push {self._plan.push_id + 1} of {self._plan.count}"
+
+    def close(self, ledger: Ledger, made: Sequence[Observation] | None, settings: EstimatorSettings, earlier: int) -> None:
+        """Note in a ledger what does not add up.
+
+        Args:
+            ledger: of the bag.
+            made: the observations that the bag gives of the object that was recorded, those of excluded pushes, too; None: not
+                known.
+            settings: what they were made with.
+            earlier: number of observations that the run went on from.
+        """
+        if self._repeated:
+            ledger.doubt(f"{counted(self._repeated, 'observation was', 'observations were')} recorded more than once")
+        recorded = self._recorded_settings()
+        alike = recorded is None or (
+            recorded.trajectory == settings.trajectory and recorded.with_forces == settings.with_forces
+        )
+        if made is not None and alike and self._starts <= 1 and OBSERVATION not in self._unread and self._observations:
+            self._compare_observations(ledger, made)
+        if self._starts <= 1 and not {OBSERVATION, ESTIMATE} & self._unread:
+            self._compare_estimate(ledger, recorded or settings, earlier)
+        self._close_plan(ledger, None if made is None else {one.push_id for one in made})
+
+    def _recorded_settings(self) -> EstimatorSettings | None:
+        if self._settings is None:
+            return None
+        try:
+            return EstimatorSettings.from_text(content(self._bag, self._settings, lambda msg: str(msg.data)))
+        except (ValueError, PushfricError):
+            return None
+
+    def _compare_observations(self, ledger: Ledger, made: Sequence[Observation]) -> None:
+        """Each observation that the run made must come out of the bag's poses and pusher states again, and no other."""
+        again = {(one.push_id, one.stamp): one for one in made}
+        recorded = self._observations
+        end = max(stamp for _, stamp in recorded) if self.unfinished is not None else None
+        missing = [key for key in recorded if key not in again]
+        # an interrupted run may end before the observation that its last poses give
+        added = [key for key in again if key not in recorded and (end is None or key[1] <= end)]
+        moved = [key for key in recorded if key in again and not _alike(recorded[key], again[key])]
+        what = f"of the {counted(len(recorded), 'observation')} that the run recorded"
+        if missing:
+            ledger.doubt(f"{what}, {len(missing)} do not come out of its poses and pusher states again, {_pushes(missing)}")
+        if moved:
+            ledger.doubt(f"{what}, {len(moved)} come out of its poses and pusher states otherwise, {_pushes(moved)}")
+        if added:
+            ledger.doubt(
+                f"its poses and pusher states give {counted(len(added), 'observation')} that the run did not record, "
+                f"{_pushes(added)}"
+            )
+
+    def _compare_estimate(self, ledger: Ledger, settings: EstimatorSettings, earlier: int) -> None:
+        """The last estimate cannot rest on more observations than the bag holds."""
+        if self._last is None:
+            return
+        try:
+            rests_on, rejected = content(
+                self._bag, self._last, lambda msg: (int(msg.data_points), {one.push_id for one in getattr(msg, "rejected", ())})
+            )
+        except (ValueError, InvalidInput):
+            return
+        out = rejected | set(settings.excluded)
+        held = earlier + sum(push_id not in out for push_id, _ in self._observations)
+        if rests_on > held:
+            ledger.doubt(f"the last estimate of the run rests on {rests_on} observations, but the bag holds {held} of them")
+
+    def _close_plan(self, ledger: Ledger, pushed: Collection[int] | None) -> None:
+        for before, after in self._skipped:
+            ledger.doubt(
+                f"the plan goes from push {before + 1} to push {after + 1}, and the bag says nothing of what lies between"
+            )
+        if pushed is not None and (empty := sorted(self._done.difference(pushed))):
+            ledger.doubt(f"no observation came from push {', '.join(str(push_id + 1) for push_id in empty)}")
+        if silent := sorted(self._done - self.started):
+            which = ", ".join(str(push_id + 1) for push_id in silent)
+            ledger.doubt(f"push {which} of the plan is done, but the bag does not show its beginning")
+
+
+def _alike(one: Observation, other: Observation) -> bool:
+    """Whether two observations have the same contact, normal, motion and tip, as far as both were recorded."""
+    for name in ("contact_point", "contact_normal", "twist", "tip_velocity"):
+        a, b = getattr(one, name), getattr(other, name)
+        if a is not None and b is not None and not np.allclose(a, b, rtol=0, atol=SAME):
+            return False
+    return True
+
+
+def _pushes(keys: Iterable[Key]) -> str:
+    """The pushes of some observations, in words."""
+    ids = sorted({push_id for push_id, _ in keys})
+    shown = ", ".join(str(push_id + 1) for push_id in ids[:8])
+    more = f" and {len(ids) - 8} more" if len(ids) > 8 else ""
+    return f"in push {shown}{more}"

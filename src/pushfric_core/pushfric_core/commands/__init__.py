@@ -1,0 +1,24 @@
+"""The command line: one module for each command, loaded when it is called."""
+
+SECTIONS = {
+    "Estimates and bags": {
+        "estimate": "Estimate from a bag or a CSV, as fast as possible.",
+        "recognize": "Rank the hypotheses in the object's file by how well they explain the data (section 5.2).",
+        "bag": "Check and recover bags.",
+        "import": "Turn a public data set of real pushes into bags of observations, each with its object.yaml.",
+    },
+    "Planning": {
+        "predict": "Predict where pushes with a point take the object: its twist, whether the tip sticks or slides,"
+        " the spread.",
+        "stable": "Say which pushes with an edge or two fingers hold the object while they turn it about a centre.",
+        "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
+    },
+    "Paper": {
+        "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",
+        "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",
+    },
+}
+"""The sections of the list of commands: each command's name and the first paragraph of its help; its function's docstring
+adds to that."""
+
+COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}

@@ -1,0 +1,168 @@
+"""The command `estimate`."""
+
+import dataclasses
+import pathlib
+import sys
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.json_option import STDOUT, JsonOption, LedgerOption, write_json
+from pushfric_core.commands.options import (
+    CellOption,
+    DaskOption,
+    GridOption,
+    JobsOption,
+    ObjectOption,
+    PartialFlag,
+    SupportPointsOption,
+)
+from pushfric_core.commands.result import print_ledger, print_result
+from pushfric_core.commands.settings_options import with_settings
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.model_file import check_name, save_model
+from pushfric_core.offline.chosen_settings import ChosenSettings
+from pushfric_core.offline.estimation import Choices, estimate_from
+from pushfric_core.report.ledger import account
+from pushfric_core.report.report import ensemble, to_json
+
+
+def estimate(
+    inputs: Annotated[
+        list[pathlib.Path],
+        typer.Argument(metavar="INPUT", help="Bag (folder or .mcap), or CSV of observations.", show_default=False),
+    ],
+    settings: ChosenSettings,
+    object_name: ObjectOption = "",
+    grid: GridOption = None,
+    support_points: SupportPointsOption = None,
+    figure: Annotated[
+        pathlib.Path | None,
+        typer.Option(help="Draw pushes, w, mu_c and p_CF to this file (.png, .svg, .pdf).", show_default=False),
+    ] = None,
+    save: Annotated[
+        pathlib.Path | None,
+        typer.Option(help="Write the estimate to this file (.yaml), as a model for predict and stable.", show_default=False),
+    ] = None,
+    partial: PartialFlag = False,
+    namespace: CellOption = None,
+    refine: Annotated[
+        float | None,
+        typer.Option(help="Let supports be anywhere on the object, on a grid with this spacing [m].", show_default=False),
+    ] = None,
+    samples: Annotated[bool, typer.Option("--samples", help="Add weighted samples of w and mu_c to the JSON.")] = False,
+    out: Annotated[
+        pathlib.Path | None,
+        typer.Option(
+            help="Folder to write: a table, models and a report, from many inputs or folders of inputs.",
+            show_default=False,
+        ),
+    ] = None,
+    jobs: JobsOption = -1,
+    dask: DaskOption = None,
+    json: JsonOption = None,
+    ledger: LedgerOption = None,
+) -> None:
+    """Exit code 1: do not use an estimate, or the bag does not add up; warnings, or the report of --out, say why.
+
+    With --out, an input that cannot be read does not stop the others. If you interrupt the command, call it again: it goes on.
+    """
+    choices = Choices(object_name, grid, support_points, settings, partial, namespace, refine)
+    if out is not None:
+        if figure is not None or save is not None or ledger is not None or samples:
+            raise InvalidInput("--figure, --save, --ledger and --samples are for one input; --out writes models and a report")
+        usable = _many(inputs, choices, out, jobs, dask, json)
+    elif dask is not None:
+        raise InvalidInput("--dask is for many inputs: give --out DIR, too")
+    elif len(inputs) > 1:
+        raise InvalidInput(f"got {len(inputs)} inputs; expected one, or --out DIR for the results of many")
+    else:
+        usable = _one(inputs[0], choices, figure, save, samples, json, ledger)
+    if not usable:
+        sys.exit(1)
+
+
+def _one(
+    source: pathlib.Path,
+    choices: Choices,
+    figure: pathlib.Path | None,
+    save: pathlib.Path | None,
+    samples: bool,
+    json: str | None,
+    ledger: str | None,
+) -> bool:
+    if save is not None:
+        check_name(save)
+    if figure is not None:
+        # imported late: loading matplotlib takes longer than estimating most bags
+        from pushfric_core.report.figures import check_image_name, summary_figure
+
+        check_image_name(figure)
+    estimation = estimate_from(source, choices, warn, whole_course=figure is not None)
+    result = estimation.result
+    for reason in estimation.verdict.reasons:
+        warn(reason)
+    if figure is not None:
+        slipping = estimation.settings.slipping
+        summary_figure(figure, estimation.model.outline, estimation.course, estimation.estimator.observations, None, slipping)
+    if save is not None:
+        if result.contradiction is not None:
+            raise InvalidInput(f"{save}: not written: {result.contradiction}")
+        save_model(estimation.to_model(), save)
+    figures = estimation.figures()
+    if samples:
+        figures["samples"] = ensemble(result)
+    if ledger is not None:
+        figures["ledger"] = account(estimation.ledger)
+    if ledger == STDOUT:
+        print_ledger(estimation.ledger)
+    else:
+        write_json(to_json(account(estimation.ledger)), ledger)
+    print_result(figures, json, estimation.settings.estimator.loss)
+    return estimation.verdict.use and (choices.partial or not estimation.ledger.doubts)
+
+
+def _many(
+    sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs: int, dask: str | None, json: str | None
+) -> bool:
+    # imported late: one estimate needs neither joblib nor matplotlib
+    from pushfric_core.offline.many import Line, estimate_many, inputs_of
+    from pushfric_core.offline.summary import counts, mark_outliers, write_summary
+    from pushfric_core.offline.table import write_table
+
+    if pathlib.Path(choices.object_name).is_file():
+        choices = dataclasses.replace(choices, object_name=str(pathlib.Path(choices.object_name).absolute()))
+    if choices.support_points is not None:
+        choices = dataclasses.replace(choices, support_points=choices.support_points.absolute())
+    inputs = inputs_of(sources)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[broken]} broken"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("estimating", total=len(inputs), broken=0)
+
+        def finished(line: Line) -> None:
+            broken = progress.tasks[task].fields["broken"] + ("error" in line)
+            progress.update(task, advance=1, broken=broken)
+
+        lines = mark_outliers(estimate_many(inputs, choices, out, jobs, dask, finished))
+    files = [*write_table(lines, out), write_summary(lines, out)]
+    number = counts(lines)
+    write_json(to_json(number | {"files": [str(file) for file in files]}), json)
+    if json != STDOUT:
+        console.print(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in number.items()), highlight=False)
+        for file in files:
+            console.print(f"wrote {file}", markup=False, highlight=False)
+    return number["usable"] == number["inputs"]
+
+
+app = Application()
+app.command()(with_settings(estimate))

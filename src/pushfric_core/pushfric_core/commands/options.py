@@ -1,0 +1,61 @@
+"""Arguments and options that several commands have."""
+
+import pathlib
+from typing import Annotated, Any
+
+import typer
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.plausible import other_unit
+
+RUNS = pathlib.Path("runs")
+"""Folder for bags and reports, unless the command line gives another."""
+
+Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
+ObjectOption = Annotated[
+    str,
+    typer.Option(
+        "--object",
+        help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may contain it as object.yaml.",
+        metavar="NAME|FILE",
+        show_default=False,
+    ),
+]
+GridOption = Annotated[
+    tuple[int, int] | None,
+    typer.Option("--grid", help="Support points: a grid of NX by NY over the object.", metavar="NX NY", show_default=False),
+]
+SupportPointsOption = Annotated[
+    pathlib.Path | None,
+    typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].", show_default=False),
+]
+PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag even if messages are missing.")]
+CellOption = Annotated[
+    str | None, typer.Option("--namespace", help="Namespace of the cell, for a bag of several.", show_default=False)
+]
+
+
+def in_range(low: float, high: float, unit: str) -> dict[str, Any]:
+    """For an option or argument: a number outside of its range is refused, with the unit in which it would make sense."""
+
+    def check(parameter: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not low <= value <= high:
+            asked = other_unit(unit, lambda factor: low <= value * factor <= high)
+            raise InvalidInput(f"{parameter.opts[0]} must lie in [{low:g}, {high:g}] {unit}, got {value:g}{asked}")
+        return value
+
+    return {"callback": check}
+
+
+def _processes(jobs: int) -> int:
+    if jobs == 0:
+        raise InvalidInput("--jobs must be -1, or 1 or more, got 0")
+    return jobs
+
+
+JobsOption = Annotated[int, typer.Option(help="Number of processes; -1: one for each core.", min=-1, callback=_processes)]
+DaskOption = Annotated[
+    str | None,
+    typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
+]

@@ -1,0 +1,46 @@
+"""The command `predict`."""
+
+import math
+import pathlib
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import warn
+from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.options import CellOption, ObjectOption
+from pushfric_core.commands.planning import ModelArgument, known
+from pushfric_core.files.pushes_file import MOVED, read_point_pushes
+from pushfric_core.mechanics.prediction import predict as predicted
+from pushfric_core.report.report import to_json
+
+app = Application()
+
+
+@app.command()
+def predict(
+    model: ModelArgument,
+    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(MOVED)}.", show_default=False)],
+    object_name: ObjectOption = "",
+    namespace: CellOption = None,
+    json: JsonOption = None,
+) -> None:
+    """The spread is an angle: 90 % of measured twists lie within it of the predicted one."""
+    outline, friction = known(model, object_name, namespace, warn)
+    found = predicted(friction, *read_point_pushes(pushes, outline))
+    rows = [
+        {"twist": twist.tolist(), "mode": mode.value, "spread": float(spread), "force": force.tolist()}
+        for twist, mode, spread, force in zip(found.twists, found.modes, found.spread, found.forces, strict=True)
+    ]
+    write_json(to_json(rows), json)
+    if json == STDOUT:
+        return
+    output = Console(highlight=False, markup=False, soft_wrap=True)
+    for number, row in enumerate(rows, 1):
+        vx, vy, omega = row["twist"]
+        spread = math.degrees(row["spread"])
+        output.print(
+            f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; 90 % within {spread:.1f} degrees"
+        )

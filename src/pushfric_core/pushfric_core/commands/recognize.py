@@ -1,0 +1,66 @@
+"""The command `recognize`."""
+
+import pathlib
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from pushfric_core.bags import data_points
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import warn
+from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.options import CellOption, GridOption, Input, ObjectOption, PartialFlag, SupportPointsOption
+from pushfric_core.commands.settings_options import with_settings
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.recognition import Recognizer
+from pushfric_core.files.model_file import library
+from pushfric_core.offline.chosen_settings import ChosenSettings
+from pushfric_core.offline.inputs import object_of, with_support
+from pushfric_core.report.report import recognition_report, to_json
+
+
+def recognize(
+    source: Input,
+    settings: ChosenSettings,
+    object_name: ObjectOption = "",
+    grid: GridOption = None,
+    support_points: SupportPointsOption = None,
+    partial: PartialFlag = False,
+    namespace: CellOption = None,
+    models: Annotated[
+        pathlib.Path | None,
+        typer.Option("--library", help="Folder of models (estimate --save): which of them was pushed.", show_default=False),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    chosen = settings.of(source, namespace)
+    model, where = object_of(source, object_name)
+    if models is not None and (grid is not None or support_points is not None):
+        raise InvalidInput("give --library without --grid and --support-points: models have their own support points")
+    model = with_support(model, grid, support_points)
+    hypotheses = model.hypotheses if models is None else library(models, model)
+    if not hypotheses:
+        raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses, or --library FOLDER")
+    seen = data_points.read(source, model, chosen, warn, partial, namespace).observations
+    data = data_points.relied_on(seen, model, chosen, warn)
+    ranking = data_points.recognize(Recognizer(hypotheses, chosen.estimator), data, warn)
+    for ranked in ranking.hypotheses:
+        if ranked.contradiction is not None:
+            warn(f"{ranked.name}: {ranked.contradiction}")
+    _print(recognition_report(ranking), json)
+
+
+app = Application()
+app.command()(with_settings(recognize, without=("tie_break",)))
+
+
+def _print(figures: dict[str, Any], json: str | None) -> None:
+    write_json(to_json(figures), json)
+    if json == STDOUT:
+        return
+    output = Console(highlight=False, markup=False, soft_wrap=True)
+    for hypothesis in figures["hypotheses"]:
+        fit = f"fit {hypothesis['fit_error']:.4g}, ratio {hypothesis['ratio']:.3f}"
+        output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")
+    output.print(f"best: {figures['best'] or 'none is feasible'}")

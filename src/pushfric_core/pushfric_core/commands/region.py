@@ -1,0 +1,88 @@
+"""The command `region`."""
+
+import pathlib
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from pushfric_core.bags import data_points
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.commands.settings_options import option_as_recorded
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
+from pushfric_core.estimation.region import RegionConfig
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.plan_file import save_plan
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.offline.inputs import object_of
+from pushfric_core.report.region import narrowed, region_report
+from pushfric_core.report.report import to_json
+from pushfric_core.wording import counted, data_of
+
+app = Application()
+
+
+@app.command()
+def region(
+    source: Annotated[
+        pathlib.Path | None, typer.Argument(help="Bag (folder or .mcap), or CSV of observations; if none, before any push.")
+    ] = None,
+    object_name: ObjectOption = "",
+    region_margin: Annotated[
+        float | None,
+        option_as_recorded(RegionConfig, "region_margin"),
+    ] = None,
+    exclude_push: Annotated[list[int] | None, typer.Option(help="Leave out this push; repeatable.", show_default=False)] = None,
+    plan: Annotated[
+        pathlib.Path | None,
+        typer.Option(help="Write the push plan that shrinks the region fastest to this file.", show_default=False),
+    ] = None,
+    pushes: Annotated[int, typer.Option(help="Number of pushes in that plan.", min=1, max=20)] = 10,
+    partial: PartialFlag = False,
+    namespace: CellOption = None,
+    json: JsonOption = None,
+) -> None:
+    if source is None and not object_name:
+        raise InvalidInput(f"give a bag, or --object OBJ.yaml or one of {', '.join(TABLE_1)}")
+    model = load_object(object_name) if source is None else object_of(source, object_name)[0]
+    settings = data_points.recorded_settings(source, namespace) if source is not None else EstimatorSettings()
+    try:
+        config = settings.region if region_margin is None else RegionConfig(region_margin)
+    except ValueError as error:
+        raise InvalidInput(str(error)) from error
+    settings = settings.without(exclude_push or ())
+    seen = [] if source is None else data_points.read(source, model, settings, warn, partial, namespace).observations
+    data = data_points.relied_on(seen, model, settings, warn)
+    half_planes = narrowed(model.outline, data, config.region_margin, warn)
+    planned = planned_pushes(half_planes, pushes) if plan is not None else []
+    if plan is not None and not planned:
+        raise InvalidInput("the data points contradict each other: no push is worth planning; try a larger --region-margin")
+    if plan is not None:
+        save_plan([push for push, _ in planned], plan)
+    figures = region_report(half_planes.region(), next_pushes(half_planes))
+    figures |= {"object": model.name, "data_points": len(data), "pushes": len({one.push_id for one in data})}
+    _print(figures, json)
+    if plan is not None:
+        area = f"{planned[-1].expected_area * 1e4:.3g} cm^2"
+        console.print(f"plan: {plan}, {counted(len(planned), 'push', 'pushes')}; expected to leave {area}", markup=False)
+
+
+def _print(figures: dict[str, Any], json: str | None) -> None:
+    write_json(to_json(figures), json)
+    if json == STDOUT:
+        return
+    x, y = (1e3 * value for value in figures["center_of_friction"])
+    size = f"{figures['area'] * 1e4:.3g} cm^2"
+    contradicted = f"collapsed: the data points contradict each other, by {figures['violation'] * 1e3:.2f} mm in all"
+    output = Console(highlight=False, markup=False, soft_wrap=True)
+    output.print(f"region {contradicted if figures['collapsed'] else size}")
+    output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}")
+    for push in figures["next_pushes"]:
+        where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
+        output.print(f"next   {where}: expected to leave {push['expected_area'] * 1e4:.3g} cm^2")
+    output.print(f"from   {data_of(figures['data_points'], figures['pushes'])}")

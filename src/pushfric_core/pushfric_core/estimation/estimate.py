@@ -1,0 +1,220 @@
+"""The estimate of w, p_CF and mu_c that the estimator returns."""
+
+import html
+import importlib.util
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.errors import extra
+from pushfric_core.estimation.estimate_report import EstimateReport, center_line, contact_friction_line
+from pushfric_core.estimation.verdict import InputCheck, Verdict
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Array, as_array
+from pushfric_core.geometry.support import center_of_friction
+from pushfric_core.records import comparable
+from pushfric_core.solvers.program import Optimum, Status
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observations import Observations
+from pushfric_core.uncertainty import contact_friction
+from pushfric_core.uncertainty.contact_friction import ContactForces, MuC, Tip
+from pushfric_core.uncertainty.screening import Change, Rejected
+from pushfric_core.uncertainty.spread import Spread
+from pushfric_core.wording import observations_of
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@comparable
+@dataclass(frozen=True, repr=False)
+class Estimate:
+    """What is known after the last observation; it never changes later.
+
+    Attributes:
+        support_points: (n, 2) [m], object frame.
+        solution: w with its objective and certificate: the fit error [m, unit force]; with the loss l2 [m^2, unit force^2].
+        data_points: number of data points used.
+        pushes: number of pushes that they came from.
+        stamp: of the newest data point [ns]; 0 if unknown.
+        contact_forces: at each contact, of supports of unit weight, in order of arrival.
+        conflicts: data points whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
+        center_given: the centre of friction is one of the hard constraints (eq. 13).
+        spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not tell.
+        lack: why the pushes do not tell the spread, in words; None if they vary enough.
+        tip: what was seen and measured of the pusher's tip at each contact.
+        moment_error: mean moment error of a data point [m, unit force]; None if the fit has other terms or another loss.
+        observations: those that it rests on; in order of arrival, except that those of a push that came back are the last.
+        rejected: the pushes that are left out because they are unlike the others, each with the reason.
+        change: of the object; None as long as it seems to be the same.
+        outline: of the object; None: the estimator does not know it.
+
+    Example:
+        >>> from pushfric_core import Estimator, Observation, Twist
+        >>> estimator = Estimator([(-0.05, 0.0), (0.05, 0.0)])
+        >>> estimate = estimator.add(Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1)))
+        >>> estimate
+        <Estimate: p_CF (10.00, 0.00) mm from 1 observation of 1 push, optimal>
+        >>> print(str(estimate).splitlines()[0])
+        p_CF   (10.00, 0.00) mm
+        >>> estimate.w.round(2).tolist(), estimate.verdict.use
+        ([0.4, 0.6], False)
+    """
+
+    support_points: Array
+    solution: Optimum
+    data_points: int
+    pushes: int
+    stamp: int
+    contact_forces: ContactForces
+    conflicts: tuple[Observation, ...] = ()
+    center_given: bool = False
+    spread: Spread | None = None
+    lack: str | None = None
+    tip: Tip | None = None
+    moment_error: float | None = None
+    observations: Observations = field(default_factory=Observations, compare=False)
+    rejected: tuple[Rejected, ...] = ()
+    change: Change | None = None
+    outline: Outline | None = field(default=None, compare=False)
+
+    @property
+    def w(self) -> Array:
+        """Support friction distribution (n,), >= 0, sum 1."""
+        return self.solution.w
+
+    @property
+    def status(self) -> Status:
+        """How far the solution can be trusted."""
+        return self.solution.status
+
+    @property
+    def total_friction(self) -> float | None:
+        """Support friction of the translating object [N], so that w times it is in newtons; None without measured forces."""
+        return 1 / self.solution.scale if self.solution.scale > 0 else None
+
+    @property
+    def contradiction(self) -> str | None:
+        """Which pushes contradict each other, in words; None if no pushes do."""
+        if self.status is not Status.INFEASIBLE:
+            return None
+        pushes = sorted({observation.push_id for observation in self.conflicts})
+        if not pushes:
+            return "no w over the support points has the centre of friction that is asked for"
+        given = " with the centre of friction that is asked for" if self.center_given else ""
+        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
+
+    @cached_property
+    def center_of_friction(self) -> Array:
+        """p_CF (2,) [m], object frame (eq. 3)."""
+        return center_of_friction(self.support_points, self.w)
+
+    @property
+    def confidence(self) -> float | None:
+        """Radius about p_CF that holds the true one with a probability of 90 % [m]; None without a spread."""
+        return None if self.spread is None else self.spread.radius
+
+    @cached_property
+    def mu_c(self) -> MuC | None:
+        """The contact friction coefficient with its interval; None without observations."""
+        if self.tip is None or not self.data_points:
+            return None
+        weights = self.w[None] if self.spread is None else np.vstack((self.spread.middle, self.spread.samples))
+        return contact_friction.coefficient(self.contact_forces, self.tip, weights)
+
+    def mu_c_of(self, weights: npt.ArrayLike) -> list[float | None]:
+        """mu_c under each of some w (k, n); None for a w under which it is only bounded."""
+        if self.tip is None or not self.data_points:
+            return [None] * len(as_array(weights))
+        found = [contact_friction.coefficient(self.contact_forces, self.tip, w[None]) for w in as_array(weights)]
+        return [None if one is None else one.value for one in found]
+
+    @cached_property
+    def contact_friction(self) -> Array:
+        """Lower bounds (m,) on mu_c, one for each observation (eq. 12)."""
+        return contact_friction.lower_bounds(self.contact_forces, self.w)
+
+    @property
+    def mu_c_p90(self) -> float:
+        """Value at or below which 90 % of the lower bounds lie."""
+        return contact_friction.percentile(self.contact_friction, 0.9)
+
+    @property
+    def mu_c_max(self) -> float:
+        """The largest of the lower bounds."""
+        return contact_friction.percentile(self.contact_friction, 1.0)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the estimate may be used: `use`, and `reasons` if not."""
+        check = InputCheck(self.support_points)
+        for observation in self.observations:
+            check.add(observation)
+        return replace(check.verdict(self, self.change), rejected=self.rejected)
+
+    def __str__(self) -> str:
+        if not self.data_points:
+            return f"no observations yet: any w over the {len(self.w)} support points is as good as another"
+        figures = self.to_dict()
+        use = "may be used" if self.verdict.use else f"do not use it: {'; '.join(self.verdict.reasons)}"
+        rests_on = f"from   {observations_of(self.data_points, self.pushes)}; {use}"
+        return f"{center_line(figures)}\n{contact_friction_line(figures)}\n{rests_on}"
+
+    def __repr__(self) -> str:
+        x, y = 1e3 * self.center_of_friction
+        return (
+            f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from {observations_of(self.data_points, self.pushes)}, {self.status.value}>"
+        )
+
+    def to_dict(self, object_name: str = "") -> dict[str, Any]:
+        """All numbers, named as in the JSON of `pushfric estimate --json`: SI units, object frame (docs/files.md).
+
+        Args:
+            object_name: the value of the key `object`.
+        Raises:
+            ValueError: the estimate rests on no observation.
+        """
+        return EstimateReport.of(self, object_name, verdict=self.verdict).to_dict()
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """A table with a row for each support point: `x`, `y` [m], object frame, `w`, and its 90 % interval `low`, `high`.
+
+        The interval is NaN without a spread.
+
+        Raises:
+            MissingPackage: pandas is not installed.
+        """
+        with extra("pandas", "to_frame"):
+            import pandas
+        intervals = np.full((len(self.w), 2), np.nan) if self.spread is None else self.spread.intervals
+        return pandas.DataFrame(
+            np.column_stack((self.support_points, self.w, intervals)), columns=["x", "y", "w", "low", "high"]
+        )
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the object in its frame [mm]: w as dots of proportional area, p_CF, its 90 % ellipse, contacts and pushes.
+
+        The outline is drawn if the estimator was given it. An arrow shows where each push began.
+
+        Args:
+            axes: of matplotlib; None: those of a new figure of pyplot.
+        Returns:
+            The axes.
+        Raises:
+            MissingPackage: matplotlib is not installed.
+        """
+        with extra("plot", "plot"):
+            from pushfric_core.estimation import picture
+        return picture.draw(axes, self)
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the text, with the picture if matplotlib is installed."""
+        text = f"<pre>{html.escape(str(self))}</pre>"
+        if importlib.util.find_spec("matplotlib") is None:
+            return text
+        from pushfric_core.estimation import picture
+
+        return picture.as_html(self) + text

@@ -1,0 +1,471 @@
+"""The estimator: add(observation) -> estimate of w, p_CF and mu_c, as in section 3.3."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.verdict import InputCheck, Verdict
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.support import FreeRadii, check_points, support_forces
+from pushfric_core.program.constraint_rows import stack
+from pushfric_core.program.constraints import (
+    Cone,
+    Constraint,
+    Frictionless,
+    Moment,
+    NormalForce,
+    SensedDirection,
+    SensedForce,
+    center_of_friction_rows,
+)
+from pushfric_core.settings import check_ranges, setting
+from pushfric_core.solvers import empty_program
+from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Solver, Status, largest_fit_error
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observations import Observations
+from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
+from pushfric_core.uncertainty.screening import REASONS, Rejected, Screening
+from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, NOISELESS, Spread, Variety, effects, is_due, rise, spread
+
+TERMS: dict[str, Callable[["EstimatorConfig"], Constraint]] = {
+    "moment": lambda config: Moment(config.half_width),
+    "frictionless": lambda config: Frictionless(config.force_weight),
+    "cone": lambda config: Cone(config.mu_bound, config.force_weight),
+    "force": lambda config: SensedForce(config.force_weight),
+    "force_angle": lambda config: SensedDirection(config.force_half_angle, config.force_weight),
+}
+"""The built-in terms, in the order of their rows."""
+
+FORCE_TERMS = ("force", "force_angle")
+"""The terms that need a measured force; a data point without one adds no row for them."""
+
+COR_SHARE = 0.55
+"""How far the centre of rotation moves in a step, as a fraction of the support's size; see docs/estimation.md."""
+
+ABLE = "auto: with the solver simplex and the loss l1, which it needs"
+"""When a setting that is None is on, as its description says it."""
+
+
+@dataclass(frozen=True)
+class EstimatorConfig:
+    """Which constraints make up the program; except for cor_radius, the defaults are the paper's (section 5).
+
+    `terms` takes the names of the built-in constraints, and objects of your own subclasses of `Constraint`. A solver and a loss
+    may be given by name, too.
+
+    Example:
+        >>> from pushfric_core import Estimator, EstimatorConfig
+        >>> config = EstimatorConfig(terms=("moment", "cone"), mu_bound=0.5)
+        >>> Estimator([(-0.05, 0.0), (0.05, 0.0)], config).estimate().w.tolist()
+        [0.5, 0.5]
+    """
+
+    terms: tuple[str | Constraint, ...] = setting(("moment",), f"what the fit error is made of, any of: {', '.join(TERMS)}")
+    half_width: float = setting(0.0, "half the contact interval of data points without their own [m] (eqs 5 and 6)", 0.0, 1.0)
+    cor_radius: float | None = setting(
+        None,
+        "supports this near the centre of rotation may push any way [m]; 0: none, as in the paper; auto: the nearer, the "
+        f"freer, within {COR_SHARE:g} of the rms distance of the support points from their middle",
+        0.0,
+        1.0,
+    )
+    nonnegative_force: bool = setting(True, "the pusher cannot pull: f.n >= 0 (eq. 7)")
+    pull_penalty: float = setting(
+        math.inf, "cost of a unit of force that pulls, as the moment that costs the same [m]; inf: eq. 7 is hard", 0.0, math.inf
+    )
+    mu_bound: float = setting(
+        math.inf, "known upper bound on mu_c, required by the term cone (eqs 9 and 10); inf: not known", 0.0, math.inf
+    )
+    force_weight: float = setting(0.035, "cost of a unit of force, as the moment that costs the same [m]", 0.0, 100.0)
+    force_half_angle: float = setting(
+        0.0,
+        "half-angle of the cone about a measured force that contains the true one, for the term force_angle [rad]",
+        0.0,
+        1.5,
+    )
+    loss: Loss = setting(
+        Loss.L1, "l1: the sum of errors, robust; l2: the sum of their squares, for Gaussian errors (section 6.1)"
+    )
+    solver: Solver = setting(
+        Solver.SIMPLEX, "simplex: exact; osqp: approximate, for comparison; the loss l2 has its own solver"
+    )
+    tie_break: bool | None = setting(
+        None, f"of equally good w, take the one nearest to equal weights; {ABLE}, and without the term force"
+    )
+    confidence: bool | None = setting(None, f"compute how far p_CF can be trusted; {ABLE}")
+    screening: bool | None = setting(
+        None, f"leave pushes out that are unlike the others, and look for a change of the object; {ABLE}"
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        for name, choices in (("loss", Loss), ("solver", Solver)):
+            if getattr(self, name) not in list(choices):
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, choices(getattr(self, name)))
+        object.__setattr__(self, "terms", tuple(self.terms))
+        unknown = [term for term in self.terms if not isinstance(term, Constraint) and term not in list(TERMS)]
+        if unknown:
+            raise ValueError(f"terms must be of {', '.join(TERMS)}, got the unknown {', '.join(map(repr, unknown))}")
+        if not self.terms:
+            raise ValueError(f"terms must name at least one of {', '.join(TERMS)}, got none")
+        if "cone" in self.terms and self.mu_bound == math.inf:
+            raise ValueError("the term cone needs a mu_bound, the known upper bound on mu_c, got none")
+        if self.with_scale and not self.exact:
+            raise ValueError(f"the term force needs the loss l1 and the solver simplex, got {self.loss} and {self.solver}")
+        for name in ("tie_break", "confidence", "screening"):
+            if getattr(self, name) and not self.exact:
+                raise ValueError(
+                    f"{name} needs the loss l1 and the solver simplex, got {self.loss} and {self.solver}; leave it to auto"
+                )
+        if self.tie_break and self.with_scale:
+            raise ValueError("tie_break cannot act with the term force, whose scale leaves no ties; leave it to auto")
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """The constraints that make the rows of an observation: built-in terms, your own ones, and eq. 7."""
+        built_in = tuple(make(self) for name, make in TERMS.items() if name in self.terms)
+        own = tuple(term for term in self.terms if isinstance(term, Constraint))
+        return built_in + own + (NormalForce(self.pull_penalty),) * self.nonnegative_force
+
+    @property
+    def exact(self) -> bool:
+        """Whether the solver finds the exact optimum and all that is as good: for tie-break, confidence, outlier rejection."""
+        return (self.loss, self.solver) == (Loss.L1, Solver.SIMPLEX)
+
+    @property
+    def with_scale(self) -> bool:
+        """Whether a term compares magnitudes of measured forces, which needs their scale."""
+        return any(constraint.with_scale for constraint in self.constraints)
+
+    @property
+    def needs_force(self) -> bool:
+        """Whether a term needs measured forces."""
+        return any(constraint.needs_force for constraint in self.constraints)
+
+
+def free_radii(support_points: Array, config: EstimatorConfig) -> FreeRadii:
+    """How near the centre of rotation supports (n, 2) [m] may push any way."""
+    if config.cor_radius is not None:
+        return FreeRadii(config.cor_radius, config.cor_radius)
+    spread = support_points - support_points.mean(axis=0)
+    return FreeRadii(0.0, COR_SHARE * math.sqrt(np.mean(np.sum(spread**2, axis=1))))
+
+
+class Estimator:
+    """Fits w over hypothesised support points to observations.
+
+    What it says is a function of the observations and the settings alone: not of the order of the pushes, nor of when somebody
+    asked. There are two exceptions: whether the object has changed is a question of time; and if there are more than
+    `spread.EXACT` observations, screening looks only after every second, third, ... of them.
+
+    Args:
+        support_points: (n, 2) hypothesised supports in the object frame [m].
+        config: the constraints; EstimatorConfig() by default.
+        center_of_friction: p_CF (2,) [m] if it is known or hypothesised; it becomes a hard constraint (eq. 13). Then there is
+            neither confidence nor screening.
+        free: how near the centre of rotation supports may push any way; by default as the config says.
+        outline: of the object, which pictures of the estimates show; None: it is not known.
+    Raises:
+        ValueError: support_points is not (n, 2) with n >= 1, center_of_friction not (2,), or a value is not finite; or p_CF is
+            given and confidence or screening is asked for.
+
+    Example:
+        >>> from pushfric_core import Estimator, Observation, Outline, Twist
+        >>> outline = Outline.rectangle(0.12, 0.06)
+        >>> estimator = Estimator(outline.grid(5, 3), outline=outline)
+        >>> estimate = estimator.add(Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1), push_id=0))
+        >>> estimate = estimator.add(Observation((0.06, 0.01), (1.0, 0.0), Twist(-0.02, 0.0, 0.1), push_id=1))
+        >>> len(estimator.observations), estimate.status.value
+        (2, 'optimal')
+    """
+
+    def __init__(
+        self,
+        support_points: npt.ArrayLike,
+        config: EstimatorConfig | None = None,
+        center_of_friction: npt.ArrayLike | None = None,
+        free: FreeRadii | None = None,
+        outline: Outline | None = None,
+    ) -> None:
+        self.support_points = check_points(support_points)
+        self.outline = outline
+        self.config = config = config or EstimatorConfig()
+        self._free = free or free_radii(self.support_points, config)
+        self._constraints = config.constraints
+        self._columns = len(self.support_points) + config.with_scale
+        self._center: Array | None = None
+        if center_of_friction is not None:
+            self._center = np.array(center_of_friction, dtype=float)
+            if self._center.shape != (2,) or not np.isfinite(self._center).all():
+                raise ValueError(f"center_of_friction must be two finite numbers, got {center_of_friction!r}")
+            if config.confidence or config.screening:
+                raise ValueError("confidence and screening ask where p_CF is, but it is given; leave them to auto")
+        able = config.exact and self._center is None
+        self._open = able and config.confidence is not False
+        self._screens = able and config.screening is not False
+        self._size = float(np.ptp(self.support_points, axis=0).max())
+        self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
+        n = len(self.support_points)
+        # along which the set is measured: eight directions of p_CF, and each w_j upwards and downwards
+        tilts = DIRECTIONS @ (self.support_points - self.support_points.mean(axis=0)).T
+        self._tilts = np.concatenate((tilts, np.eye(n), -np.eye(n)))
+        self._kept: set[int] = set()  # pushes that stay in, whatever shows
+        self._begin()
+
+    def _begin(self) -> None:
+        """Without any observation."""
+        self._program = self._empty_program()
+        self._observations: dict[int, Observation] = {}  # by the number of its rows in the program
+        self._listed: list[Observation] = []  # the same; estimates hold on to it, so observations are only ever appended
+        self._pushes: Counter[int] = Counter()
+        self._contacts = _Contacts(len(self.support_points))
+        self._next = 0
+        self._newest: Observation | None = None
+        self._seen: list[Observation] = []  # all observations, also those of rejected pushes, in order of arrival
+        self._screening = Screening(self.support_points) if self._screens else None
+        self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
+        self._screened = 0  # number of observations at the last screening
+        self._last_spread: Spread | None = None
+        self._spread_of = 0  # number of observations that it rests on
+        self._forget()
+        if self._center is not None:
+            self._program.add(stack([center_of_friction_rows(self._center, self.support_points)], self._columns))
+            self._next = 1
+
+    @property
+    def observations(self) -> Observations:
+        """The observations in the program; in order of arrival, except that those of a push that came back are the last."""
+        return Observations(self._listed, len(self._listed))
+
+    @property
+    def newest(self) -> Observation | None:
+        """The observation with the latest stamp, even if its push is rejected; None without any."""
+        return self._newest
+
+    @property
+    def rejected(self) -> tuple[Rejected, ...]:
+        """The pushes that are left out because they are unlike the others, each with the reason."""
+        return tuple(Rejected(push_id, REASONS[what]) for push_id, what in sorted(self._rejected.items()))
+
+    def add(self, observations: Observation | Iterable[Observation]) -> Estimate:
+        """Take an observation, or some, and estimate again, starting from the last optimum.
+
+        With the setting `screening`, a push that turns out to be unlike the others is left out, until it no longer is. If
+        observations contradict the nonnegative force, the status is INFEASIBLE, w violates it least, and `conflicts` names
+        them.
+
+        Raises:
+            UninformativePush: one rotates exactly about a support point; the estimator stays as it was.
+        """
+        added = (observations,) if isinstance(observations, Observation) else tuple(observations)
+        for observation in added:
+            self.check(observation)
+        for observation in added:
+            self._take(observation)
+        return self._estimate(at_rest=len(added) != 1)
+
+    def _take(self, observation: Observation) -> None:
+        self._seen.append(observation)
+        if self._newest is None or observation.stamp >= self._newest.stamp:
+            self._newest = observation
+        if observation.push_id not in self._rejected:
+            self._append(observation)
+        if self._screening is not None:
+            self._screening.add(observation)
+            if is_due(len(self._seen), self._screened):
+                self._screened = len(self._seen)
+                self._reject(self._screening)
+        self._program.solve()  # from one optimum to the next, however many observations come at once
+
+    def keep(self, push_id: int) -> Estimate:
+        """Keep a push in, or take it back, even if something shows that it is bad. All observations are taken again."""
+        self._kept.add(push_id)
+        return self._take_again(self._seen)
+
+    def exclude(self, push_id: int) -> Estimate:
+        """Take all observations of a push out (section 5.1.3). All others are taken again, as if it had never been there.
+
+        Raises:
+            ValueError: there is no observation of that push.
+        """
+        others = [observation for observation in self._seen if observation.push_id != push_id]
+        if len(others) == len(self._seen):
+            known = sorted({observation.push_id for observation in self._seen})
+            raise ValueError(f"push_id must be one of {', '.join(map(str, known)) or 'none'}, got {push_id}")
+        return self._take_again(others)
+
+    def _take_again(self, observations: list[Observation]) -> Estimate:
+        self._begin()
+        for observation in observations:
+            self._take(observation)
+        return self.estimate()
+
+    def _reject(self, screening: Screening) -> None:
+        """Leave the bad pushes out, and take those back that are so no longer."""
+        bad = {push_id: what for push_id, what in screening.look().items() if push_id not in self._kept}
+        for push_id in sorted(bad.keys() - self._rejected.keys()):
+            self._take_out(push_id)
+        back = self._rejected.keys() - bad.keys()
+        for observation in self._seen:
+            if observation.push_id in back:
+                self._append(observation)
+        self._rejected = bad
+
+    def _append(self, observation: Observation) -> None:
+        forces = support_forces(self.support_points, observation.twist, self._free)
+        rows = stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns)
+        self._program.add(rows)
+        self._contacts.append(contact_forces(observation, forces), tip_at(observation))
+        self._look_at(observation)
+        self._observations[self._next] = observation
+        self._listed.append(observation)
+        self._pushes[observation.push_id] += 1
+        self._next += 1
+
+    def check(self, observation: Observation) -> None:
+        """Check that `add` would take an observation.
+
+        Raises:
+            UninformativePush: it would not.
+        """
+        support_forces(self.support_points, observation.twist, self._free)
+
+    def _take_out(self, push_id: int) -> None:
+        groups = [group for group, observation in self._observations.items() if observation.push_id == push_id]
+        kept = np.array([observation.push_id != push_id for observation in self._observations.values()])
+        for group in groups:
+            self._program.remove(group)
+            del self._observations[group]
+        self._listed = list(self._observations.values())
+        del self._pushes[push_id]
+        self._contacts.keep(kept)
+        self._forget()
+        for observation in self._observations.values():
+            self._look_at(observation)
+
+    def estimate(self) -> Estimate:
+        """The estimate from all present observations; without any, every w is equally good."""
+        return self._estimate(at_rest=True)
+
+    def _estimate(self, at_rest: bool) -> Estimate:
+        """The estimate; if more observations may follow at once, the spread of many may rest on fewer (see `spread.EXACT`)."""
+        solution = self._solve()
+        groups = self._program.conflicts()
+        conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
+        data_points, pushes = len(self._observations), len(self._pushes)
+        lack = self._variety.lack(pushes)
+        told = self._open and lack is None and solution.status is Status.OPTIMAL
+        if told and (self._spread_of != data_points if at_rest else is_due(data_points, self._spread_of)):
+            self._last_spread, self._spread_of = self._spread(solution), data_points
+        return Estimate(
+            self.support_points,
+            solution,
+            data_points,
+            pushes,
+            self._newest.stamp if self._newest is not None else 0,
+            self._contacts.forces,
+            conflicts,
+            self._center is not None,
+            self._last_spread if told else None,
+            lack,
+            self._contacts.tip,
+            solution.objective / data_points if self._moments_alone and data_points else None,
+            Observations(self._listed, data_points),
+            self.rejected,
+            None if self._screening is None else self._screening.change,
+            self.outline,
+        )
+
+    def verdict(self, estimate: Estimate) -> Verdict:
+        """Whether the last estimate may be used."""
+        for observation in self._unchecked:
+            self._input.add(observation)
+        self._unchecked.clear()
+        return replace(self._input.verdict(estimate, estimate.change), rejected=estimate.rejected)
+
+    def _forget(self) -> None:
+        """Begin to look at the observations from the first one on."""
+        self._variety, self._input = Variety(self._size), InputCheck(self.support_points)
+        self._unchecked: list[Observation] = []  # observations that the input check has not seen yet: only a verdict needs it
+        self._last_spread, self._spread_of = None, 0
+
+    def _look_at(self, observation: Observation) -> None:
+        self._variety.add(observation.push_id, observation.contact_point, observation.contact_normal)
+        self._unchecked.append(observation)
+
+    def _spread(self, solution: Optimum) -> Spread | None:
+        """What the data leave open; None if the extremes of the set were not found."""
+        count, pushes, n = len(self._observations), len(self._pushes), len(self.support_points)
+        program = cast(LevelSets, self._program)
+        rows = program.rows()
+        worst = largest_fit_error(rows, n)
+        delta = rise(solution.objective, worst, count, solution.w)
+        wanted = np.concatenate((np.ones(8 + n, dtype=bool), solution.w > 0))  # the least w_j of all others is the 0 they have
+        found = program.extremes(self._tilts[wanted], delta)
+        if found is None:
+            return None
+        extremes, most, least = np.split(found, (8, 8 + n))
+        reach = np.column_stack((np.zeros(n), np.diagonal(most)))
+        bearing = np.flatnonzero(solution.w > 0)
+        reach[bearing, 0] = least[np.arange(len(bearing)), bearing]
+        if solution.objective > NOISELESS * worst:
+            group_pushes = np.fromiter((one.push_id for one in self._observations.values()), dtype=np.int64, count=count)
+            places = np.empty(self._next, dtype=np.int64)
+            places[list(self._observations)] = np.arange(count)
+            factors = effects(rows, places[program.row_groups()], group_pushes, extremes, solution.scale, delta)
+        else:  # the set is that of the optima
+            factors = np.full(4, 1 / ELLIPSE)
+        freedom = max(1, min(count - int(np.count_nonzero(solution.w > 1e-9)) + 1, pushes - 1))
+        return spread(self.support_points, solution.w, extremes, reach, factors, freedom, count)
+
+    def _empty_program(self) -> Program:
+        config = self.config
+        return empty_program(len(self.support_points), config.loss, config.solver, config.with_scale)
+
+    def _solve(self) -> Optimum:
+        return self._program.solve() if self.config.tie_break is False else self._program.nearest_uniform()
+
+
+class _Contacts:
+    """The contact forces of the present data points, in arrays with room to grow; arrays that were returned never change."""
+
+    def __init__(self, n: int) -> None:
+        self._count = 0
+        self._hold(np.empty((3, 0, n)), np.empty((4, 0)), 64)
+
+    @property
+    def tip(self) -> Tip:
+        return Tip(*self._shown_tips[:, : self._count])
+
+    @property
+    def forces(self) -> ContactForces:
+        return ContactForces(*self._shown[:, : self._count])
+
+    def append(self, forces: ContactForces, tip: tuple[float, float, float, float]) -> None:
+        row = self._count
+        if row == self._room.shape[1]:
+            self._hold(self._room, self._tips, row)
+        self._tips[:, row] = tip
+        self._room[0, row], self._room[1, row], self._room[2, row] = forces.normal, forces.along, forces.free
+        self._count += 1
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        kept, tips = self._room[:, : self._count][:, which], self._tips[:, : self._count][:, which]
+        self._count = kept.shape[1]
+        self._hold(kept, tips, 64)
+
+    def _hold(self, forces: Array, tips: Array, more: int) -> None:
+        """Hold these from now on, with room for some more."""
+        self._room = np.concatenate((forces, np.empty((3, more, forces.shape[2]))), axis=1)
+        self._tips = np.concatenate((tips, np.empty((4, more))), axis=1)
+        self._shown, self._shown_tips = self._room.view(), self._tips.view()
+        self._shown.setflags(write=False)
+        self._shown_tips.setflags(write=False)

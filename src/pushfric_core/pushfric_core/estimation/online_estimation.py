@@ -1,0 +1,165 @@
+"""All that a live run estimates of one object: w, p_CF and mu_c, the region of p_CF, and which hypothesis fits."""
+
+from collections.abc import Callable
+
+from pushfric_core.errors import PushfricError
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.push_choice import RankedPush, next_pushes
+from pushfric_core.estimation.recognition import Ranking, Recognizer
+from pushfric_core.estimation.region import HalfPlanes, Region, line_of_motion
+from pushfric_core.estimation.verdict import Verdict
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observations import Observations
+
+Refuse = Callable[[str, PushfricError], None]
+
+
+class OnlineEstimation:
+    """Takes data points in steps, so that each result can be published before the next one is computed.
+
+    Args:
+        outline: of the object.
+        estimator: without data points.
+        margin: by how much the half-planes of the region are widened [m].
+        recognizer: without data points; None if there are no hypotheses about the object.
+        refuse: called with what cannot be used of a data point, and why; the results stay as they were.
+    Attributes:
+        estimate: the last one; None without observations.
+        ranking: of the hypotheses; None before the first one.
+    """
+
+    def __init__(
+        self, outline: Outline, estimator: Estimator, margin: float, recognizer: Recognizer | None, refuse: Refuse
+    ) -> None:
+        self._outline, self._margin = outline, margin
+        self._estimator, self._recognizer, self._refuse = estimator, recognizer, refuse
+        self._half_planes = HalfPlanes(outline, margin)
+        self._left_out: set[int] = set()  # pushes that the region does not use
+        self._unranked: set[int] = set()  # pushes that the ranking does not use
+        self.estimate: Estimate | None = None
+        self.ranking: Ranking | None = None
+
+    @property
+    def observations(self) -> Observations:
+        """The data points that the estimate rests on."""
+        return self._estimator.observations
+
+    @property
+    def newest(self) -> Observation | None:
+        """The newest data point, even if its push is rejected; None without any."""
+        return self._estimator.newest
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is an estimate that no hard constraint contradicts."""
+        return self.estimate is not None and self.estimate.contradiction is None
+
+    def verdict(self) -> Verdict:
+        """Whether the last estimate may be used; of no estimate, nothing is said."""
+        return Verdict() if self.estimate is None else self._estimator.verdict(self.estimate)
+
+    def learn(self, observation: Observation) -> None:
+        """Take a data point in one go, in all respects."""
+        if self.take(observation):
+            self.narrow(observation)
+            self.recognize(observation)
+
+    def take(self, observation: Observation) -> bool:
+        """Estimate w again, with one more data point; return whether it could be used."""
+        try:
+            self.estimate = self._estimator.add(observation)
+        except PushfricError as error:
+            self._refuse("observation", error)
+            return False
+        return True
+
+    def narrow(self, observation: Observation) -> None:
+        """Narrow the region down with a data point that was taken; start over if the pushes that are left out have changed."""
+        rejected = self._rejected()
+        if rejected != self._left_out:
+            self._narrow_again()
+        elif observation.push_id not in rejected:
+            self._cut(observation)
+
+    def recognize(self, observation: Observation) -> bool:
+        """Rank the hypotheses again, with a data point that was taken, by the pushes that the estimate rests on; return whether
+        the ranking is a new one."""
+        before = self.ranking
+        if observation.push_id not in self._rank_again() | self._rejected():
+            self._rank(observation)
+        return self.ranking is not before
+
+    def settle(self) -> None:
+        """Let all that the estimate says rest on all observations, now that no other follows at once."""
+        if self.estimate is not None:
+            self.estimate = self._estimator.estimate()
+
+    def exclude(self, push_id: int) -> Estimate:
+        """Take all data points of a push out of everything; return what is left, perhaps without any data points.
+
+        Raises:
+            ValueError: there is no data point of that push.
+        """
+        left = self._estimator.exclude(push_id)
+        self.estimate = left if left.data_points else None
+        self._narrow_again()
+        self._unrank(push_id)
+        self._rank_again()
+        return left
+
+    def keep(self, push_id: int) -> Estimate:
+        """Keep a push in, or take it back, even if it is unlike the others; return the estimate with it."""
+        kept = self._estimator.keep(push_id)
+        self.estimate = kept if kept.data_points else None
+        self._narrow_again()
+        self._rank_again()
+        return kept
+
+    def region(self) -> Region:
+        """Where p_CF can lie by the half-planes of the pushes that are not left out."""
+        return self._half_planes.region()
+
+    def next_pushes(self) -> list[RankedPush]:
+        """The pushes that are expected to shrink the region most, best first."""
+        return next_pushes(self._half_planes)
+
+    def _rejected(self) -> set[int]:
+        return {one.push_id for one in self._estimator.rejected}
+
+    def _narrow_again(self) -> None:
+        self._left_out = self._rejected()
+        self._half_planes = HalfPlanes(self._outline, self._margin)
+        for observation in self._estimator.observations:
+            self._cut(observation)
+
+    def _rank_again(self) -> set[int]:
+        """Rank by the pushes that are not left out now, if they have changed; return those that came back."""
+        rejected = self._rejected()
+        for push_id in sorted(rejected - self._unranked):
+            self._unrank(push_id)
+        back, self._unranked = self._unranked - rejected, rejected
+        for observation in self._estimator.observations if back else ():
+            if observation.push_id in back:
+                self._rank(observation)
+        return back
+
+    def _rank(self, observation: Observation) -> None:
+        if self._recognizer is None:
+            return
+        try:
+            self.ranking = self._recognizer.add(observation)
+        except PushfricError as error:
+            self._refuse("observation, for recognition,", error)
+
+    def _unrank(self, push_id: int) -> None:
+        # recognition may have refused all data points of that push
+        if self._recognizer is not None and any(one.push_id == push_id for one in self._recognizer.observations):
+            self.ranking = self._recognizer.exclude(push_id)
+
+    def _cut(self, observation: Observation) -> None:
+        try:
+            self._half_planes.add(line_of_motion(observation))
+        except PushfricError as error:
+            self._refuse("observation, for the region of p_CF,", error)

@@ -1,0 +1,70 @@
+"""Where an object is to be pushed, and how it must lie in front of the pusher for that."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Array, Pose, as_array, rotation, wrap
+from pushfric_core.plausible import other_unit
+
+
+class PlannedPush(NamedTuple):
+    """One push against an edge of the outline."""
+
+    edge: int  # index; edge i runs counter-clockwise from vertex i to vertex i + 1
+    offset: float  # of the contact from the middle of the edge, along the edge [m]
+    angle: float = 0.0  # of the push direction from the inward normal, counter-clockwise [rad]
+
+
+def even_pushes(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
+    """Pushes equally spaced along each edge, perpendicular to it (section 5).
+
+    Args:
+        outline: of the object.
+        counts: number of pushes for each edge.
+    Raises:
+        ValueError: not one count for each edge, or a negative count.
+    """
+    if len(counts) != len(outline.vertices) or min(counts) < 0:
+        raise ValueError(f"expected {len(outline.vertices)} counts, one for each edge, none negative; got {tuple(counts)}")
+    return [
+        PlannedPush(edge, ((index + 1) / (count + 1) - 0.5) * float(outline.lengths[edge]))
+        for edge, count in enumerate(counts)
+        for index in range(count)
+    ]
+
+
+def planned_contact(outline: Outline, push: PlannedPush) -> tuple[Array, Array]:
+    """The point (2,) of the outline that a push is to touch [m], and the unit vector (2,) of its direction; object frame."""
+    along = 0.5 + push.offset / outline.lengths[push.edge]
+    point = outline.vertices[push.edge] + along * outline.edges[push.edge]
+    return point, rotation(push.angle) @ -outline.normals[push.edge]
+
+
+def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: float) -> Pose:
+    """The pose in the table frame at which the tip, at stroke `position` [m], touches the planned point at the planned angle.
+
+    Args:
+        outline: of the object.
+        push: which point is to be touched, and from which direction.
+        line: on which the tip moves, table frame.
+        position: of the tip along the line [m].
+    Raises:
+        ValueError: the outline has no such edge, the offset lies off it, or the push would come from inside.
+    """
+    if not 0 <= push.edge < len(outline.vertices):
+        raise ValueError(f"edge must lie in [0, {len(outline.vertices) - 1}], got {push.edge}")
+    half = float(outline.lengths[push.edge]) / 2
+    if not abs(push.offset) < half:
+        asked = other_unit("m", lambda factor: abs(push.offset * factor) < half)
+        raise ValueError(f"offset must lie within {half:g} m of the middle of edge {push.edge}, got {push.offset:g} m{asked}")
+    if not abs(push.angle) < np.pi / 2:
+        raise ValueError(f"angle must lie within 90 degrees of the inward normal, got {np.rad2deg(push.angle):g} degrees")
+    contact, direction = planned_contact(outline, push)
+    theta = float(np.arctan2(line.direction[1], line.direction[0]) - np.arctan2(direction[1], direction[0]))
+    tip = as_array(line.origin) + position * as_array(line.direction)
+    x, y = tip - rotation(theta) @ (contact + line.tip_radius * outline.normals[push.edge])
+    return Pose(float(x), float(y), wrap(theta))

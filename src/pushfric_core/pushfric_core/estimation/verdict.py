@@ -1,0 +1,259 @@
+"""A verdict on the input: whether an estimate may be used, and if not, the likely cause and what to do about it.
+
+Every check adds up a few numbers for each data point, or looks at a limited number of data points, so that its cost does not
+grow with their number.
+"""
+
+import cmath
+import heapq
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pushfric_core.geometry.planar import Array, Twist, cross, velocity_at
+from pushfric_core.solvers.program import Status
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.uncertainty.misplacement import ContactCheck
+from pushfric_core.uncertainty.screening import Change, Rejected
+from pushfric_core.uncertainty.spread import FEWEST_PUSHES
+
+if TYPE_CHECKING:
+    from pushfric_core.estimation.estimate import Estimate
+
+MOST = 0.5
+"""What holds for more than this share of the data points is not an outlier but a mistake in the input."""
+
+RECEDING = 0.1
+"""A contact recedes if it moves outward with more than this share of its speed; less is noise."""
+
+MANY_RECEDE = 0.2
+"""If more than this share of the contacts recede, the input is wrong."""
+
+ABOUT_ORIGIN = 0.15
+"""Pushes hardly ever turn an object about a point this near its frame's origin, as a share of the support's rms radius."""
+
+TURNED = math.radians(50)
+"""Friction keeps each force within the friction cone, so the mean force is turned by no more than this from the motion."""
+
+SCATTERED = 0.5
+"""The mean unit vector of the forces, relative to the motion, is longer than this if their frame is right."""
+
+POOR_FIT = 0.2
+"""No real push has shown an error per data point above this share of the support's rms radius."""
+
+AT_THE_EDGE = 0.01
+"""p_CF lies at the edge of the hull of the support points within this share of their extent."""
+
+ASIDE = 0.1
+"""p_CF lies on the wrong side of a line of motion if it is farther from it than this share of the support's rms radius."""
+
+OPPOSED = 0.05
+"""Share of the data points for which p_CF may lie on the wrong side; in good runs, real and simulated, at most 0.03 do."""
+
+OPPOSED_PUSHES = 3
+"""... and fewer pushes than this may be bad ones, which the fit tolerates."""
+
+LINES = 1000
+"""At most this many lines of motion are kept: a sample of all, drawn by what they are, so that their order does not matter."""
+
+DIRECTIONS = np.column_stack([trig(np.arange(64) * math.pi / 32) for trig in (np.cos, np.sin)])
+"""(64, 2) unit vectors all around."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an estimate may be used.
+
+    Attributes:
+        mistakes: of the input, a sentence each with the likely cause and what to do.
+        rejected: pushes that were left out; the estimate may be used without them.
+        change: since when the object is another one; None while it seems to be the same.
+        notes: what should be put right although the estimate may be used, a sentence each.
+    """
+
+    mistakes: tuple[str, ...] = ()
+    rejected: tuple[Rejected, ...] = ()
+    change: Change | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it may not be used; none if it may."""
+        if self.change is None:
+            return self.mistakes
+        x, y = (1e3 * value for value in self.change.shift)
+        return (
+            *self.mistakes,
+            f"the object is another one since push {self.change.since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
+            f"was moved, or it was exchanged; start again from push {self.change.since}, with reset or by leaving the earlier "
+            "pushes out",
+        )
+
+    @property
+    def use(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.reasons
+
+
+class InputCheck:
+    """Looks at the data points of one object as they arrive.
+
+    Args:
+        points: (n, 2) support points [m].
+    """
+
+    def __init__(self, points: Array) -> None:
+        self._points = points
+        self._middle = points.mean(axis=0)
+        self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1))))
+        self._count = self._behind = self._inverted = self._receding = self._about_origin = self._forces = 0
+        self._turn = 0j
+        self._lines = _Lines()
+        self._contacts = ContactCheck()
+
+    def add(self, observation: Observation) -> None:
+        """Take a data point."""
+        contact, normal = np.asarray(observation.contact_point), np.asarray(observation.contact_normal)
+        vx, vy, omega = observation.twist
+        self._count += 1
+        behind, recedes = bool((contact - self._middle) @ normal < 0), _recedes(observation.twist, contact, normal)
+        self._behind += behind
+        self._inverted += behind and recedes
+        self._receding += recedes and not behind
+        self._about_origin += math.hypot(vx, vy) < ABOUT_ORIGIN * self._radius * abs(omega)
+        self._lines.add(observation)
+        self._contacts.add(observation)
+        if observation.force is not None and any(observation.force):
+            motion = complex(*velocity_at(observation.twist, self._middle))
+            if motion != 0:
+                turned = complex(*observation.force) / motion
+                self._turn += turned / abs(turned)
+                self._forces += 1
+
+    def verdict(self, estimate: "Estimate", change: Change | None = None) -> Verdict:
+        """On the estimate from these data points, with a change of the object that they have shown."""
+        # what a mistake in the input brings about says nothing of its own, and its remedy would be the wrong one
+        lack = [] if estimate.lack is None else [estimate.lack]
+        if mistakes := self._mistakes():
+            return Verdict((*mistakes, *lack))
+        wrong = [] if change is not None else self._conflicts(estimate)
+        found = self._contacts.found()
+        if not found:
+            return Verdict((*wrong, *lack), change=change)
+        within = math.inf if estimate.confidence is None else estimate.confidence
+        misplaced = [one.sentence for one in found]
+        if wrong or any(one.displaces and one.size > within for one in found):
+            return Verdict((*misplaced, *lack), change=change)
+        return Verdict(tuple(lack), change=change, notes=tuple(misplaced))
+
+    def _mistakes(self) -> list[str]:
+        """What the data points themselves show."""
+        found = []
+        wrong_motion = False  # against which forces would seem turned
+        if self._behind > MOST * self._count or self._inverted > MANY_RECEDE * self._count:
+            found.append(
+                f"the normals point inward in {self._behind} of {self._count} data points: contact_normal must point away from "
+                "the object; negate normal_x and normal_y"
+            )
+        elif self._about_origin > MOST * self._count:
+            wrong_motion = True
+            found.append(
+                f"the object seems to turn about the origin of its frame in {self._about_origin} of {self._count} data points, "
+                "as if omega were in degrees: give omega in radians per unit of time"
+            )
+        elif self._receding > MANY_RECEDE * self._count:
+            wrong_motion = True
+            found.append(
+                f"the contact moves away from the pusher in {self._receding} of {self._count} data points: vx, vy, omega must "
+                "be the velocity of the object-frame origin, in the object frame"
+            )
+        if self._forces >= FEWEST_PUSHES and not wrong_motion:
+            mean = self._turn / self._forces
+            turn = math.degrees(cmath.phase(mean))
+            if abs(mean) < SCATTERED:
+                found.append("the measured forces do not turn with the object: give force_x, force_y in the object frame")
+            elif abs(turn) > 180 - math.degrees(TURNED):
+                found.append(
+                    "the measured forces oppose the motion: force_x, force_y are of the pusher ON the object; negate them"
+                )
+            elif abs(turn) > math.degrees(TURNED):
+                found.append(
+                    f"the measured forces are turned by {turn:.0f} degrees against the motion: check the sensor's frame"
+                )
+        return found
+
+    def _conflicts(self, estimate: "Estimate") -> list[str]:
+        """Whether pushes contradict each other, or what is known of the object."""
+        if estimate.contradiction is not None:
+            return [f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"]
+        return [] if estimate.lack is not None else self._doubts(estimate) or self._opposed(estimate)
+
+    def _doubts(self, estimate: "Estimate") -> list[str]:
+        """What the fit shows."""
+        error = estimate.moment_error
+        if error is not None and error > POOR_FIT * self._radius:
+            return [
+                f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: check the units and "
+                "frames of contact, twist and outline, and the support points"
+            ]
+        w = estimate.w if estimate.spread is None else estimate.spread.middle
+        reach = (DIRECTIONS @ (self._points - w @ self._points).T).max(axis=1)
+        extent = reach[:32] + reach[32:]
+        thick = extent.min() > 0.1 * extent.max()
+        if estimate.status is not Status.INFEASIBLE and thick and reach.min() < AT_THE_EDGE * extent.max():
+            return ["p_CF lies at the edge of the hull of the support points: give support points further out"]
+        return []
+
+    def _opposed(self, estimate: "Estimate") -> list[str]:
+        """Whether the half-planes of section 6.2, which need no support points, contradict the p_CF of the program."""
+        center = estimate.center_of_friction
+        sides, pushes = self._lines.sides(center)
+        wrong = sides < -ASIDE * self._radius
+        share, opposed = wrong.sum() / max(len(sides), 1), sorted(set(pushes[wrong].tolist()))
+        if share <= OPPOSED or len(opposed) < OPPOSED_PUSHES:
+            return []
+        x, y = (1e3 * center).tolist()
+        cause = (
+            "the centre of friction that was given must be wrong"
+            if estimate.center_given
+            else "check the unit and sign of omega, that vx, vy are the velocity of the object-frame origin, and that contacts "
+            "and support points have the same frame"
+        )
+        return [
+            f"the half-planes contradict the program: in {100 * share:.0f} % of the data points, of {len(opposed)} pushes, the "
+            f"object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: {cause}"
+        ]
+
+
+class _Lines:
+    """The lines along which contacts moved: p_CF lies on the side of each to which the object turned (Mason's theorem 2)."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[int, tuple[float, ...]]] = []  # a heap: the checksum, negated; contact, unit direction, push
+
+    def add(self, observation: Observation) -> None:
+        """Take the line of an observation, with p_CF on its left. One without a turn or a line has none."""
+        vx, vy = velocity_at(observation.twist, observation.contact_point).tolist()
+        speed = math.copysign(math.hypot(vx, vy), observation.twist.omega)
+        if speed == 0 or observation.twist.omega == 0:
+            return
+        line = (*observation.contact_point, vx / speed, vy / speed, float(observation.push_id))
+        ranked = -zlib.crc32(struct.pack("5d", *line)), line
+        if len(self._kept) < LINES:
+            heapq.heappush(self._kept, ranked)
+        else:
+            heapq.heappushpop(self._kept, ranked)  # the lines with the lowest checksums stay
+
+    def sides(self, point: Array) -> tuple[Array, Array]:
+        """How far a point (2,) lies on the side of each line where p_CF must be [m], and the push of each line."""
+        lines = np.array([line for _, line in self._kept]).reshape(-1, 5)
+        return cross(lines[:, 2:4], point - lines[:, :2]), lines[:, 4].astype(int)
+
+
+def _recedes(twist: Twist, contact: Array, normal: Array) -> bool:
+    velocity = velocity_at(twist, contact)
+    return bool(velocity @ normal > RECEDING * math.hypot(*velocity))

@@ -1,0 +1,91 @@
+"""YAML from outside, within limits on size, depth, aliases and numbers."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import yaml
+
+TEXT_LIMIT = 4 * 2**20
+"""Largest number of characters of a text."""
+
+DEPTH_LIMIT = 30
+"""Largest number of levels of nested lists and mappings."""
+
+NODE_LIMIT = 200_000
+"""Largest number of scalars, lists and mappings in a text; an alias counts as everything that it stands for."""
+
+SCALAR_LIMIT = 100_000
+"""Largest number of characters of a scalar."""
+
+INTEGER_LIMIT = 2**63
+"""Integers must be smaller than this in magnitude."""
+
+# libyaml parses ten times as fast; PyYAML has it on all but exotic machines
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _BoundedLoader(_Loader):  # type: ignore[misc]
+    """A loader that refuses huge integers: no field takes them, and Python could not even print some of them."""
+
+    def _integer(self, node: yaml.ScalarNode) -> int:
+        value = self.construct_yaml_int(node)
+        if abs(value) >= INTEGER_LIMIT:
+            raise yaml.constructor.ConstructorError(None, None, "a whole number beyond 64 bits", node.start_mark)
+        return int(value)
+
+
+_BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader._integer)
+
+
+def load_yaml(text: str) -> Any:
+    """The content of a YAML text: dicts, lists, texts, numbers, booleans, dates and None.
+
+    Raises:
+        ValueError: the text is not YAML or exceeds a limit; one line says what is wrong, and where.
+    """
+    if len(text) > TEXT_LIMIT:
+        raise ValueError(f"expected at most {TEXT_LIMIT} characters, got {len(text)}")
+    try:
+        _check_structure(text)
+        return yaml.load(text, Loader=_BoundedLoader)
+    except yaml.YAMLError as error:
+        raise ValueError(" ".join(str(error).split())) from error
+    except (LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        # PyYAML's constructors let every error of a conversion through
+        raise ValueError(f"a value cannot be converted: {type(error).__name__} {error}") from error
+
+
+def _check_structure(text: str) -> None:
+    """Check the limits on the events of the parser, before anything is built."""
+    sizes = [0]  # number of nodes in each open collection
+    open_anchors: list[str | None] = []
+    anchored: dict[str, int] = {}
+    events: Iterable[Any] = yaml.parse(text, Loader=_Loader)
+    for event in events:
+        where = f"line {event.start_mark.line + 1}"
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            raise ValueError(f"{where}: expected plain values, got the tag {tag[:40]!r}")
+        if isinstance(event, yaml.CollectionStartEvent):
+            if len(sizes) > DEPTH_LIMIT:
+                raise ValueError(f"{where}: expected at most {DEPTH_LIMIT} levels of lists and mappings")
+            sizes.append(1)
+            open_anchors.append(event.anchor)
+            continue
+        if isinstance(event, yaml.CollectionEndEvent):
+            anchor, size = open_anchors.pop(), sizes.pop()
+        elif isinstance(event, yaml.AliasEvent):
+            if event.anchor not in anchored:  # also for an alias within its own anchor, which would be an endless structure
+                raise ValueError(f"{where}: the alias {event.anchor!r} names nothing that is complete")
+            anchor, size = None, anchored[event.anchor]
+        elif isinstance(event, yaml.ScalarEvent):
+            if len(event.value) > SCALAR_LIMIT:
+                raise ValueError(f"{where}: expected values of at most {SCALAR_LIMIT} characters, got {len(event.value)}")
+            anchor, size = event.anchor, 1
+        else:
+            continue
+        if anchor is not None:
+            anchored[anchor] = size
+        sizes[-1] += size
+        if sizes[-1] > NODE_LIMIT:
+            raise ValueError(f"{where}: expected at most {NODE_LIMIT} values")

@@ -1,0 +1,109 @@
+"""All settings of an estimate as one record: in the cell's file, as the estimator's parameters, and in the bag for a replay."""
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy.typing as npt
+
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimation.region import RegionConfig
+from pushfric_core.files.file_errors import shortened
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.support import FreeRadii
+from pushfric_core.settings import AUTO, merged, read, setting
+from pushfric_core.trajectories.trajectory import TrajectoryConfig
+
+TOPIC = "estimator_settings"
+START_TOPIC = "estimation_start"
+"""The topics on which an estimator publishes its settings, and which object it estimates since when."""
+
+
+@dataclass(frozen=True)
+class PushesConfig:
+    """What is known about single pushes."""
+
+    exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
+    slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
+    keep_pushes: tuple[int, ...] = setting((), "pushes that are kept, even if they are unlike the others")
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """Everything, except the object, that decides which estimate follows from given poses. Section `estimator`."""
+
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    excluded: tuple[int, ...] = ()  # ids of pushes whose data points are left out
+    region: RegionConfig = field(default_factory=RegionConfig)
+    slipping: tuple[int, ...] = ()  # ids of pushes whose contact is known to slip
+    kept: tuple[int, ...] = ()  # ids of pushes that are kept, even if they are unlike the others
+
+    PARTS: ClassVar = (EstimatorConfig, TrajectoryConfig, RegionConfig, PushesConfig)
+    """The dataclasses whose fields are the parameters."""
+
+    @classmethod
+    def of(
+        cls, estimator: EstimatorConfig, trajectory: TrajectoryConfig, region: RegionConfig, pushes: PushesConfig
+    ) -> "EstimatorSettings":
+        """The settings made from instances of PARTS."""
+        return cls(estimator, trajectory, pushes.exclude_pushes, region, pushes.slipping_pushes, pushes.keep_pushes)
+
+    @property
+    def with_forces(self) -> bool:
+        """Whether a term needs measured forces."""
+        return self.estimator.needs_force
+
+    def new_estimator(
+        self, support_points: npt.ArrayLike, free: FreeRadii | None = None, outline: Outline | None = None
+    ) -> Estimator:
+        """An estimator without data points.
+
+        Args:
+            support_points: (n, 2) hypothesised supports in the object frame [m].
+            free, outline: see `Estimator`.
+        """
+        estimator = Estimator(support_points, self.estimator, free=free, outline=outline)
+        for push_id in self.kept:
+            estimator.keep(push_id)
+        return estimator
+
+    def without(self, pushes: Iterable[int]) -> "EstimatorSettings":
+        """The same settings, with these pushes left out as well."""
+        return dataclasses.replace(self, excluded=tuple(sorted({*self.excluded, *pushes})))
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> "EstimatorSettings":
+        """The settings that these parameters of the node give; all others have their defaults. `auto` stands for None.
+
+        Raises:
+            ValueError: a parameter is unknown, of another type or out of range.
+        """
+        return cls.of(*read(values, *cls.PARTS))
+
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the node: a list for a tuple (left out if empty), and `auto` for None."""
+        return merged((self.estimator, self.trajectory, self.region, PushesConfig(self.excluded, self.slipping, self.kept)))
+
+    def to_text(self) -> str:
+        """The text that the estimator publishes."""
+        return json.dumps(self.parameters())
+
+    @classmethod
+    def from_text(cls, text: str) -> "EstimatorSettings":
+        """The settings that `to_text` wrote.
+
+        Raises:
+            ValueError: `to_text` did not write this text.
+        """
+        try:
+            values = json.loads(text)
+        except RecursionError as error:
+            raise ValueError("the estimator's settings must be a JSON object, got lists within lists") from error
+        if not isinstance(values, dict):
+            raise ValueError(f"the estimator's settings must be a JSON object, got {shortened(text)}")
+        # True of 0.1.0 is auto: these settings gave way to a solver that cannot do it
+        values |= {name: AUTO for name in ("tie_break", "confidence", "screening") if values.get(name) is True}
+        return cls.from_parameters(values)

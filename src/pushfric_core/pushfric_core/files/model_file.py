@@ -1,0 +1,288 @@
+"""A saved model, as a YAML file: what was learned about an object, to predict with and to continue from."""
+
+import importlib.metadata
+import math
+import pathlib
+import platform
+from dataclasses import replace
+from typing import Annotated, Any
+
+import numpy as np
+import pydantic
+import yaml
+
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.recognition import Hypothesis
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.file_errors import as_named_here
+from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml, within
+from pushfric_core.files.whole_file import write_whole
+from pushfric_core.geometry.planar import Array, Pose, Twist
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model
+from pushfric_core.mechanics.quasi_static import SUM
+from pushfric_core.plausible import STRONGEST
+from pushfric_core.trajectories.observation import PUSH_IDS, Observation
+
+SUFFIXES = (".yaml", ".yml")
+FORMAT = 1
+VERSIONED = ("pushfric_core", "numpy", "scipy")
+"""Packages whose versions a model names."""
+
+NAMES = {"contact_point": "contact", "contact_normal": "normal", "the twist": "twist"}
+"""The keys of those fields of an observation that have another name here."""
+
+Share = Annotated[float, pydantic.Field(ge=0, le=1)]
+Positive = Annotated[float, pydantic.Field(ge=0)]
+
+
+class ContactFrictionFile(Strict):
+    """mu_c."""
+
+    value: Positive  # what predictions use
+    interval: tuple[Positive, Positive | None] | None = None  # holds the truth with 90 %; a bound has no upper end
+    kind: str = "bound"  # bound: data points bound it from below; slip: sliding ones gave it; force: measured forces did
+
+
+class SampleFile(Strict):
+    """One sample of the possible w and mu_c."""
+
+    w: list[Share]
+    mu_c: Positive
+    weight: Share
+
+
+class DataPointFile(Strict):
+    """A data point, object frame, SI units."""
+
+    contact: Point
+    normal: Point
+    twist: tuple[float, float, float]
+    push_id: int
+    half_width: Positive = 0.0
+    duration: Positive = 0.0
+    stamp: int = 0
+    pose: tuple[float, float, float] | None = None  # in the table frame
+    force: tuple[float, float] | None = None
+    tip_velocity: tuple[float, float] | None = None
+    depth: float | None = None
+
+
+class MadeFile(Strict):
+    """How a model was made."""
+
+    source: str  # the bag, the CSV or the node it was made from
+    data_points: Annotated[int, pydantic.Field(ge=1)]
+    pushes: Annotated[int, pydantic.Field(ge=1)]
+    fit_error: Positive  # optimum of the program [m times unit force]; with the loss l2 squared
+    status: str
+    settings: dict[str, Any] = pydantic.Field(default_factory=dict)  # the estimator's, by name of its parameters
+
+
+class ModelFile(Strict):
+    """The file. w, mu_c, misfit and ensemble follow from the data points; they stand here for readers that only predict."""
+
+    format: Annotated[int, pydantic.Field(ge=FORMAT, le=FORMAT)] = FORMAT
+    object: ObjectFile  # with the support points that the weights belong to
+    w: Annotated[list[Share], pydantic.Field(min_length=1)]
+    center_of_friction: Point  # p_CF [m]
+    covariance: tuple[Point, Point] | None = None  # of p_CF [m^2]
+    mu_c: ContactFrictionFile
+    total_friction: Annotated[float, pydantic.Field(ge=0), within(STRONGEST, "N")] | None = (
+        None  # [N]; only from data points with measured forces
+    )
+    misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.mechanics.prediction.misfit [rad]
+    ensemble: tuple[SampleFile, ...] = ()
+    made: MadeFile
+    versions: dict[str, str] = pydantic.Field(default_factory=dict)
+    data_points: tuple[DataPointFile, ...] = ()
+
+    @pydantic.model_validator(mode="after")
+    def _fits(self) -> "ModelFile":
+        if self.object.support.points is None:
+            raise ValueError("expected the support of the object as points")
+        n = len(self.object.support.points)
+        for name, w in [("w", self.w)] + [(f"ensemble.{k}.w", sample.w) for k, sample in enumerate(self.ensemble)]:
+            if len(w) != n or abs(sum(w) - 1) > SUM / 2:  # stricter than FrictionModel, in whatever order it adds
+                raise ValueError(f"expected {name} of {n} weights with sum 1, got {len(w)} with sum {sum(w):g}")
+        if self.ensemble and abs(sum(sample.weight for sample in self.ensemble) - 1) > SUM / 2:
+            raise ValueError("expected the weights of the ensemble to have the sum 1")
+        return self
+
+    def friction(self) -> FrictionModel:
+        """The model that predicts: from the ensemble if there is one."""
+        points = np.array(self.object.support.points)
+        if not self.ensemble:
+            return FrictionModel(points, np.array((self.w,)), np.array((self.mu_c.value,)), np.ones(1), self.misfit)
+        w, mu_c, share = ([getattr(sample, name) for sample in self.ensemble] for name in ("w", "mu_c", "weight"))
+        return FrictionModel(points, np.array(w), np.array(mu_c), np.array(share), self.misfit)
+
+    def observations(self) -> list[Observation]:
+        """The data points that the model was made from, in order."""
+        return [
+            Observation(
+                point.contact,
+                point.normal,
+                Twist(*point.twist),
+                point.push_id,
+                half_width=point.half_width,
+                duration=point.duration,
+                stamp=point.stamp,
+                pose=None if point.pose is None else Pose(*point.pose),
+                force=point.force,
+                tip_velocity=point.tip_velocity,
+                depth=point.depth,
+            )
+            for point in self.data_points
+        ]
+
+
+def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: EstimatorSettings) -> ModelFile:
+    """The file of an estimate.
+
+    Args:
+        model: the object.
+        estimate: from at least one data point.
+        source: where they came from.
+        settings: of the estimator.
+    """
+    friction = friction_model(estimate)
+    points = [(float(x), float(y)) for x, y in estimate.support_points]
+    x, y = estimate.center_of_friction.tolist()
+    made = MadeFile(
+        source=source,
+        data_points=estimate.data_points,
+        pushes=estimate.pushes,
+        fit_error=estimate.solution.objective,
+        status=estimate.status.value,
+        settings=settings.parameters(),
+    )
+    return ModelFile(
+        object=model.file.model_copy(update={"support": SupportFile(points=points)}),
+        w=np.clip(estimate.w, 0.0, 1.0).tolist(),
+        center_of_friction=(x, y),
+        covariance=None if estimate.spread is None else _covariance(estimate.spread.covariance),
+        mu_c=_contact_friction(estimate, friction),
+        total_friction=estimate.total_friction,
+        misfit=friction.misfit,
+        ensemble=_ensemble(friction),
+        made=made,
+        versions={"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in VERSIONED},
+        data_points=tuple(map(_data_point, estimate.observations)),
+    )
+
+
+def _covariance(matrix: Array) -> tuple[Point, Point]:
+    (a, b), (c, d) = matrix.tolist()
+    return (a, b), (c, d)
+
+
+def _contact_friction(estimate: Estimate, friction: FrictionModel) -> ContactFrictionFile:
+    known = estimate.mu_c
+    if known is None:
+        return ContactFrictionFile(value=friction.mean_mu_c)
+    high = known.high if math.isfinite(known.high) else None
+    return ContactFrictionFile(value=friction.mean_mu_c, interval=(known.low, high), kind=known.kind.value)
+
+
+def _ensemble(friction: FrictionModel) -> tuple[SampleFile, ...]:
+    samples = zip(friction.w, friction.mu_c, friction.share, strict=True)
+    return tuple(SampleFile(w=w.tolist(), mu_c=float(mu_c), weight=float(share)) for w, mu_c, share in samples)
+
+
+def _data_point(observation: Observation) -> DataPointFile:
+    return DataPointFile(
+        contact=observation.contact_point,
+        normal=observation.contact_normal,
+        twist=(*observation.twist,),
+        push_id=observation.push_id,
+        half_width=observation.half_width,
+        duration=observation.duration,
+        stamp=observation.stamp,
+        pose=None if observation.pose is None else (*observation.pose,),
+        force=observation.force,
+        tip_velocity=observation.tip_velocity,
+        depth=observation.depth,
+    )
+
+
+def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
+    """A model, and the object that it describes.
+
+    Raises:
+        InvalidInput: the file cannot be read or is not a model; one line says what is wrong, where, and what was expected.
+    """
+    file = read_yaml(path, ModelFile)
+    model = make_object(file.object, str(path))
+    try:
+        for observation in file.observations():
+            observation.check_contact(model.outline)
+    except (ValueError, PushfricError) as error:
+        raise InvalidInput(f"{path}: data_points: {as_named_here(error, NAMES)}") from error
+    return file, model
+
+
+def prior(path: pathlib.Path, pushed: ObjectModel) -> list[Observation]:
+    """The data points of a model, for an estimate of the same object that goes on from it.
+
+    The pushes of the model get the highest push ids, so that they differ from those of later pushes.
+
+    Raises:
+        InvalidInput: as for `load_model`; or the model's object has another name or outline, or the model no data points.
+    """
+    file, model = load_model(path)
+    if model.name != pushed.name:
+        raise InvalidInput(f"{path}: is a model of {model.name}, expected a model of {pushed.name}")
+    if model.outline != pushed.outline:
+        raise InvalidInput(f"{path}: has another outline of {model.name} than the pushed object")
+    data = file.observations()
+    if not data:
+        raise InvalidInput(f"{path}: has no data_points, expected those that the estimate is to go on from")
+    pushes = list(dict.fromkeys(observation.push_id for observation in data))
+    numbers = {push_id: PUSH_IDS - len(pushes) + number for number, push_id in enumerate(pushes)}
+    return [replace(observation, push_id=numbers[observation.push_id]) for observation in data]
+
+
+def library(folder: pathlib.Path, pushed: ObjectModel) -> list[Hypothesis]:
+    """The models in a folder as hypotheses, each by the name of its file: what the pushed object may be.
+
+    Raises:
+        InvalidInput: `folder` is not a folder, or holds no model, or a model cannot be read or has another outline than the
+            object.
+    """
+    if not folder.is_dir():
+        raise InvalidInput(f"{folder}: is not a folder, expected a folder of models")
+    found = []
+    for path in sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES):
+        file, model = load_model(path)
+        if model.outline != pushed.outline:
+            raise InvalidInput(f"{path}: has another outline than the pushed object, so it cannot be recognised")
+        weights = np.array(file.w)
+        found.append(Hypothesis(path.stem, model.support_points, weights=weights / weights.sum()))
+    if not found:
+        raise InvalidInput(f"{folder}: holds no model, expected files that `estimate --save` has written")
+    return found
+
+
+def check_name(path: pathlib.Path) -> None:
+    """Check that a model can be written there.
+
+    Raises:
+        InvalidInput: the name is not that of a YAML file, or its folder does not exist.
+    """
+    if path.suffix not in SUFFIXES or path.is_dir():
+        raise InvalidInput(f"{path}: expected the name of a file that ends with {' or '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InvalidInput(f"{path}: its folder does not exist")
+
+
+def save_model(file: ModelFile, path: pathlib.Path) -> None:
+    """Write the file, whole or not at all.
+
+    Raises:
+        InvalidInput: the file cannot be written there.
+    """
+    check_name(path)
+    content = file.model_dump(exclude_none=True, exclude_defaults=True)
+    text = yaml.safe_dump({"format": FORMAT} | content, sort_keys=False, default_flow_style=None, width=128)
+    write_whole(path, text)

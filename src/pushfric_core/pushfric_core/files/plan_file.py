@@ -1,0 +1,69 @@
+"""A push plan as a YAML file."""
+
+import math
+import pathlib
+from collections.abc import Iterable
+
+import pydantic
+import yaml
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement
+from pushfric_core.files.object_file import Length, ObjectModel, Strict, read_yaml
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.table_1 import TABLE_1
+
+EDGE_PUSHES = 5
+"""Number of pushes along each edge if no plan is given."""
+
+ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
+"""A line for the check of a plan; whether a push can be placed does not depend on it."""
+
+
+class PushEntry(Strict):
+    """One push against an edge."""
+
+    edge: int
+    offset: Length = 0.0  # of the contact from the middle of the edge, along the edge [m]
+    angle_deg: float = 0.0  # of the direction from the inward normal, counter-clockwise
+
+
+class PlanFile(Strict):
+    """The pushes, in order."""
+
+    pushes: list[PushEntry] = pydantic.Field(min_length=1)
+
+
+def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
+    """The pushes of a plan file; without a path, the paper's for an object of Table 1, otherwise a few along each edge.
+
+    Raises:
+        InvalidInput: the file is not a plan, or names an edge or offset that the object does not have.
+    """
+    if not path:
+        known = TABLE_1.get(model.name)
+        if known is not None and known.outline == model.outline:
+            return even_pushes(model.outline, known.pushes)
+        return even_pushes(model.outline, [EDGE_PUSHES] * len(model.outline.vertices))
+    pushes = []
+    for index, entry in enumerate(read_yaml(pathlib.Path(path), PlanFile).pushes):
+        push = PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg))
+        try:
+            placement(model.outline, push, ANY_LINE, 0.0)
+        except ValueError as error:
+            raise InvalidInput(f"{path}: pushes.{index}: {error}") from error
+        pushes.append(push)
+    return pushes
+
+
+def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:
+    """Write a plan file.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    entries = [{"edge": push.edge, "offset": push.offset, "angle_deg": math.degrees(push.angle)} for push in pushes]
+    try:
+        path.write_text(yaml.safe_dump({"pushes": entries}, sort_keys=False))
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,24 @@
+"""Files that are written whole or not at all, however the program ends."""
+
+import os
+import pathlib
+
+from pushfric_core.errors import InvalidInput
+
+
+def write_whole(path: pathlib.Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8; an earlier one of this name is replaced.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        try:
+            draft.write_bytes(content.encode() if isinstance(content, str) else content)
+            draft.replace(path)
+        except OSError:
+            draft.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,81 @@
+"""The contact between pusher and object: point, normal, interval, friction cone."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.geometry.outline import Outline, Touch
+from pushfric_core.geometry.planar import Array, Pose, as_array, inverse, left_of, rotation, transform
+
+
+class PushingLine(NamedTuple):
+    """The straight line, fixed in the table frame, on which a round tip moves.
+
+    Example:
+        >>> from pushfric_core import Outline, Pose, PushingLine
+        >>> line = PushingLine(origin=(0.0, -0.1), direction=(0.0, 1.0), tip_radius=0.003)
+        >>> touch = line.touch(Outline.rectangle(0.1, 0.06), Pose(0.0, 0.0, 0.0))
+        >>> round(touch.distance, 3)
+        0.067
+    """
+
+    origin: tuple[float, float]  # centre of the tip at stroke position 0 [m]
+    direction: tuple[float, float]  # unit vector of the forward stroke
+    tip_radius: float  # [m]
+
+    def touch(self, outline: Outline, pose: Pose) -> Touch | None:
+        """Where the tip would first meet an object at `pose` (in the table frame); None if it passes by.
+
+        `distance` is the stroke position at that moment; point and normal are in the object frame.
+        """
+        start = transform(inverse(pose), self.origin)
+        direction = rotation(-pose.theta) @ as_array(self.direction)
+        return outline.first_touch(start, direction, self.tip_radius)
+
+
+def pushing_line(origin: Sequence[float], direction: Sequence[float], tip_radius: float) -> PushingLine:
+    """A pushing line along a direction of any length.
+
+    Args:
+        origin: (2,) centre of the tip at stroke position 0, table frame [m].
+        direction: (2,) of the forward stroke, table frame.
+        tip_radius: [m].
+    Raises:
+        ValueError: origin or direction are not two finite numbers each, or the direction has no length.
+    """
+    for name, values in (("line_origin", origin), ("line_direction", direction)):
+        if len(values) != 2 or not np.isfinite(values).all():
+            raise ValueError(f"{name} must be two finite numbers, got {tuple(values)}")
+    length = math.hypot(*direction)
+    if length == 0:
+        raise ValueError("line_direction must have a length, got (0, 0)")
+    return PushingLine((origin[0], origin[1]), (direction[0] / length, direction[1] / length), tip_radius)
+
+
+def tangent(normal: npt.ArrayLike) -> Array:
+    """t: the contact normal (2,) turned by +90 degrees."""
+    return left_of(normal)
+
+
+def contact_interval(point: npt.ArrayLike, normal: npt.ArrayLike, half_width: float) -> tuple[Array, Array]:
+    """The ends c-, c+ of the interval of possible contact points, along -t and +t; not clipped to the edge (section 3.1).
+
+    Args:
+        point: (2,) middle of the interval [m].
+        normal: (2,) unit, outward.
+        half_width: half the length of the interval [m].
+    Returns:
+        c-, c+: (2,) each [m], in the frame of the arguments.
+    """
+    point, reach = as_array(point), half_width * tangent(normal)
+    return np.asarray(point - reach), np.asarray(point + reach)
+
+
+def friction_cone(normal: npt.ArrayLike, mu: float) -> tuple[Array, Array]:
+    """Unit forces (2,) of the pusher ON the object at the edges of the friction cone: tilted towards -t, then towards +t."""
+    inward, along = -as_array(normal), mu * tangent(normal)
+    norm = np.hypot(1.0, mu)
+    return (inward - along) / norm, (inward + along) / norm

@@ -1,0 +1,156 @@
+"""Rigid motions of the plane: poses, twists and wrenches in SE(2), with all signs defined here.
+
+Angles are counter-clockwise. A twist (vx, vy, omega) is the velocity of the object-frame origin, in the object frame. A
+wrench (fx, fy, m) holds the moment about the object-frame origin. Points are arrays whose last axis is (x, y).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class Pose(NamedTuple):
+    """Where a frame lies in another: its origin (x, y) [m] and orientation theta [rad].
+
+    Example:
+        >>> from pushfric_core import Pose
+        >>> pose = Pose(0.1, 0.0, 1.57)
+        >>> pose.theta
+        1.57
+    """
+
+    x: float
+    y: float
+    theta: float
+
+
+class Twist(NamedTuple):
+    """Velocity of a rigid body: of its origin (vx, vy) [m/s] in its own frame, and omega [rad/s].
+
+    Example:
+        >>> from pushfric_core import Twist
+        >>> vx, vy, omega = Twist(0.0, 0.02, 0.1)
+        >>> omega
+        0.1
+    """
+
+    vx: float
+    vy: float
+    omega: float
+
+
+class Wrench(NamedTuple):
+    """Force (fx, fy) and moment m about the origin of the frame.
+
+    Example:
+        >>> from pushfric_core import TABLE_1, Twist
+        >>> wrench = TABLE_1["wood_rect4"].support.friction_wrench(Twist(0.0, 0.02, 0.0))
+        >>> round(wrench.fy, 3)
+        -1.0
+    """
+
+    fx: float
+    fy: float
+    m: float
+
+
+def as_array(values: npt.ArrayLike) -> Array:
+    """Numbers from outside, in the one form in which the core computes with them: float64, in C order without gaps.
+
+    Every public function takes its arrays in through this or `frozen`, because the last bits of a sum, a product or a function
+    may depend on how an array lies in memory. NumPy 2.2 to 2.4 even negates a column of eight to another place wrongly.
+    """
+    return np.asarray(values, dtype=np.float64, order="C")
+
+
+def frozen(values: npt.ArrayLike) -> Array:
+    """A read-only copy of numbers from outside, in the same form as `as_array` gives them."""
+    array = np.array(values, dtype=np.float64, order="C")
+    array.setflags(write=False)
+    return array
+
+
+def cross(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
+    """Scalar cross product a x b of planar vectors (..., 2)."""
+    a, b = as_array(a), as_array(b)
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def left_of(vectors: npt.ArrayLike) -> Array:
+    """Vectors (..., 2) turned by +90 degrees: (x, y) -> (-y, x)."""
+    v = as_array(vectors)
+    turned = np.empty(v.shape)
+    turned[..., 0], turned[..., 1] = -v[..., 1], v[..., 0]
+    return turned
+
+
+def rotation(theta: float) -> Array:
+    """Rotation matrix (2, 2) by theta [rad]."""
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array(((c, -s), (s, c)))
+
+
+def transform(pose: Pose, points: npt.ArrayLike) -> Array:
+    """Points (..., 2) [m] given in the frame at `pose`, expressed in the frame in which `pose` itself is given."""
+    return np.asarray(as_array(points) @ rotation(pose.theta).T + (pose.x, pose.y))
+
+
+def inverse(pose: Pose) -> Pose:
+    """Pose of the outer frame seen from the inner one."""
+    x, y = -rotation(-pose.theta) @ (pose.x, pose.y)
+    return Pose(float(x), float(y), -pose.theta)
+
+
+def compose(outer: Pose, inner: Pose) -> Pose:
+    """Pose of a frame at `inner` in a frame that is itself at `outer`. Angles add without wrapping."""
+    x, y = transform(outer, (inner.x, inner.y))
+    return Pose(float(x), float(y), outer.theta + inner.theta)
+
+
+def exp(twist: Twist, duration: float = 1.0) -> Pose:
+    """The pose after `duration` [s] of a body that moves with a constant body twist, relative to its first pose."""
+    angle = twist.omega * duration
+    # sin(a)/a and (1 - cos a)/a, the latter from the half angle to keep its digits near 0
+    along = np.sinc(angle / np.pi)
+    across = np.sin(angle / 2) * np.sinc(angle / (2 * np.pi))
+    x = duration * (along * twist.vx - across * twist.vy)
+    y = duration * (across * twist.vx + along * twist.vy)
+    return Pose(float(x), float(y), angle)
+
+
+def log(pose: Pose) -> Twist:
+    """The constant body twist that reaches `pose` in unit time with less than half a turn; there, the inverse of `exp`."""
+    angle = wrap(pose.theta)
+    half = angle / 2
+    # a/2 * cot(a/2), finite at 0
+    cot = np.cos(half) / np.sinc(half / np.pi)
+    return Twist(float(cot * pose.x + half * pose.y), float(-half * pose.x + cot * pose.y), angle)
+
+
+def velocity_at(twist: Twist, points: npt.ArrayLike) -> Array:
+    """Velocities (..., 2) of body points (..., 2): (vx - omega y, vy + omega x)."""
+    velocities = left_of(points)
+    velocities *= twist.omega
+    velocities += (twist.vx, twist.vy)
+    return velocities
+
+
+def center_of_rotation(twist: Twist) -> Array:
+    """The body point (2,) that does not move: (-vy, vx) / omega; infinite for a translation."""
+    if twist.omega == 0:
+        return np.array((np.inf, np.inf))
+    return np.array((-twist.vy, twist.vx)) / twist.omega
+
+
+def moment_about(wrench: Wrench, point: npt.ArrayLike) -> float:
+    """Moment of a wrench about `point` (2,) instead of the origin."""
+    return float(wrench.m - cross(point, (wrench.fx, wrench.fy)))
+
+
+def wrap(angle: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)

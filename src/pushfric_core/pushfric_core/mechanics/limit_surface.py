@@ -1,0 +1,452 @@
+"""The limit surface of a support friction distribution, ellipsoids in its place, and which supports a push can tell apart.
+
+The limit surface is the locus of the wrenches W = (fx, fy, m) that a pusher applies to the sliding object, opposite to the
+support friction. The motion V = (vx, vy, omega) is parallel to its outward normal at W (section 6.3). W and V are about the
+object-frame origin.
+
+The surface bounds the sum of the discs {(u, p_j x u) : |u| <= w_j}. So its support function is the dissipation h(V) = sum_j w_j
+|v_j|, and the motion under a wrench W is the V that minimises h on W . V = 1. If V rotates about a support point, the disc of
+that support appears as a flat part of the surface, a facet: all its wrenches have the same motion.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.geometry.contact import tangent
+from pushfric_core.geometry.planar import Array, Indices, Twist, Wrench, as_array, cross, frozen, left_of
+from pushfric_core.geometry.support import Support
+from pushfric_core.mechanics.damped_newton import Step, minimized
+from pushfric_core.records import comparable
+
+SMOOTHING = 10.0 ** -np.arange(1, 10)
+"""Speeds are rounded off at zero by these fractions of the mean speed, one after another, because Newton needs a smooth h."""
+
+STEPS = 100
+"""Cap on Newton's steps at each of them; about five are usual."""
+
+RIM = 1e-9
+"""A wrench counts as on a facet if it is this fraction of the radius inside its rim; on the rim other motions may fit, too."""
+
+RIDGE = 1e-12
+"""Part of the identity in Newton's matrix, which is singular if supports on one line all move across it."""
+
+TINY = 1e-300
+"""Keeps a division by zero defined whose quotient is multiplied by zero."""
+
+ACROSS_CONE = 65
+"""Number of directions of the force across each friction cone."""
+
+WRENCHES = 1000
+"""Number of points of the surface to which the ellipsoid is fitted."""
+
+DISTINGUISHABLE = 3.0
+"""Two motions can be told apart if they differ by more than this many standard deviations of the noise."""
+
+
+@comparable
+class Facet(NamedTuple):
+    """A flat part of the limit surface: the object rotates about a support point, whose force may be any up to w_j.
+
+    Its wrenches are center + (u, p x u), |u| <= radius.
+    """
+
+    point: Array  # (2,) the support point p [m]
+    twist: Twist  # the motion of all of its wrenches, of unit dissipation
+    center: Wrench
+    radius: float  # weight w_j of the support
+
+
+@comparable
+class CrossSection(NamedTuple):
+    """Where a plane through the origin cuts the limit surface: a closed convex curve."""
+
+    points: Array  # (k, 2) counter-clockwise, coordinates along the two wrenches that span the plane
+    facets: list[Array]  # (2, 2) each: the ends of its straight parts, which are among the points
+
+
+@comparable
+class Reachable(NamedTuple):
+    """The part of the limit surface that pushes at k contacts reach: s wrenches each, from the cone's edge towards -t to +t."""
+
+    wrenches: Array  # (k, s, 3)
+    twists: Array  # (k, s, 3) of unit dissipation
+
+
+@comparable
+@dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipsoid W' A W = 1 instead of a limit surface: wrenches and motions in closed form.
+
+    Args:
+        form: A (3, 3), for moments about the object-frame origin in metres times unit force.
+    Raises:
+        ValueError: A is not (3, 3), symmetric and positive definite.
+
+    Example:
+        >>> import numpy as np
+        >>> from pushfric_core import Ellipsoid, Wrench
+        >>> ellipsoid = Ellipsoid(np.diag((1.0, 1.0, 400.0)))
+        >>> ellipsoid.twist(Wrench(0.0, 1.0, 0.0))
+        Twist(vx=0.0, vy=1.0, omega=0.0)
+    """
+
+    form: Array
+
+    def __post_init__(self) -> None:
+        form = frozen(self.form)
+        if form.shape != (3, 3) or not np.allclose(form, form.T) or not (np.linalg.eigvalsh(form) > 0).all():
+            raise ValueError(f"form must be (3, 3), symmetric and positive definite, got {form.tolist()}")
+        object.__setattr__(self, "form", form)
+
+    def wrench(self, twist: Twist) -> Wrench:
+        """The wrench on the ellipsoid that moves the object along `twist`: A^-1 V / sqrt(V' A^-1 V).
+
+        Raises:
+            ValueError: the twist is zero.
+        """
+        given = _checked("twist", twist)
+        along = np.linalg.solve(self.form, given)
+        return Wrench(*(along / np.sqrt(along @ given)).tolist())
+
+    def twist(self, wrench: Wrench) -> Twist:
+        """The motion under a wrench scaled to the ellipsoid: A W / sqrt(W' A W), which dissipates one unit there.
+
+        Raises:
+            ValueError: the wrench is zero.
+        """
+        given = _checked("wrench", wrench)
+        normal = self.form @ given
+        return Twist(*(normal / np.sqrt(normal @ given)).tolist())
+
+
+class LimitSurface:
+    """The exact limit surface of a support.
+
+    Args:
+        support: with weight at two places or more, because the surface of a single point encloses no volume.
+    Raises:
+        ValueError: a single point bears all the weight.
+
+    Example:
+        >>> from pushfric_core import TABLE_1, LimitSurface, Wrench
+        >>> surface = LimitSurface(TABLE_1["wood_rect4"].support)
+        >>> round(surface.load(Wrench(0.5, 0.0, 0.0)), 3), len(surface.facets)
+        (0.5, 4)
+    """
+
+    def __init__(self, support: Support) -> None:
+        bearing = support.weights > 0
+        # supports at the same place share one facet
+        points, place = np.unique(support.points[bearing], axis=0, return_inverse=True)
+        weights = np.zeros(len(points))
+        np.add.at(weights, place.ravel(), support.weights[bearing])
+        if len(points) < 2:
+            raise ValueError(f"a limit surface needs weight at two places or more, got all of it at {points[0].tolist()}")
+        self._support = Support(points, weights)
+        x, y = self._support.center_of_friction
+        arms = points - (x, y)
+        length = float(weights @ np.linalg.norm(arms, axis=1))  # the moment of a turn about p_CF
+        # S W is the wrench about p_CF, its moment in units that make the surface about round; V = S' (twist in those units)
+        self._scaling = np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (y / length, -x / length, 1 / length)))
+        self._arms = arms / length
+
+    def wrench(self, twist: Twist) -> Wrench:
+        """The wrench that keeps the object moving along `twist`: minus the friction of eqs 1 and 2.
+
+        Raises:
+            UninformativePush: there is no motion, or it is one about a support point, where any wrench of a facet is possible.
+        """
+        fx, fy, m = self._support.friction_wrench(twist)
+        return Wrench(-fx, -fy, -m)
+
+    def twist(self, wrench: Wrench) -> Twist:
+        """The motion under a wrench scaled to the surface: the outward normal there, of unit dissipation.
+
+        A translation of unit dissipation has unit speed. The motion is unique unless the support points lie on one line; then
+        a force across that line may have several, and this is one of them.
+
+        Raises:
+            ValueError: the wrench is zero or not finite.
+            SolverFailed: the motion was not found.
+        """
+        return Twist(*self._twists(_checked("wrench", wrench)[None])[0].tolist())
+
+    def load(self, wrench: Wrench) -> float:
+        """The wrench as a multiple of the wrench on the surface in its direction: the object slides at 1, and rests below.
+
+        Raises as `twist`.
+        """
+        return float(self._loads(_checked("wrench", wrench)[None])[0])
+
+    @cached_property
+    def facets(self) -> list[Facet]:
+        """The flat parts for counter-clockwise turns, one for each place that bears weight.
+
+        Those for clockwise turns lie opposite: twist and centre change their signs.
+        """
+        points, weights = self._support.points, self._support.weights
+        facets = []
+        for point, weight in zip(points, weights, strict=True):
+            arms = points - point
+            distances = np.linalg.norm(arms, axis=1)
+            omega = 1 / float(weights @ distances)
+            vx, vy = (-omega * left_of(point)).tolist()
+            # the facet leaves open this support's own force, which has no arm
+            forces = left_of(arms) * (weights / np.maximum(distances, TINY))[:, None]
+            fx, fy = forces.sum(axis=0).tolist()
+            facets.append(Facet(point, Twist(vx, vy, omega), Wrench(fx, fy, float(cross(points, forces).sum())), float(weight)))
+        return facets
+
+    def cross_section(self, first: Wrench, second: Wrench, count: int = 180) -> CrossSection:
+        """The curve in which the plane of two wrenches cuts the surface; its straight parts are exact.
+
+        The plane fx = 0 of Figure 12 is that of (0, 1, 0) and (0, 0, 1).
+
+        Args:
+            first: the wrench whose multiples are the first coordinate.
+            second: the wrench whose multiples are the second coordinate.
+            count: number of points of the curve, not counting the ends of its straight parts.
+        Raises:
+            ValueError: a wrench is zero or not finite, they are parallel, or count < 4.
+            SolverFailed: a motion was not found.
+        """
+        basis = np.array((_checked("first", first), _checked("second", second)))
+        normal = np.cross(*basis)
+        if not normal.any():
+            raise ValueError(f"first and second must not be parallel, got {tuple(first)} and {tuple(second)}")
+        if count < 4:
+            raise ValueError(f"count must be at least 4, got {count}")
+        extent = 1 / self._loads(basis)
+        angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
+        rays = extent * np.column_stack((np.cos(angles), np.sin(angles)))
+        rays /= self._loads(rays @ basis)[:, None]
+        half = [chord @ np.linalg.pinv(basis) for chord in self._chords(normal)]
+        chords = half + [-chord for chord in half]
+        points = np.concatenate((rays, *chords))
+        x, y = (points / extent).T
+        return CrossSection(points[np.argsort(np.arctan2(y, x))], chords)
+
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid that planners assume; its semi-axes about p_CF are the force of a translation and a turn's moment."""
+        return Ellipsoid(self._scaling.T @ self._scaling)
+
+    def fitted_ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid nearest to the surface: least squares of W' A W - 1 over wrenches of all directions.
+
+        Raises:
+            SolverFailed: a motion was not found.
+        """
+        # an even spiral over the sphere
+        height = 1 - (2 * np.arange(WRENCHES) + 1) / WRENCHES
+        turn = np.pi * (3 - math.sqrt(5)) * np.arange(WRENCHES)
+        width = np.sqrt(1 - height**2)
+        scaled = np.column_stack((width * np.cos(turn), width * np.sin(turn), height))
+        scaled /= self._loads(np.linalg.solve(self._scaling, scaled.T).T)[:, None]
+        row, column = np.triu_indices(3)
+        upper = np.zeros((3, 3))
+        upper[row, column] = np.linalg.lstsq(scaled[:, row] * scaled[:, column], np.ones(WRENCHES))[0]
+        return Ellipsoid(self._scaling.T @ (upper + upper.T) @ self._scaling / 2)
+
+    def reachable(self, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float) -> Reachable:
+        """The wrenches that pushes with one point contact can reach, with forces in the friction cones of the contacts.
+
+        Args:
+            contact_points: (k, 2) [m].
+            contact_normals: (k, 2) unit, outward.
+            mu_c: contact friction coefficient.
+        Raises:
+            ValueError: shapes that do not fit, or mu_c is negative or not finite.
+            SolverFailed: a motion was not found.
+        """
+        points, normals = as_array(contact_points), as_array(contact_normals)
+        if points.ndim != 2 or points.shape[1] != 2 or points.shape != normals.shape:
+            raise ValueError(f"contact_points and contact_normals must both be (k, 2), got {points.shape} and {normals.shape}")
+        if not 0 <= mu_c < math.inf:
+            raise ValueError(f"mu_c must be at least 0 and finite, got {mu_c}")
+        cone = math.atan(mu_c)
+        angles = np.linspace(-cone, cone, ACROSS_CONE if mu_c > 0 else 1)[:, None]
+        forces = -np.cos(angles) * normals[:, None] + np.sin(angles) * tangent(normals)[:, None]
+        wrenches = np.concatenate((forces, cross(points[:, None], forces)[..., None]), axis=2)
+        twists = self._twists(wrenches.reshape(-1, 3)).reshape(wrenches.shape)
+        return Reachable(wrenches / np.sum(wrenches * twists, axis=2, keepdims=True), twists)
+
+    def _chords(self, normal: Array) -> list[Array]:
+        """Where the plane through the origin with this normal cuts the facets: ends (2, 3) each."""
+        chords = []
+        for facet in self.facets:
+            # normal . (center + (u, p x u)) = 0, a line in the plane of u
+            slope = normal[:2] + normal[2] * left_of(facet.point)
+            size = float(np.hypot(*slope))
+            distance = -float(normal @ facet.center)
+            if abs(distance) < facet.radius * size:
+                nearest, half = distance / size**2 * slope, math.sqrt(facet.radius**2 - (distance / size) ** 2) / size
+                forces = np.array((nearest - half * left_of(slope), nearest + half * left_of(slope)))
+                chords.append(np.asarray(facet.center) + np.column_stack((forces, cross(facet.point, forces))))
+        return chords
+
+    def _loads(self, wrenches: Array) -> Array:
+        """The `load` (s,) of wrenches (s, 3): on the surface, W . V is the dissipation."""
+        return np.asarray(np.sum(wrenches * self._twists(wrenches), axis=1))
+
+    def _twists(self, wrenches: Array) -> Array:
+        """The `twist` (s, 3) of wrenches (s, 3)."""
+        turns = np.array([facet.twist for facet in self.facets])
+        centers = np.array([facet.center[:2] for facet in self.facets])
+        radii = np.array([facet.radius for facet in self.facets])
+        work = wrenches @ turns.T
+        # the wrench where its ray meets the plane of a facet, or of the opposite one
+        with np.errstate(divide="ignore", invalid="ignore"):
+            open_forces = wrenches[:, None, :2] / work[:, :, None] - centers
+            beyond = np.hypot(open_forces[..., 0], open_forces[..., 1]) / radii
+        beyond[work == 0] = np.inf
+        facet = np.argmin(beyond, axis=1)
+        each = np.arange(len(wrenches))
+        twists = turns[facet] * np.sign(work[each, facet])[:, None]
+        curved = beyond[each, facet] >= 1 - RIM
+        twists[curved] = self._least_dissipation(wrenches[curved] @ self._scaling.T) @ self._scaling
+        return np.asarray(twists)
+
+    def _least_dissipation(self, wrenches: Array) -> Array:
+        """The twists (s, 3), of unit dissipation, that minimise h on W . V = 1, in scaled units; no support stands still.
+
+        A damped Newton method in the two directions that W . V = 1 leaves, for all wrenches at once.
+        """
+        wrenches = wrenches / np.linalg.norm(wrenches, axis=1)[:, None]
+        # two directions at right angles to each wrench
+        least = np.eye(3)[np.argmin(np.abs(wrenches), axis=1)]
+        one = np.cross(wrenches, least)
+        one /= np.linalg.norm(one, axis=1)[:, None]
+        directions = np.stack((one, np.cross(wrenches, one)), axis=1)  # (s, 2, 3)
+        twists = wrenches
+        mean_speed = self._dissipation(twists, np.zeros(len(twists)))
+        for share in SMOOTHING:
+            floor = (share * mean_speed) ** 2
+            twists = minimized(twists, partial(self._newton_step, directions, floor), partial(self._smoothed, floor), STEPS)
+        return np.asarray(twists / self._dissipation(twists, np.zeros(len(twists)))[:, None])
+
+    def _dissipation(self, twists: Array, floor: Array) -> Array:
+        """h (s,) of scaled twists (s, 3), with `floor` (s,) added to the squared speeds."""
+        vx, vy = self._velocities(twists)
+        return np.asarray(np.sqrt(vx**2 + vy**2 + floor[:, None]) @ self._support.weights)
+
+    def _velocities(self, twists: Array) -> tuple[Array, Array]:
+        """Components (s, n) of the support points' velocities."""
+        x, y = self._arms.T
+        return twists[:, :1] - twists[:, 2:] * y, twists[:, 1:2] + twists[:, 2:] * x
+
+    def _smoothed(self, floor: Array, rows: Indices, twists: Array) -> Array:
+        """h (s,) of the twists (s, 3) of some rows, with `floor` added to the squared speeds."""
+        return self._dissipation(twists, floor[rows])
+
+    def _newton_step(self, directions: Array, floor: Array, rows: Indices, twists: Array) -> Step:
+        """Newton's step (s, 3) on that h from the twists (s, 3) of some rows, within their directions (., 2, 3)."""
+        directions, floor = directions[rows], floor[rows]
+        x, y = self._arms.T
+        vx, vy = self._velocities(twists)
+        speeds = np.sqrt(vx**2 + vy**2 + floor[:, None])
+        share = self._support.weights / speeds
+        # how fast the square of a speed grows with V, halved
+        growth = np.stack((vx, vy, x * vy - y * vx), axis=1)  # (s, 3, n)
+        gradient = np.sum(growth * share[:, None], axis=2)
+        ones, products = np.ones_like(x), np.zeros((3, 3, len(x)))
+        products[0, 0] = products[1, 1] = ones
+        products[0, 2] = products[2, 0] = -y
+        products[1, 2] = products[2, 1] = x
+        products[2, 2] = x**2 + y**2
+        curvature = np.tensordot(share, products, axes=(1, 2))
+        curvature -= (growth * (share / speeds**2)[:, None]) @ growth.transpose(0, 2, 1)
+        slope = np.sum(directions * gradient[:, None], axis=2)
+        hessian = directions @ curvature @ directions.transpose(0, 2, 1)
+        # a trace of curvature keeps the step finite if the dissipation is linear
+        hessian += np.eye(2) * (RIDGE * share.sum(axis=1))[:, None, None]
+        shift = -np.linalg.solve(hessian, slope[..., None])[..., 0]
+        step = np.sum(shift[..., None] * directions, axis=1)
+        return Step(speeds @ self._support.weights, step, -np.sum(slope * shift, axis=1))
+
+
+class Measurement(NamedTuple):
+    """How a vision system sees a motion: as a displacement of the object, with errors of these standard deviations."""
+
+    travel: float  # of the contact point between the two poses that are compared [m]
+    position: float  # error of each coordinate of the object-frame origin's displacement [m]
+    angle: float  # error of the rotation [rad]
+
+
+class Separation(NamedTuple):
+    """The push whose motion best tells one object from another."""
+
+    deviations: float  # distance from its motion to the nearest one of the other object, in standard deviations
+    contact: int  # index of the contact
+    twist: Twist  # its motion, of unit dissipation
+
+    @property
+    def distinguishable(self) -> bool:
+        """Whether one data point of that push is enough; M of them are enough if the deviations exceed 3 / sqrt(M)."""
+        return self.deviations > DISTINGUISHABLE
+
+
+def separation(
+    truth: Support,
+    other: Support,
+    contact_points: npt.ArrayLike,
+    contact_normals: npt.ArrayLike,
+    mu_c: float,
+    measurement: Measurement,
+) -> Separation:
+    """How well pushes tell an object of support `truth` from one of support `other`, by its motions alone (section 6.3).
+
+    A push at a contact may cause any of the motions on the reachable part of the limit surface there. What counts is how far
+    the motions of the truth come from all of those that the other support allows at the same contact. Swap the two for the
+    converse: all motions of one may be among those of the other.
+
+    Args:
+        truth: support friction distribution of the object that is pushed.
+        other: the hypothesis to be refuted.
+        contact_points: (k, 2), k >= 1 [m].
+        contact_normals: (k, 2) unit, outward.
+        mu_c: contact friction coefficient.
+        measurement: travel > 0 and errors > 0.
+    Raises:
+        ValueError: as `LimitSurface` and its `reachable`; no contact; a travel or an error that is not positive.
+        SolverFailed: a motion was not found.
+    """
+    if not min(measurement) > 0:
+        raise ValueError(f"travel and errors of the measurement must be positive, got {tuple(measurement)}")
+    points = as_array(contact_points)
+    true, allowed = (LimitSurface(support).reachable(points, contact_normals, mu_c).twists for support in (truth, other))
+    if not len(points):
+        raise ValueError("a separation needs at least one contact")
+    seen, explained = (_displacements(twists, points, measurement) for twists in (true, allowed))
+    distances = np.array([_distances(here, there) for here, there in zip(seen, explained, strict=True)])
+    contact, push = np.unravel_index(np.argmax(distances), distances.shape)
+    return Separation(float(distances[contact, push]), int(contact), Twist(*true[contact, push].tolist()))
+
+
+def _displacements(twists: Array, points: Array, measurement: Measurement) -> Array:
+    """Displacements (k, s, 3) of motions (k, s, 3) at contacts (k, 2), in standard deviations of their measurement."""
+    contact_velocities = twists[..., :2] + twists[..., 2:] * left_of(points)[:, None]
+    durations = measurement.travel / np.linalg.norm(contact_velocities, axis=2, keepdims=True)
+    return np.asarray(twists * durations / (measurement.position, measurement.position, measurement.angle))
+
+
+def _distances(points: Array, curve: Array) -> Array:
+    """Distances (s,) of points (s, 3) to a polyline (t, 3)."""
+    starts, edges = curve[:-1], np.diff(curve, axis=0)
+    if not len(edges):
+        return np.asarray(np.linalg.norm(points - curve, axis=1))
+    offsets = points[:, None] - starts
+    squares = np.maximum(np.sum(edges**2, axis=1), TINY)
+    along = np.clip(np.sum(offsets * edges, axis=2) / squares, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(offsets - along[..., None] * edges, axis=2).min(axis=1))
+
+
+def _checked(name: str, values: Wrench | Twist) -> Array:
+    array = as_array(values)
+    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+        raise ValueError(f"{name} must be three finite numbers, not all zero, got {values}")
+    return array

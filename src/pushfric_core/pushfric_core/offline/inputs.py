@@ -1,0 +1,127 @@
+"""Loads what commands and notebooks are given: observations, the object of a bag or a CSV, and its support points."""
+
+import os
+import pathlib
+import warnings
+from collections.abc import Iterable
+
+import pydantic
+
+from pushfric_core.bags import data_points
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import ObjectModel, SupportFile, complaint, load_object, make_object, read_points
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observations import Observations
+
+
+def object_of(path: pathlib.Path, name: str, option: str = "--object OBJ.yaml") -> tuple[ObjectModel, str]:
+    """The object that is named, or the one next to the bag; and where it came from.
+
+    Args:
+        path: the bag or the CSV.
+        name: name of the object, or path of its YAML; empty: the one next to the bag.
+        option: how the caller names an object, for the error.
+    Raises:
+        InvalidInput: there is no such object, or its file does not describe an object.
+    """
+    data_points.check_source(path)
+    next_to_bag = data_points.object_beside(path)
+    if not name and next_to_bag is None:
+        raise InvalidInput(f"{path} does not name the pushed object; give {option} or one of {', '.join(TABLE_1)}")
+    where = name or str(next_to_bag)
+    return load_object(where), where
+
+
+def with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> ObjectModel:
+    """The object with other support points, if any are given; hypotheses with their own support points keep them.
+
+    Raises:
+        InvalidInput: both a grid and a file are given, or one of them is unusable.
+    """
+    if file is not None and grid is not None:
+        raise InvalidInput("give --grid or --support-points, not both")
+    if file is not None:
+        support, where = SupportFile(points=[(x, y) for x, y in read_points(file).tolist()]), str(file)
+    elif grid is not None:
+        try:
+            support, where = SupportFile(grid=grid, inset=model.file.support.inset), "--grid"
+        except pydantic.ValidationError as error:
+            raise InvalidInput(f"--grid: {complaint(error)}") from error
+    else:
+        return model
+    return make_object(model.file.model_copy(update={"support": support}), where)
+
+
+class Recording(Observations):
+    """What `load` gives: the observations, and what was recorded with them.
+
+    Args:
+        observations: in order.
+        object: that was pushed: its `name`, `outline`, `support_points` (n, 2) [m], object frame, and `hypotheses`.
+        settings: of the recorded run's estimator; the defaults if none were recorded. `settings.estimator` is its config.
+
+    Example:
+        >>> import pathlib
+        >>> from pushfric_core import load
+        >>> columns = "push_id,contact_x,contact_y,normal_x,normal_y,vx,vy,omega"
+        >>> _ = pathlib.Path("pushes.csv").write_text(f"{columns}\\n0,0.01,-0.032,0,-1,0,0.02,0.1\\n")
+        >>> recording = load("pushes.csv", object="wood_rect4")
+        >>> estimate = recording.new_estimator().add(recording)
+        >>> estimate.data_points
+        1
+    """
+
+    def __init__(self, observations: Iterable[Observation], object: ObjectModel, settings: EstimatorSettings) -> None:
+        super().__init__(observations)
+        self.object, self.settings = object, settings
+
+    def new_estimator(self) -> Estimator:
+        """An estimator without observations, over the object's support points and with the recorded settings.
+
+        `recording.new_estimator().add(recording)` is the estimate of `pushfric estimate`. The same by hand:
+        `Estimator(recording.object.support_points, recording.settings.estimator, outline=recording.object.outline)`, and `keep`
+        for each push in `recording.settings.kept`.
+        """
+        return self.settings.new_estimator(self.object.support_points, outline=self.object.outline)
+
+
+def load(
+    source: str | os.PathLike[str], object: str | os.PathLike[str] = "", partial: bool = False, namespace: str | None = None
+) -> Recording:
+    """The observations of a bag or a CSV, with the object that was pushed: what `pushfric estimate` estimates from.
+
+    A warning (UserWarning) names each message that is refused, and whatever does not add up in the bag.
+
+    Args:
+        source: the bag (folder or .mcap), or the CSV of observations (docs/files.md), object frame, SI units.
+        object: an object of Table 1 by name, or the path of its YAML; may be left out for a bag with object.yaml next to it.
+        partial: accept a bag from which messages are missing.
+        namespace: of the cell; None: the bag has only one.
+    Raises:
+        InvalidInput: the source or the object cannot be read; one line says what is wrong, where, and what was expected.
+        DamagedBag: messages are missing from the bag.
+        MissingPackage: the packages that read bags are not installed.
+
+    Example:
+        >>> import pathlib
+        >>> from pushfric_core import load
+        >>> columns = "push_id,contact_x,contact_y,normal_x,normal_y,vx,vy,omega"
+        >>> _ = pathlib.Path("pushes.csv").write_text(f"{columns}\\n0,0.01,-0.032,0,-1,0,0.02,0.1\\n")
+        >>> recording = load("pushes.csv", object="wood_rect4")
+        >>> len(recording), recording.object.support_points.shape
+        (1, (15, 2))
+    """
+    path = pathlib.Path(source)
+    model, _ = object_of(path, os.fspath(object), "object='OBJ.yaml'")
+    settings = data_points.recorded_settings(path, namespace)
+    said: list[str] = []
+    try:
+        reading = data_points.read(path, model, settings, said.append, partial, namespace)
+        said += [f"{path}: {doubt}" for doubt in reading.ledger.doubts]
+    finally:
+        for line in said:
+            warnings.warn(line, stacklevel=2)
+    return Recording(reading.observations, model, settings)

@@ -1,0 +1,171 @@
+"""Estimates from many bags and CSVs: a bad input does not stop the others, and an interrupted run goes on where it stopped.
+
+Every finished input adds one line of JSON to `results.jsonl`. The table, the models and the report follow from these lines.
+"""
+
+import dataclasses
+import hashlib
+import json
+import os
+import pathlib
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+from pushfric_core import __version__
+from pushfric_core.bags.data_points import bags_in, is_bag
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.files.model_file import save_model
+from pushfric_core.offline.estimation import Choices, estimate_from
+from pushfric_core.offline.workers import results
+from pushfric_core.report.report import to_json
+
+RESULTS, MODELS = "results.jsonl", "models"
+"""Names in the folder of the results."""
+
+Line = dict[str, Any]
+"""What is known of an input: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`; at
+last `checksum`."""
+
+
+def inputs_of(sources: Iterable[pathlib.Path]) -> list[pathlib.Path]:
+    """Bags and CSVs, with all bags and CSVs of a folder in place of the folder; absolute paths, each once, in order."""
+    return list(dict.fromkeys(found.absolute() for source in sources for found in (_content_of(source) or [source])))
+
+
+def _content_of(folder: pathlib.Path) -> list[pathlib.Path]:
+    return sorted([*bags_in(folder), *folder.glob("*.csv")]) if folder.is_dir() and not is_bag(folder) else []
+
+
+def estimate_many(
+    inputs: Sequence[pathlib.Path],
+    choices: Choices,
+    out: pathlib.Path,
+    jobs: int,
+    dask: str | None,
+    finished: Callable[[Line], None],
+) -> list[Line]:
+    """The lines of all inputs, in order; inputs whose lines are already in `results.jsonl` are not estimated again.
+
+    Args:
+        inputs: bags and CSVs.
+        choices: what the caller chose, the same for every input; paths in it are absolute.
+        out: folder for the lines and models; created if it does not exist.
+        jobs: processes on this machine; -1: one for each core.
+        dask: address of the scheduler of a Dask cluster, whose workers see the same files; None: this machine.
+        finished: called with each line as it comes, first with those of an earlier run.
+    Raises:
+        InvalidInput: the folder cannot be written, or no cluster answers.
+        WorkerKilled: a process was killed; the lines up to then are in the folder.
+    """
+    models = model_names(inputs)
+    try:
+        (out / MODELS).mkdir(parents=True, exist_ok=True)
+        wanted = {str(path): fingerprint(path, choices) for path in inputs}
+        lines = {line["input"]: line for line in _earlier(out / RESULTS, wanted)}
+        for line in lines.values():
+            finished(line)
+        missing = [path for path in inputs if str(path) not in lines]
+        work = partial(_line_of, choices=choices, models={str(path): out.absolute() / models[path] for path in missing})
+        with (out / RESULTS).open("a", encoding="utf-8") as stream:
+            stream.write("\n" * _torn(out / RESULTS))
+            for text in results(work, missing, jobs, dask):
+                stream.write(f"{text}\n")
+                stream.flush()
+                line = json.loads(text)
+                lines[line["input"]] = line
+                finished(line)
+    except OSError as error:
+        raise InvalidInput(f"{out}: cannot be written: {error.strerror}") from error
+    return [lines[str(path)] for path in inputs]
+
+
+def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
+    """Where the model of each input goes, in the folder of the results; the name follows from the input's path alone.
+
+    Where several inputs would have one name, as a bag and a CSV next to it, a few digits of the path tell them apart.
+    """
+    named = {path: _name_of(path) for path in inputs}
+    times = Counter(named.values())
+    for path, name in named.items():
+        if times[name] > 1:
+            named[path] = f"{name}-{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    return {path: pathlib.Path(MODELS) / f"{name}.yaml" for path, name in named.items()}
+
+
+def _name_of(path: pathlib.Path) -> str:
+    """The parts of a path, without the suffix of a file; a folder's name may have dots of its own."""
+    relative = pathlib.Path(os.path.relpath(path))
+    whole = relative if path.is_dir() else relative.with_suffix("")
+    return "-".join(part for part in whole.parts if part.strip("./"))
+
+
+def fingerprint(path: pathlib.Path, choices: Choices) -> str:
+    """Changes with the input, with what was chosen for it, and with the version of pushfric."""
+    named = [pathlib.Path(choices.object_name), choices.support_points]
+    files = [file for file in named if file is not None and file.is_file()]
+    files += sorted(path.rglob("*")) if path.is_dir() else [path]
+    parts: list[Any] = [__version__, dataclasses.asdict(choices)]
+    for file in files:
+        if file.is_file():
+            stat = file.stat()
+            parts.append((str(file), stat.st_size, stat.st_mtime_ns))
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
+    """The lines of an earlier run that are still valid; the last one of each input counts."""
+    if not file.exists():
+        return
+    lines: dict[str, Line] = {}
+    for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            line = json.loads(text)
+        except (ValueError, RecursionError):
+            continue  # an interrupted run leaves half a line
+        known = isinstance(line, dict) and isinstance(line.get("input"), str)
+        if known and wanted.get(line["input"], "") == line.get("fingerprint") and _is_unchanged(line):
+            lines[line["input"]] = line
+    yield from lines.values()
+
+
+def _checksum(line: Line) -> str:
+    """Of all that a line says besides; it shows whether somebody, or a failing disk, has changed it."""
+    said = {key: value for key, value in line.items() if key != "checksum"}
+    return hashlib.sha256(to_json(said).encode()).hexdigest()[:16]
+
+
+def _is_unchanged(line: Line) -> bool:
+    return line.get("checksum") == _checksum(line)
+
+
+def _torn(file: pathlib.Path) -> bool:
+    """Whether a file ends in the middle of a line."""
+    with file.open("rb") as stream:
+        if stream.seek(0, os.SEEK_END) == 0:
+            return False
+        stream.seek(-1, os.SEEK_END)
+        return stream.read() != b"\n"
+
+
+def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Path]) -> str:
+    """Estimate one input and write its model; return its line as JSON, which holds whatever went wrong."""
+    warnings: list[str] = []
+    line: Line = {"input": str(path), "fingerprint": fingerprint(path, choices), "warnings": warnings}
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():  # reading a pipe might never end
+            raise InvalidInput(f"{path}: is a pipe or a device; expected a bag or a CSV of observations")
+        estimation = estimate_from(path, choices, warnings.append)
+        line |= estimation.figures()
+        if estimation.result.contradiction is None:
+            model = models[str(path)]
+            save_model(estimation.to_model(), model)
+            line["model"] = f"{MODELS}/{model.name}"
+    except PushfricError as error:
+        line["error"] = str(error)
+    except Exception as error:  # noqa: BLE001 - a fault of ours must not stop the other inputs; its traceback is reported
+        line["error"] = f"{type(error).__name__}: {error}"
+        line["traceback"] = traceback.format_exc()
+    return to_json({**line, "checksum": _checksum(line)})

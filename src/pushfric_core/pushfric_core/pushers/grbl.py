@@ -1,0 +1,734 @@
+"""Driver of a pusher behind a GRBL 1.1 controller (Arduino GRBL, grblHAL, FluidNC) on a serial port.
+
+Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
+arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
+
+A stroke is a stream of short jogs (`$J=`). The controller never has more of them than it moves through in the time `ahead`,
+judged by the positions that it reports. If this process dies, hangs or loses the line, the pusher therefore stops after that
+time. Each jog states all of its modes (G21 G90), so no modal state is relied on. No feed override changes a jog, and a feed
+hold cancels it. Flow control is send-and-wait: a line is sent only after the controller has answered the last one.
+
+    DISCONNECTED --connect(), ?, $I, $$--> IDLE, or ALARM; a moving pusher is held
+    IDLE, HOLD, ALARM --recover(): soft reset, $H where homing is configured, else $X--> HOMING --> IDLE
+    IDLE --move_to()--> RUNNING --target reached--> IDLE
+    RUNNING, HOMING --stop(): feed hold, rest, soft reset--> HOLD --> IDLE; ALARM if this cost the controller its position
+    any --ALARM:n--> ALARM --recover()--> as above
+    any --port gone, silence, restart of the controller--> DISCONNECTED
+
+If anything goes wrong, `poll()` first tells the pusher to stop and then raises the error. Connecting, for the first time or
+again, never moves the pusher and never ends an alarm: both wait for `recover()`.
+"""
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Generator
+
+import serial
+
+from pushfric_core.pushers.grbl_protocol import (
+    ALARM,
+    BUILD,
+    ERROR,
+    GREETING,
+    SETTING,
+    STATE_MODES,
+    Alarm,
+    CommandRefused,
+    RealTime,
+    Status,
+    parse_status,
+)
+from pushfric_core.pushers.grbl_settings import GrblSettings, check_axis
+from pushfric_core.pushers.pusher import (
+    Jumped,
+    LeftTheWay,
+    Limits,
+    Mode,
+    NotConnected,
+    NotReady,
+    PusherConfig,
+    PusherError,
+    PusherReport,
+    Timeout,
+    TooFast,
+)
+from pushfric_core.pushers.serial_port import open_port, write_all
+from pushfric_core.pushers.stroke import Plausibility, Stroke
+
+Script = Generator[None, None, None]
+"""A sequence of commands and answers; poll() takes it a step further."""
+FINISHED = object()
+WIPED = "wiped out by a reset"
+
+ANSWER_TIMEOUT = 3.0  # [s], as all below
+HOMING_TIMEOUT = 180.0
+ASK_EVERY = 0.05  # while a script waits for reports
+ASK_MOVING = 0.025  # in a stroke
+ASK_AGAIN = 0.25  # a question that was not answered
+ASK_AGAIN_MOVING = 0.06
+SILENCE = 2.0  # at rest, unless the setting silence allows more
+RESET_AGAIN = 1.0
+RESET_PATIENCE = 6.0  # a greeting after a reset may take this long
+CLOSE_TIMEOUT = 2.0
+LONGEST_LINE = 4096  # [bytes]
+SETTINGS_ASKED = 6
+REPORTS_UNTIL_WCO = 31  # the offset comes with every 30th report at the latest
+IDLE_REPORTS = 10  # this many in a row away from the target mean that the motion ended early
+NOT_IDLE = 8  # error
+NOT_IDLE_OFTEN = 5  # this many of these errors may be waited out in one stroke
+IMPOSSIBLE_FEED = 1.5  # times the controller's greatest speed
+UNKNOWN_SPEED = 1.0  # greatest speed of a controller that does not say [m/s]
+INCH = 25.4  # [mm]
+MM = 1e-3  # [m]
+MM_PER_MINUTE = MM / 60  # [m/s]
+ECHOED = b"".join(command.value for command in RealTime)
+"""What a terminal in between may echo, even in the middle of a line."""
+
+
+class Grbl:
+    """A Pusher: one linear axis of a GRBL 1.1 controller.
+
+    Stroke position 0 is where the axis rests after homing; without homing, the zero of the controller's work coordinates.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        baud: int = GrblSettings.baud,
+        axis: str = GrblSettings.axis,
+        home: bool = PusherConfig.home,
+        greeting_timeout: float = GrblSettings.connect_timeout,
+        ahead: float = GrblSettings.ahead,
+        silence: float = GrblSettings.silence,
+        real_time_factor: float = GrblSettings.real_time_factor,
+        only_look: bool = False,
+    ) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            port: of the controller, such as /dev/ttyUSB0.
+            baud: [bit/s]
+            axis: X, Y, Z, A, B or C, with a minus sign if the stroke runs towards negative coordinates.
+            home: `recover` seeks the home switch; otherwise it unlocks an alarm.
+            greeting_timeout: how long a controller may take to boot [s].
+            ahead: if nothing more is sent, the pusher goes on for this long and then brakes [s of real time].
+            silence: a controller that says nothing for this long while it moves is stopped [s].
+            real_time_factor: seconds of the controller in one of real time; 1 for any but a simulated one.
+            only_look: never move, hold or reset the controller, and send it no line while it moves.
+        Raises:
+            ValueError: axis is not one of these.
+        """
+        check_axis(axis)
+        self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
+        self._ahead, self._silence, self._factor, self._only_look = ahead, silence, real_time_factor, only_look
+        self._patience = max(SILENCE, silence)  # at rest
+        self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
+        self._index = "XYZABC".index(self._letter)
+        self._zero = 0.0  # work coordinate of stroke position 0 [mm]
+        self._port: serial.Serial | None = None
+        self._damaged = 0  # reports
+        self._plausibility = Plausibility()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget all about the controller: nothing is known of it until it has answered."""
+        self._buffer = b""
+        self._script: Script | None = None
+        self._connected = self._homing = self._moving = self._halting = self._resetting = self._greeted = False
+        self._recovery_due = False  # once a stop under way is over
+        self._owed = 0  # greetings, for resets that were sent
+        self._stroke: Stroke | None = None  # until its end, or the end of the stop that broke it off
+        self._doubt: str | None = None
+        self._polled: float | None = None  # when poll() was last called
+        self._now_stamp: int | None = None
+        self._asked_last = 0.0  # when the question behind the newest report was sent
+        self._believed = 0  # reports
+        self._feed = math.inf  # in the last report [m/s]
+        self._claimed_offset: tuple[float, ...] | None = None
+        self._plausibility.forget()
+        self._status: Status | None = None
+        self._statuses = 0
+        self._offset: tuple[float, ...] | None = None
+        self._last: PusherReport | None = None
+        self._fresh: PusherReport | None = None
+        self._stamp: int | None = None
+        self._asked: float | None = None  # when the last question was sent, if it is unanswered
+        self._last_ask = -math.inf
+        self._silent_since: float | None = None
+        self._pending: str | None = None  # the line sent and not answered yet
+        self._sent_at = 0.0
+        self._answer: CommandRefused | str | None = None
+        self._settings: dict[int, str] = {}
+        self._version = ""
+        self._trouble: PusherError | None = None
+
+    @property
+    def mode(self) -> Mode:
+        if not self._connected or self._status is None:
+            return Mode.DISCONNECTED
+        if self._homing:
+            return Mode.HOMING
+        mode = STATE_MODES.get(self._status.state, Mode.HOLD)
+        if mode is Mode.IDLE and self.busy:  # idle means ready for a motion
+            return Mode.RUNNING if self._moving else Mode.HOLD
+        return mode
+
+    @property
+    def busy(self) -> bool:
+        return self._script is not None or self._recovery_due
+
+    @property
+    def name(self) -> str:
+        return f"{self._version or 'no controller'} at {self._path}"
+
+    @property
+    def place(self) -> str:
+        return self._path
+
+    @property
+    def doubt(self) -> str | None:
+        return self._doubt
+
+    @property
+    def dropped(self) -> int:
+        return self._damaged + self._plausibility.dropped
+
+    @property
+    def limits(self) -> Limits:
+        travel = math.inf
+        if self._settings.get(20, "0") != "0":
+            # homing ends this far inside the travel
+            homes = int(self._setting(22, 0.0)) & 1  # grblHAL says more in the other bits
+            pull_off = self._setting(27, 0.0) if homes else 0.0
+            travel = (self._axis_setting(130) - pull_off) * MM
+        return Limits(travel, self._axis_setting(110) * MM_PER_MINUTE, self._axis_setting(120) * MM)
+
+    def _axis_setting(self, first: int) -> float:
+        """Infinite if the firmware keeps it elsewhere."""
+        return self._setting(first + self._index, math.inf)
+
+    def _setting(self, number: int, otherwise: float) -> float:
+        try:
+            return float(self._settings[number])
+        except (KeyError, ValueError):
+            return otherwise
+
+    def connect(self) -> None:
+        if self._port is not None:
+            return
+        if not os.path.exists(self._path):
+            raise NotConnected(f"no serial port at {self._path}")
+        self._forget()
+        try:
+            self._port = open_port(self._path, self._baud)
+        except OSError as error:
+            raise NotConnected(f"cannot open {self._path}: {error}") from error
+        self._script = self._connecting()
+
+    def close(self) -> None:
+        deadline = time.monotonic() + CLOSE_TIMEOUT
+        # the port is being left whatever goes wrong, and _drop() sends the stop once more if it is still due
+        with contextlib.suppress(PusherError):
+            if self._in_motion:
+                self.stop()
+            while self._in_motion and time.monotonic() < deadline:
+                self.poll()
+                time.sleep(0.005)
+        self._drop()
+
+    def recover(self) -> None:
+        if not self._connected:
+            raise NotConnected(f"no controller is connected at {self._path}")
+        if self._moving or self._homing:
+            raise NotReady(f"the pusher's mode is {self.mode.value}, expected a pusher at rest")
+        self._recovery_due = True
+
+    def move_to(self, position: float, speed: float) -> None:
+        """See Pusher. Raises ValueError if the speed is not positive."""
+        if not speed > 0:
+            raise ValueError(f"speed must be positive, got {speed}")
+        if self.mode is not Mode.IDLE:
+            raise NotReady(f"the pusher's mode is {self.mode.value}, expected idle")
+        self._moving = True
+        self._script = self._streaming(position, speed)
+
+    def stop(self) -> None:
+        self._recovery_due = False
+        if not self._connected or self._halting or self._only_look:
+            return
+        self.send(RealTime.HOLD)
+        # while it homes, the controller ignores a feed hold; after some alarms it ignores all but the reset
+        at_once = self._homing or self.mode is Mode.ALARM
+        if self._script is not None:
+            self._script.close()
+        self._moving = False
+        # if this fails, it stays set: all that is left then is to leave the port
+        self._halting = True
+        self._script = self._stopping(at_once)
+
+    def send(self, command: RealTime) -> None:
+        """Send a real-time command. Raises NotConnected."""
+        self._write(command.value)
+
+    def ask(self, stamp: int) -> None:
+        if self._connected and not self._homing:
+            self._ask(stamp)
+
+    def poll(self, stamp: int | None = None) -> PusherReport | None:
+        if self._port is None:
+            raise NotConnected(f"{self._path} is not open")
+        self._fresh, self._now_stamp = None, stamp
+        before, self._polled = self._polled, time.monotonic()
+        try:
+            self._read()
+            if self._moving and before is not None and self._polled - before > self._silence:
+                stood = f"{self._polled - before:.2f} s; silence is {self._silence:g} s"
+                raise Timeout(f"this process stood still for {stood}")
+            self._judge()
+            self._step()
+        except NotConnected:
+            self._drop()
+            raise
+        except PusherError as error:
+            if isinstance(error, Jumped | LeftTheWay | TooFast):
+                self._doubt = str(error)
+            if self._connected and not self._halting:
+                self.stop()
+                raise
+            lost = NotConnected(f"{self.name}: {error}")
+            self._drop()
+            raise lost from error
+        return self._fresh
+
+    # What poll() does first: bytes, lines, meaning
+
+    def _write(self, data: bytes) -> None:
+        if self._port is None:
+            raise NotConnected(f"{self._path} is not open")
+        try:
+            write_all(self._port, data)
+        except OSError as error:
+            self._drop()
+            raise NotConnected(f"lost {self._path}: {error}") from error
+
+    def _read(self) -> None:
+        assert self._port is not None
+        try:
+            self._buffer += self._port.read(LONGEST_LINE)
+        except OSError as error:
+            raise NotConnected(f"lost {self._path}: {error}") from error
+        *lines, self._buffer = self._buffer.split(b"\n")
+        self._buffer = self._buffer[-LONGEST_LINE:]  # noise without an end of line
+        for line in lines:
+            self._take(line.translate(None, ECHOED).decode("ascii", errors="replace").strip())
+
+    def _take(self, line: str) -> None:
+        """Take one line; startup lines, echoes, feedback and noise are ignored."""
+        if (greeting := GREETING.search(line)) is not None:  # a restart may cut off another line
+            self._take_greeting(greeting[1])
+        elif (status := parse_status(line)) is not None:
+            self._take_status(status)
+        elif line.startswith("<"):
+            self._damaged += 1
+        elif (error := ERROR.fullmatch(line)) is not None or line == "ok":
+            if self._pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
+                self._answer = line if error is None else CommandRefused(self._pending, int(error[1]))
+                self._pending, self._owed = None, 0  # so every greeting that was due before it has come
+        elif (alarm := ALARM.fullmatch(line)) is not None:
+            self._status = Status("Alarm")
+            self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
+        elif (build := BUILD.match(line)) is not None:
+            self._version = f"Grbl {build[1]}"
+        elif (setting := SETTING.match(line)) is not None and self._pending == "$$":
+            self._settings[int(setting[1])] = setting[2]
+
+    def _take_greeting(self, version: str) -> None:
+        self._greeted, self._version = True, self._version or f"Grbl {version}"  # $I says more than the greeting
+        self._pending, self._answer = None, WIPED if self._pending is not None else self._answer
+        if self._owed:
+            self._owed -= 1
+        else:
+            self._trouble = NotConnected(f"the controller at {self._path} restarted")
+
+    def _take_status(self, status: Status) -> None:
+        """Take a status report; one that cannot be true changes nothing."""
+        now = time.monotonic()
+        # the report answers the first open question or an earlier one, so the pusher was there at that time or later
+        asked = self._silent_since if self._silent_since is not None else self._asked_last
+        offset = self._offset
+        if status.work_offset is not None and status.work_offset != offset:
+            # a damaged offset would displace all later positions, so a new one counts only once it has come twice
+            if offset is None or status.work_offset == self._claimed_offset:
+                offset = status.work_offset
+            self._claimed_offset = status.work_offset
+        position = status.work_position
+        if position is None and status.machine_position is not None:
+            zero = offset or (0.0,) * (self._index + 1)
+            position = tuple(m - o for m, o in zip(status.machine_position, zero, strict=False))
+        stamp = self._now_stamp if self._stamp is None else self._stamp
+        if position is not None and len(position) > self._index:
+            # rounded to the nanometre, far below a report's last digit, so that nothing is shown as -0.000
+            here = round(self._sign * (position[self._index] * self._unit - self._zero) * MM, 9) + 0.0
+            if not self._can_be_true(here, status, asked, now):
+                self._stamp = self._asked = None
+                return
+            # in these states grblHAL reports no feed while it brakes, and the programmed feed at rest
+            feed = None if status.state in ("Hold", "Door") else status.feed
+            report = PusherReport(here, self._speed(here, feed, stamp, _moves(status)), self.mode, stamp)
+        else:
+            report = None
+        self._stamp = self._asked = self._silent_since = None
+        self._status, self._statuses, self._offset, self._asked_last = status, self._statuses + 1, offset, asked
+        if status.overrides and status.overrides[0] != 100 and self._moving:
+            self.send(RealTime.FULL_FEED)
+        if report is not None:
+            self._fresh = self._last = report._replace(mode=self.mode)
+            self._believed += 1
+
+    def _can_be_true(self, position: float, status: Status, asked: float, now: float) -> bool:
+        if self._homing:  # positions start again
+            self._plausibility.forget()
+        greatest = self.limits.max_speed
+        limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
+        speed = math.inf if status.feed is None else status.feed * self._unit * MM_PER_MINUTE
+        if limit * IMPOSSIBLE_FEED < speed < math.inf:
+            self._damaged += 1
+            return False
+        # in these states grblHAL reports no feed while it brakes
+        before, self._feed = self._feed, math.inf if status.state in ("Hold", "Door") else speed
+        reported = min(limit, max(before, self._feed))
+        fastest = min(limit, self._stroke.speed) if self._stroke is not None else reported
+        speeds = (speed * self._factor for speed in (fastest, reported, limit))
+        believed, jumped_from = self._plausibility.judge(position, asked, now, *speeds)
+        if jumped_from is not None and self._connected:
+            jump = f"it was at {jumped_from:.4f} m and then, at once, at {position:.4f} m"
+            self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")
+        return believed
+
+    def _speed(self, position: float, feed: float | None, stamp: int | None, moves: bool) -> float:
+        """The controller's feed with the sign of the motion; without a feed, the difference of the positions.
+
+        While the controller says that it moves, two equal positions do not mean rest, but reports of one moment.
+        """
+        if self._last is None:
+            return 0.0
+        moved = position - self._last.position
+        if feed is not None:
+            way = moved or self._last.speed  # without a difference, both reports are of the same moment
+            return math.copysign(feed * self._unit * MM_PER_MINUTE, way) + 0.0 if way else 0.0
+        if moves and not moved:
+            return self._last.speed
+        if stamp is None or self._last.stamp is None or stamp <= self._last.stamp:
+            return 0.0
+        return moved / ((stamp - self._last.stamp) * 1e-9)
+
+    @property
+    def _unit(self) -> float:
+        """The unit of positions in reports [mm]; settings and commands are always in mm."""
+        return INCH if self._settings.get(13) == "1" else 1.0
+
+    def _judge(self) -> None:
+        """Raise what the lines just read mean for the connection; during a reset, alarms and greetings are expected."""
+        trouble, self._trouble = self._trouble, None
+        if not self._connected or self._resetting:
+            return
+        if trouble is not None and not (self._halting and isinstance(trouble, Alarm)):
+            raise trouble
+        if self._halting or self._homing or self._silent_since is None:
+            return
+        silent = time.monotonic() - self._silent_since
+        if self._moving and silent > self._silence:
+            what = f"said nothing for {silent:.2f} s in mid-stroke; silence is {self._silence:g} s"
+            raise Timeout(f"the controller at {self._path} {what}")
+        if silent > self._patience:
+            raise NotConnected(
+                f"the controller at {self._path} is silent for {silent:.1f} s, the limit is {self._patience:g} s"
+            )
+
+    def _step(self) -> None:
+        if self._script is None and self._recovery_due:
+            self._script, self._recovery_due = self._recovering(), False
+        if self._script is not None and next(self._script, FINISHED) is FINISHED:
+            self._script, self._moving, self._stroke = None, False, None
+
+    @property
+    def _in_motion(self) -> bool:
+        """Whether it may be moving now or later."""
+        return not self._only_look and self._connected and (self.busy or self.mode not in (Mode.IDLE, Mode.ALARM))
+
+    def _drop(self) -> None:
+        """Leave the port; tell a pusher that may be moving to stop, although nobody can wait for it any more."""
+        port, in_motion, homing = self._port, self._in_motion, self._homing
+        self._forget()
+        self._port = None
+        if port is None:
+            return
+        with contextlib.suppress(OSError):  # the port may be gone already
+            if in_motion:  # a hold cancels a jog; only a reset ends a homing cycle
+                write_all(port, RealTime.HOLD.value + (RealTime.RESET.value if homing else b""))
+        port.close()
+
+    def _ask(self, stamp: int | None) -> None:
+        now = time.monotonic()
+        if self._asked is not None and now - self._asked < (ASK_AGAIN_MOVING if self._moving else ASK_AGAIN):
+            return
+        self.send(RealTime.ASK)
+        self._stamp, self._asked, self._last_ask = stamp, now, now
+        self._silent_since = self._silent_since or now
+
+    # Scripts
+
+    def _connecting(self) -> Script:
+        yield from self._hear()
+        status = yield from self._come_to_rest()
+        if status.state not in ("Idle", "Alarm"):
+            if self._only_look:
+                self._connected = True
+                return
+            yield from self._reset()  # nothing moves any more, and only now are lines read
+        yield from self._command("$I")
+        if self._version.startswith("Grbl 0."):
+            raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
+        yield from self._ask_for_settings()
+        self._check_settings()
+        self._plausibility.forget()  # now that the unit of reports is known
+        yield from self._find_place()
+        self._connected = True
+
+    def _hear(self) -> Script:
+        """Wait for the greeting of a board that boots when its port is opened, or the answer of one that runs already."""
+        deadline = time.monotonic() + self._greeting_timeout
+        while not self._greeted and not self._statuses:
+            if time.monotonic() > deadline:
+                if self._only_look:
+                    raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud")
+                break
+            self._ask(None)
+            yield
+        if self._version.startswith("Grbl 0."):
+            raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
+        if not self._greeted and not self._statuses:
+            # after a limit, and while it homes, GRBL ignores everything but a reset
+            self._doubt = "it answered only after a reset"
+            self.send(RealTime.HOLD)
+            try:
+                yield from self._reset()
+            except Timeout as error:
+                raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
+
+    def _come_to_rest(self) -> Generator[None, None, Status]:
+        """Hold a moving pusher, at its first report, and wait until it rests; with only_look, do neither."""
+        status = self._status or (yield from self._report())
+        while True:
+            before = self._last
+            if not _moves(status):
+                again = yield from self._report()
+                same = before is not None and self._last is not None and before.position == self._last.position
+                if again.state == status.state == "Alarm" or (same and not _moves(again)):
+                    return again
+                status = again
+            self._doubt = "it moved when it was found"
+            if self._only_look:
+                return status
+            self.send(RealTime.HOLD)
+            status = yield from self._report()
+
+    def _ask_for_settings(self) -> Script:
+        """Ask for the settings until two answers agree: they say what a report means, and have no checksum."""
+        before: dict[int, str] | None = None
+        for _ in range(SETTINGS_ASKED):
+            self._settings = {}
+            yield from self._command("$$")
+            if self._settings == before:
+                return
+            before = self._settings
+        raise NotConnected(f"{self.name}: its settings ($$) came {SETTINGS_ASKED} times, each time different")
+
+    def _find_place(self) -> Script:
+        """Wait until two reports in a row give the same place, at rest, because one may be damaged."""
+        before: float | None = None
+        for _ in range(REPORTS_UNTIL_WCO):
+            status = yield from self._report()
+            known = status.work_position is not None or self._offset is not None
+            here = self._last.position if known and self._last is not None and not _moves(status) else None
+            if here is not None and here == before:
+                return
+            before = here
+
+    def _check_settings(self) -> None:
+        """Raises NotConnected if a setting that matters has an impossible value."""
+        must_be_positive = {100 + self._index, 110 + self._index, 120 + self._index}
+        for number in sorted(must_be_positive | {20, 22, 27, 130 + self._index}):
+            text = self._settings.get(number)
+            try:
+                value = float(text or "nan")
+            except ValueError:
+                continue  # such as n/a: the firmware keeps it elsewhere
+            if text and not (0 <= value < math.inf and (value > 0 or number not in must_be_positive)):
+                shown = text if len(text) <= 20 else f"{text[:20]}..."
+                expected = "a positive number" if number in must_be_positive else "0 or more"
+                raise NotConnected(f"{self.name} is set to ${number}={shown}, expected {expected}")
+
+    def _recovering(self) -> Script:
+        yield from self._reset()  # some alarms need it
+        yield from self._seek_home() if self._home else self._unlock()
+        self._doubt = None
+
+    def _unlock(self) -> Script:
+        if self.mode is Mode.ALARM:
+            yield from self._command("$X")
+            yield from self._report()
+
+    def _seek_home(self) -> Script:
+        self._homing = True
+        try:
+            yield from self._command("$H", HOMING_TIMEOUT)
+            yield from self._find_place()
+        finally:
+            self._homing = False
+        if self._last is not None:
+            self._zero += self._sign * self._last.position / MM
+        self._plausibility.forget()
+
+    def _streaming(self, position: float, speed: float) -> Script:
+        """Send the pieces of a stroke, as there is room for them, until the pusher rests at its end."""
+        assert self._last is not None
+        acceleration = self.limits.acceleration
+        # a longer silence is allowed on a busy machine, to each piece
+        ahead, wait = self._ahead * self._factor, max(0.0, self._silence - GrblSettings.silence)
+        self._stroke = stroke = Stroke(self._last.position, position, speed, acceleration, ahead, wait)
+        self.send(RealTime.FULL_FEED)
+        self._answer, began, waits = None, time.monotonic(), False
+        idle, seen, believed, patience = 0, self._statuses, self._believed, NOT_IDLE_OFTEN
+        while True:
+            now = time.monotonic()
+            if self._pending is not None and (waited := now - self._sent_at) > self._silence:
+                line, self._pending = self._pending, None
+                raise Timeout(f'no answer to "{line}" for {waited:.2f} s; silence is {self._silence:g} s')
+            if isinstance(self._answer, CommandRefused):
+                if self._answer.code != NOT_IDLE or not patience:
+                    raise self._answer
+                # a piece that arrives at the very end of the one before runs as an ordinary line, and blocks jogs until its end
+                self._answer, patience, waits = None, patience - 1, True
+                stroke.take_back()
+            if self._believed > believed:
+                believed = self._believed
+                stroke.check(self._last.position, self._last.speed)
+            stroke.check_time(now - began)
+            waits = waits and (self._status is None or self._status.state != "Idle" or self._statuses == seen)
+            if self._pending is None and not waits and (end := stroke.next_piece(self._last.position)) is not None:
+                self._send_line(self._jog(end, speed))
+                idle, seen = 0, self._statuses
+            elif self._pending is None and self._statuses > seen:
+                seen = self._statuses
+                assert self._status is not None
+                if self.mode is Mode.ALARM:  # the line with its number was lost
+                    raise Alarm(self._status.substate)
+                # right after its `ok` a controller may still report that it idles where it was
+                idle = idle + 1 if self._status.state == "Idle" else 0
+                if idle and stroke.all_sent and abs(self._last.position - position) <= self._resolution:
+                    return
+                if idle >= IDLE_REPORTS:
+                    rests = f"the pusher rests at {self._last.position:.4f} m"
+                    raise Timeout(f"{rests}, was sent to {stroke.sent:.4f} m")
+            if now - self._last_ask >= ASK_MOVING:
+                self._ask(self._now_stamp)
+            yield
+
+    def _jog(self, position: float, speed: float) -> str:
+        # adding 0.0 turns -0.0 into 0.0
+        target = round(self._zero + self._sign * position / MM, 3) + 0.0
+        return f"$J=G21G90{self._letter}{target:.3f}F{speed / MM_PER_MINUTE:.3f}"
+
+    @property
+    def _resolution(self) -> float:
+        """How near the controller gets to a target [m]: a motor step, or the last digit of a report in inches."""
+        return max(0.02, 1 / self._axis_setting(100)) * MM
+
+    def _stopping(self, at_once: bool) -> Script:
+        if not at_once:
+            yield from self._resting()
+        yield from self._reset()
+        self._halting = False
+
+    def _reset(self) -> Script:
+        """Raises Timeout if the controller does not answer afterwards."""
+        self._resetting = True
+        try:
+            # for half a second, while it reports its alarm, GRBL drops a reset
+            dropped = self._status is not None and self._status.state == "Alarm"
+            self._greeted = False
+            self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
+            self._send_reset()
+            again, deadline = time.monotonic() + RESET_AGAIN, time.monotonic() + RESET_PATIENCE
+            while not self._greeted and time.monotonic() < deadline:
+                if dropped and time.monotonic() > again:
+                    self._send_reset()
+                    dropped = False
+                yield
+            if not self._greeted:  # whatever it reports then, it may have restarted unheard
+                raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
+            settled = time.monotonic() + RESET_AGAIN
+            while self._owed and time.monotonic() < settled:  # a second reset would wipe out what is sent now
+                yield
+            yield from self._report()
+        finally:
+            self._resetting = False
+
+    def _send_reset(self) -> None:
+        self.send(RealTime.RESET)
+        self._owed += 1
+
+    def _resting(self) -> Script:
+        """Wait for the end of a feed hold: a reset before it costs the position. A stuck controller is reset anyway."""
+        braking = self.limits.max_speed / self.limits.acceleration
+        deadline = time.monotonic() + 1 + (braking if math.isfinite(braking) else 0)
+        before = None
+        while time.monotonic() < deadline:
+            try:
+                status = yield from self._report()
+            except Timeout:
+                return
+            moving = _moves(status)
+            place = status.machine_position or status.work_position
+            if not moving and place == before:
+                return
+            if status.state in ("Run", "Jog"):
+                self.send(RealTime.HOLD)  # a line that was on its way starts a motion again; a second hold does no harm
+            before = None if moving else place
+
+    def _send_line(self, line: str) -> None:
+        self._pending, self._answer, self._sent_at = line, None, time.monotonic()
+        self._write(line.encode() + b"\n")
+
+    def _command(self, line: str, timeout: float = ANSWER_TIMEOUT) -> Script:
+        self._send_line(line)
+        deadline = time.monotonic() + timeout
+        while self._answer is None or self._answer == WIPED:
+            if time.monotonic() > deadline:
+                self._pending = None
+                raise Timeout(f'no answer to "{line}" within {timeout:g} s')
+            if self._answer == WIPED:
+                self._send_line(line)
+            if time.monotonic() - self._last_ask >= ASK_AGAIN:
+                self._ask(None)  # some firmware reads its input only while more arrives
+            yield
+        if isinstance(self._answer, CommandRefused):
+            raise self._answer
+
+    def _report(self) -> Generator[None, None, Status]:
+        seen = self._statuses
+        deadline = time.monotonic() + self._patience
+        while self._statuses == seen or self._status is None:
+            if time.monotonic() > deadline:
+                raise Timeout(f"no answer to ? within {self._patience:g} s")
+            if time.monotonic() - self._last_ask >= ASK_EVERY:
+                self._ask(None)
+            yield
+        return self._status
+
+
+def _moves(status: Status) -> bool:
+    return status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)

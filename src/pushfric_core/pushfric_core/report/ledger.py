@@ -1,0 +1,45 @@
+"""The ledger as JSON and as a table."""
+
+from typing import TYPE_CHECKING, Any
+
+from pushfric_core.trajectories.ledger import REASONS, Ledger
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def account(ledger: Ledger) -> dict[str, Any]:
+    """The accounts by kind, the events with their stamps [ns], and what does not add up."""
+    return {
+        "accounts": ledger.sums(),
+        "events": [{"stamp": stamp, "text": text} for stamp, text in ledger.events],
+        "more_events": ledger.more_events,
+        "doubts": list(ledger.doubts),
+    }
+
+
+def table(ledger: Ledger) -> "Table":
+    """The sums, one column for each kind."""
+    from rich.table import Table  # imported late: the estimator's process draws no tables
+
+    sums = ledger.sums()
+    shown = Table(box=None, pad_edge=False, header_style="bold")
+    shown.add_column("")
+    for kind in sums:
+        shown.add_column(kind, justify="right")
+    for reason in ("received", *REASONS):
+        if any(reason in account for account in sums.values()):
+            shown.add_row(reason, *(str(account.get(reason, "")) for account in sums.values()))
+    return shown
+
+
+def events(ledger: Ledger) -> list[str]:
+    """The events in order of time, each with its stamp [s], as lines."""
+    found = sorted(ledger.events)
+    lines = [f"{stamp * 1e-9:.3f}: {text}" for stamp, text in found]
+    return [*lines, f"and {ledger.more_events} more events"] if ledger.more_events else lines
+
+
+def sums_in_words(ledger: Ledger) -> dict[str, str]:
+    """For each kind, its sums in one line, for diagnostics: 871 received, 600 used, ..."""
+    return {kind: ", ".join(f"{number} {reason}" for reason, number in sums.items()) for kind, sums in ledger.sums().items()}

@@ -1,0 +1,174 @@
+"""The ledger: every message that came in ends in exactly one account, which says what became of it.
+
+Accounts are counts, so a ledger stays small however long a run is. What happened to a stream as a whole is an event, with its
+time. What does not add up is a doubt: one line with numbers, for people.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+POSES, STATES, WRENCHES, OBSERVATIONS, PUSHES = KINDS = ("poses", "pusher states", "wrenches", "observations", "pushes")
+"""What is accounted for."""
+
+USED = "used"
+BETWEEN_PUSHES = "between pushes"
+NOT_PUSHED = "not pushed"
+TOO_FEW = "too few frames"
+BETWEEN_FRAMES = "between frames"
+NOT_SEEN = "object not seen"
+NO_PARTNER = "no partner"
+AHEAD = "ahead"
+OUT_OF_ORDER = "out of order"
+REPEATED = "repeated"
+REFUSED = "refused"
+FOREIGN = "foreign namespace"
+UNCONFIRMED = "unconfirmed"
+EXCLUDED = "excluded"
+LEFT_OUT = "left out by screening"
+WAITING = "waiting"
+ABORTED = "aborted"
+NO_OBSERVATION = "no observation"
+
+REASONS = {
+    USED: "a pose or a wrench: it is in an observation; a pusher state: it is next to a pose of a push; an observation: the "
+    "estimate rests on it; a push: the estimate rests on an observation of it",
+    BETWEEN_PUSHES: "the pusher was not pushing then",
+    NOT_PUSHED: "in a push, but the tip was away, at a corner or changing its speed, or the object at rest or leaping",
+    TOO_FEW: "the frames pushed in a row were too few for an observation, or too slow",
+    BETWEEN_FRAMES: "other pusher states lie nearer to the poses",
+    NOT_SEEN: "no pose came during this part of the push",
+    NO_PARTNER: "there is no pusher state on both sides; a wrench: no observation was made at its time",
+    AHEAD: "its stamp lies ahead of those that follow it, or far ahead and none follows",
+    OUT_OF_ORDER: "its stamp lies before that of an earlier message",
+    REPEATED: "it has the stamp of the message before it, and tells nothing new",
+    REFUSED: "its values are impossible, or say nothing",
+    FOREIGN: "it belongs to another cell",
+    UNCONFIRMED: "no checksum confirms it",
+    EXCLUDED: "its push is excluded by a person or by the settings",
+    LEFT_OUT: "its push is unlike the others",
+    WAITING: "it had not been judged when the account was drawn up",
+    ABORTED: "it did not reach its end",
+    NO_OBSERVATION: "it gave no observation",
+}
+"""What each account means."""
+
+LOST = frozenset((AHEAD, OUT_OF_ORDER, REFUSED, FOREIGN, UNCONFIRMED))
+"""Accounts that stay empty in a sound run. A message in one of them is a doubt."""
+
+MOST_EVENTS = 100
+"""Events that a ledger keeps; it counts the others."""
+
+
+class Event(NamedTuple):
+    """Something that happened to a stream."""
+
+    stamp: int  # when [ns]
+    text: str  # a sentence with numbers
+
+
+@dataclass
+class Account:
+    """What became of the messages of one kind: `received` counts all, `ended` those whose end is known, by reason."""
+
+    received: int = 0
+    ended: Counter[str] = field(default_factory=Counter)
+
+    def end(self, reason: str, number: int = 1) -> None:
+        """That many messages, received before, end for this reason."""
+        self.ended[reason] += number
+
+    def enter(self, reason: str, number: int = 1) -> None:
+        """That many messages come in and end at once."""
+        self.received += number
+        self.ended[reason] += number
+
+    @property
+    def open(self) -> int:
+        """Messages without an end so far; never negative."""
+        return self.received - self.ended.total()
+
+    def add(self, other: "Account") -> None:
+        """Take over all that another account holds."""
+        self.received += other.received
+        self.ended.update(other.ended)
+
+    def sums(self) -> dict[str, int]:
+        """The number received, then those in each account, in the order of REASONS; what is open counts as waiting."""
+        ended = self.ended + Counter({WAITING: self.open})
+        return {"received": self.received} | {reason: ended[reason] for reason in REASONS if ended[reason]}
+
+
+class Ledger:
+    """The accounts of one run or bag, its events, and what does not add up.
+
+    Attributes:
+        accounts: by kind.
+        events: the first MOST_EVENTS, in the order in which they were noticed.
+        more_events: number of all others.
+        doubts: lines for people, each once.
+    """
+
+    def __init__(self) -> None:
+        self.accounts = {kind: Account() for kind in KINDS}
+        self.events: list[Event] = []
+        self.more_events = 0
+        self.doubts: list[str] = []
+
+    def event(self, stamp: int, text: str) -> None:
+        """Note what happened to a stream at a time [ns]."""
+        if len(self.events) < MOST_EVENTS:
+            self.events.append(Event(stamp, text))
+        else:
+            self.more_events += 1
+
+    def doubt(self, line: str) -> None:
+        """Note what does not add up: one line with numbers."""
+        if line not in self.doubts:
+            self.doubts.append(line)
+
+    def take(self, accounts: Mapping[str, Account], events: Iterable[Event] = ()) -> None:
+        """Take over accounts that were kept elsewhere, and events."""
+        for kind, account in accounts.items():
+            self.accounts[kind].add(account)
+        for event in events:
+            self.event(*event)
+
+    def absorb(self, other: "Ledger") -> None:
+        """Take over all that another ledger holds."""
+        self.take(other.accounts, other.events)
+        self.more_events += other.more_events
+        for line in other.doubts:
+            self.doubt(line)
+
+    def settle(
+        self,
+        made: Mapping[int, int],
+        used: Mapping[int, int],
+        excluded: Collection[int],
+        rejected: Collection[int],
+        started: Collection[int] = (),
+        aborted: Collection[int] = (),
+    ) -> None:
+        """Enter what became of the observations and of the pushes.
+
+        Args:
+            made: number of observations of each push, by its id.
+            used: how many of these the estimate rests on.
+            excluded: ids of the pushes that a person or the settings left out.
+            rejected: ids of the pushes that are unlike the others.
+            started, aborted: ids of the pushes of the plan, as far as it is known.
+        """
+        observations, pushes = self.accounts[OBSERVATIONS], self.accounts[PUSHES]
+        for push_id in sorted({*made, *started, *aborted}):
+            number, taken = made.get(push_id, 0), used.get(push_id, 0)
+            why = EXCLUDED if push_id in excluded else LEFT_OUT if push_id in rejected else REFUSED
+            observations.enter(USED, taken)
+            observations.enter(why, number - taken)
+            without = ABORTED if push_id in aborted else NO_OBSERVATION
+            pushes.enter(USED if taken else why if number or why != REFUSED else without)
+
+    def sums(self) -> dict[str, dict[str, int]]:
+        """By kind, for those of which any came, as `Account.sums`."""
+        return {kind: account.sums() for kind, account in self.accounts.items() if account.received}

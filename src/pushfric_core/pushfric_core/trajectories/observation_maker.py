@@ -1,0 +1,84 @@
+"""Data points from what a cell measures: poses and pusher states, and the measured forces where these are needed."""
+
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Event, Ledger
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.sensed_force import ForceSample, SensedForce
+from pushfric_core.trajectories.trajectory import Apart, PoseSample, PusherSample, Trajectory, TrajectoryConfig
+
+
+class ObservationMaker:
+    """Makes data points, live and from a bag alike, in order of time. Only the stamps of the samples matter, not their order.
+
+    Args:
+        outline: of the object.
+        config: how poses become data points; TrajectoryConfig() by default.
+        with_forces: a data point waits until its force has been measured.
+    """
+
+    def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, with_forces: bool = False) -> None:
+        self._trajectory = Trajectory(outline, config)
+        self._forces = SensedForce() if with_forces else None
+
+    @property
+    def contradiction(self) -> str | None:
+        """As `Trajectory.contradiction`."""
+        return self._trajectory.contradiction
+
+    @property
+    def apart(self) -> Apart | None:
+        """As `Trajectory.apart`."""
+        return self._trajectory.apart
+
+    @property
+    def settled(self) -> int:
+        """Time up to which all samples have become data points [ns]; 0 before the first one."""
+        since = None if self._forces is None else self._forces.waiting_since
+        settled = self._trajectory.settled
+        return max(0, settled if since is None else min(settled, since - 1))
+
+    @property
+    def waiting(self) -> int | None:
+        """Number of data points that wait for their force; None if none needs one."""
+        return None if self._forces is None else self._forces.waiting
+
+    @property
+    def skew(self) -> float:
+        """As `Trajectory.skew`."""
+        return self._trajectory.skew
+
+    @property
+    def events(self) -> list[Event]:
+        """Wild stamps and clocks that went back, so far."""
+        return self._trajectory.events + ([] if self._forces is None else self._forces.events)
+
+    def ledger(self) -> Ledger:
+        """What became of all samples so far, if no more were to follow. Data points that were made have no end here."""
+        ledger = self._trajectory.ledger()
+        if self._forces is not None:
+            self._forces.enter(ledger, self._trajectory.settled)
+            ledger.accounts[OBSERVATIONS].enter(WAITING, self._forces.waiting)
+        return ledger
+
+    def add_pose(self, sample: PoseSample) -> list[Observation]:
+        """Take a pose, and return the data points that became complete; raises as `Trajectory.add_pose`."""
+        return self._with_forces(self._trajectory.add_pose(sample))
+
+    def add_pusher(self, sample: PusherSample) -> list[Observation]:
+        """Take a pusher state, and return the data points that became complete."""
+        return self._with_forces(self._trajectory.add_pusher(sample))
+
+    def add_force(self, sample: ForceSample) -> list[Observation]:
+        """Take a sample of the force, and return the data points that became complete.
+
+        Raises:
+            ValueError: the force is not finite, or data points are made without forces.
+        """
+        if self._forces is None:
+            raise ValueError("data points are made without forces here")
+        return self._forces.add_force(sample)
+
+    def _with_forces(self, made: list[Observation]) -> list[Observation]:
+        if self._forces is None:
+            return made
+        return [complete for observation in made for complete in self._forces.add_observation(observation)]

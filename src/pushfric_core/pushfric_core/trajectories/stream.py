@@ -1,0 +1,172 @@
+"""One stream of stamped samples in order of time, so that a wild stamp costs one sample and no other.
+
+Which samples count follows from the stamps of their own stream alone, so it is the same live, in a replay and offline:
+
+- A stamp before that of the last sample that counts: the sample is left out.
+- A stamp that follows within FAR usual steps: the sample counts at once.
+- A stamp further ahead, or one of the first: the sample is held until CONFIRMED samples, it included, have come in order of
+  time. If a sample with an earlier stamp comes first, the held one was wild, and is left out.
+
+A real pause, or a clock that was set forward, is confirmed in this way; the samples after it count. A clock that was set back
+is noticed too, but order of time cannot be restored: what it stamps is left out until it has caught up.
+"""
+
+from collections import deque
+from typing import Generic, Protocol, TypeVar
+
+from pushfric_core.trajectories.ledger import AHEAD, MOST_EVENTS, OUT_OF_ORDER, REPEATED, WAITING, Account, Event, Ledger
+
+NANOSECONDS = 1e9
+
+CONFIRMED = 3
+"""Samples in order that confirm a leap of the stamps. An observation needs as many frames after a pause anyway."""
+
+FAR = 3
+"""A step longer than this multiple of the usual one is a leap."""
+
+OUTLASTS = 10.0
+"""One stream may end this much before another [s]: nodes do not end at once, and a pusher at rest reports seldom."""
+
+RECENT = 9
+"""Number of steps whose median is the usual one: few enough to follow a stream that changes its rate."""
+
+
+class Stamped(Protocol):
+    """A sample with a stamp [ns]."""
+
+    @property
+    def stamp(self) -> int:
+        """When it was taken [ns]."""
+        ...
+
+
+Sample = TypeVar("Sample", bound=Stamped)
+
+
+class Stream(Generic[Sample]):
+    """Holds back samples that may be wild, and counts what is left out.
+
+    Args:
+        one: what a sample is called, in words.
+        distinct: no two samples have the same stamp. Otherwise another one with the same stamp counts: a clock stood still.
+    Attributes:
+        account: of all samples; those that `take` returns are for the caller to end.
+        events: the first MOST_EVENTS wild stamps and clocks that were set back.
+        first, last: stamps of the first and the last sample that counts [ns]; None before.
+        leaps: the first MOST_EVENTS confirmed leaps, each from one stamp to another [ns].
+    """
+
+    def __init__(self, one: str, distinct: bool = True) -> None:
+        self._one, self._distinct = one, distinct
+        self.account = Account()
+        self.events: list[Event] = []
+        self.leaps: list[tuple[int, int]] = []
+        self.first: int | None = None
+        self.last: int | None = None
+        self._newest: Sample | None = None  # that counts
+        self._held: list[Sample] = []  # in order of time
+        self._farthest = {AHEAD: 0, OUT_OF_ORDER: 0}  # how far a stamp was off, at most [ns]
+        self._steps: deque[int] = deque(maxlen=RECENT)
+        self._far = 0  # the longest step that is not a leap [ns]
+        self._back = -1  # the last stamp that was left out as too early [ns]
+        self._behind = 0  # how many such came in order up to it
+
+    def close(self, ledger: Ledger, kind: str, until: int | None) -> None:
+        """Enter the account and the events into a ledger, and what was left out as doubts.
+
+        Args:
+            ledger: the ledger.
+            kind: of the account.
+            until: the last stamp of another stream [ns]: a sample that is still held, and OUTLASTS later than this, counts as
+                wild.
+        """
+        account = Account(self.account.received, self.account.ended.copy())
+        events = list(self.events)
+        for sample in self._held:
+            wild = until is not None and self.last is not None and sample.stamp > until + OUTLASTS * NANOSECONDS
+            account.end(AHEAD if wild else WAITING)
+            if wild:
+                assert self.last is not None
+                leap = sample.stamp - self.last
+                self._farthest[AHEAD] = max(self._farthest[AHEAD], leap)
+                text = f"a {self._one} is stamped {seconds(leap)} ahead of the last one, and none follows"
+                events.append(Event(self.last, text))
+        ledger.take({kind: account}, events)
+        for reason, how in ((AHEAD, "ahead of those that follow"), (OUT_OF_ORDER, "before those that came first")):
+            if number := account.ended[reason]:
+                what, far = counted_of(number, account.received, kind), seconds(self._farthest[reason])
+                most = "up to " if number > 1 else ""
+                ledger.doubt(f"{what} stamped {most}{far} {how}, and left out")
+
+    def take(self, sample: Sample) -> list[Sample]:
+        """Take a sample, and return those that now count, in order of time."""
+        self.account.received += 1
+        held, stamp = self._held, sample.stamp
+        if self.last is not None and not stamp > self.last:
+            if self._repeats(sample, self._newest):
+                self.account.end(REPEATED)
+                return []
+            if stamp < self.last:
+                self._note_behind(stamp)
+                return []
+        self._behind = 0
+        while held and held[-1].stamp > stamp:
+            self._note_ahead(held.pop().stamp, stamp)
+        if held and self._repeats(sample, held[-1]):
+            self.account.end(REPEATED)
+            return []
+        held.append(sample)
+        known: list[Sample] = []
+        while held and (len(held) >= CONFIRMED or self._follows(held[0].stamp)):
+            known.append(held.pop(0))
+            self._count(known[-1])
+        return known
+
+    def _repeats(self, sample: Sample, other: Sample | None) -> bool:
+        return other is not None and sample.stamp == other.stamp and (self._distinct or sample == other)
+
+    def _follows(self, stamp: int) -> bool:
+        return self.last is not None and stamp - self.last <= self._far
+
+    def _count(self, sample: Sample) -> None:
+        stamp = sample.stamp
+        if self.last is None:
+            self.first = stamp
+        elif step := stamp - self.last:
+            if self._far < step and self._steps and len(self.leaps) < MOST_EVENTS:
+                self.leaps.append((self.last, stamp))
+            self._steps.append(step)
+            self._far = FAR * sorted(self._steps)[(len(self._steps) - 1) // 2]
+        self._newest, self.last = sample, stamp
+
+    def _note_ahead(self, stamp: int, following: int) -> None:
+        self.account.end(AHEAD)
+        self._farthest[AHEAD] = max(self._farthest[AHEAD], stamp - following)
+        where = following if self.last is None else self.last
+        self._note(where, f"a {self._one} is stamped {seconds(stamp - following)} ahead of the next one and is left out")
+
+    def _note_behind(self, stamp: int) -> None:
+        assert self.last is not None
+        self.account.end(OUT_OF_ORDER)
+        self._behind = self._behind + 1 if stamp > self._back else 1
+        self._back = stamp
+        self._farthest[OUT_OF_ORDER] = max(self._farthest[OUT_OF_ORDER], self.last - stamp)
+        late = seconds(self.last - stamp)
+        if self._behind == 1:
+            self._note(self.last, f"a {self._one} is stamped {late} before the last one and is left out")
+        elif self._behind == CONFIRMED:
+            self._note(self.last, f"the clock of the {self._one}s went back by {late}; they are left out meanwhile")
+
+    def _note(self, stamp: int, text: str) -> None:
+        if len(self.events) < MOST_EVENTS:
+            self.events.append(Event(stamp, text))
+
+
+def seconds(duration: int) -> str:
+    """A duration [ns] in words."""
+    return f"{duration * 1e-9:.3f} s"
+
+
+def counted_of(number: int, total: int, kind: str) -> str:
+    """Some of a kind as the subject of a sentence, with its verb: 1 of 871 poses is."""
+    return f"{number} of {total} {kind} {'is' if number == 1 else 'are'}"

@@ -1,0 +1,98 @@
+"""The printed board that calibrates a camera: what it looks like, and finding it in images."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from pushfric_core.geometry.planar import Array
+from pushfric_core.plausible import other_unit
+from pushfric_core.vision.camera import Image
+
+MIN_CORNERS = 12
+"""Number of corners that a view of the board must show."""
+
+MARKER = 0.7
+"""Side of a marker, as a share of its square's side."""
+
+_DICTIONARY = cv2.aruco.DICT_4X4_250
+_SUBPIX = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-3)
+
+
+@dataclass(frozen=True)
+class Board:
+    """A ChArUco board: a chessboard with a marker in each white square.
+
+    The origin of its frame is the lower left corner of the printed chessboard: x right, y up, z towards the viewer.
+
+    Args:
+        columns, rows: number of squares.
+        square: side of a square [m].
+    Raises:
+        ValueError: fewer than 4 x 4 or more than 500 squares, or squares not between 0 and 1 m.
+    """
+
+    columns: int = 9
+    rows: int = 6
+    square: float = 0.028
+
+    def __post_init__(self) -> None:
+        if self.columns < 4 or self.rows < 4 or self.columns * self.rows > 500:
+            raise ValueError(f"a board must have 4 x 4 to 500 squares, got {self.columns} x {self.rows}")
+        if not 0 < self.square < 1:
+            asked = other_unit("m", lambda factor: 0 < self.square * factor < 1)
+            raise ValueError(f"the board's squares must be larger than 0 and smaller than 1 m, got {self.square:g}{asked}")
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the chessboard [m]."""
+        return self.columns * self.square, self.rows * self.square
+
+
+class View(NamedTuple):
+    """The corners of a board's squares that one image shows."""
+
+    ids: Array  # (n,) numbers of the corners
+    points: Array  # (n, 2) where they are on the board, in its frame [m]
+    pixels: Array  # (n, 2) where they are in the image [px]
+
+
+class BoardFinder:
+    """Finds a board's corners in images."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._detector = cv2.aruco.CharucoDetector(charuco(board))
+
+    def view(self, image: Image) -> View | None:
+        """The corners of the board in an image (height, width); None if the image shows too few of them."""
+        pixels, ids, _, _ = self._detector.detectBoard(image)
+        if ids is None or len(ids) < MIN_CORNERS:
+            return None
+        number = ids.ravel()
+        points = np.array(charuco(self._board).getChessboardCorners(), dtype=float)[number, :2]
+        # The detector's own window reaches into the markers, which costs 0.1 px; this one ends before the nearest marker.
+        rough = pixels.reshape(-1, 2).astype(float)
+        apart = np.linalg.norm(rough[:, None] - rough, axis=2)
+        square_px = apart[apart > 0].min()
+        window = max(2, int((1 - MARKER) / 2 * square_px) - 1)
+        refined = cv2.cornerSubPix(image, pixels.reshape(-1, 1, 2), (window, window), (-1, -1), _SUBPIX)
+        # OpenCV counts rows downwards
+        points[:, 1] = self._board.size[1] - points[:, 1]
+        return View(number, points, refined.reshape(-1, 2).astype(float))
+
+
+def charuco(board: Board) -> Any:
+    """OpenCV's model of a board, which counts rows downwards."""
+    dictionary = cv2.aruco.getPredefinedDictionary(_DICTIONARY)
+    return cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, MARKER * board.square, dictionary)
+
+
+def moved(view: View, other: View) -> float:
+    """Mean distance between the corners that both views show [px]; infinite if they share none."""
+    _, mine, its = np.intersect1d(view.ids, other.ids, return_indices=True)
+    if not len(mine):
+        return math.inf
+    return float(np.linalg.norm(view.pixels[mine] - other.pixels[its], axis=1).mean())

@@ -1,0 +1,169 @@
+"""Images from a camera, a video file or pictures, read in a thread of their own."""
+
+import glob
+import itertools
+import pathlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import cv2
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.vision.camera import Image
+
+PICTURE_PERIOD = 1 / 30
+"""Time between the pictures of a folder [s]."""
+
+ACCEPTED = "a camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures"
+"""What a source may be."""
+
+REOPEN_PERIOD = 1.0
+"""Time between attempts to find a camera that went away [s]."""
+
+
+class Device(threading.Thread):
+    """Reads frames into a short queue. If the queue is full, a camera's oldest frame is dropped; a file or folder waits.
+
+    Args:
+        source: device index, URL, video file, or folder or glob of pictures.
+        size: width and height to ask of a camera [px]; None: its default.
+        now: gives the time [ns] with which a frame is stamped.
+        arrived: called after each frame.
+    Raises:
+        InvalidInput: there is nothing to read at `source`.
+    """
+
+    def __init__(self, source: str, size: tuple[int, int] | None, now: Callable[[], int], arrived: Callable[[], None]) -> None:
+        super().__init__(name="device")
+        self._source, self._size, self._now, self._arrived = source, size, now, arrived
+        self._closing = threading.Event()
+        self.frames: deque[tuple[int, Image]] = deque(maxlen=8)  # stamp [ns], mono8
+        self.dropped = 0
+        self._read, self._period = self._open()
+
+    @property
+    def pictures(self) -> bool:
+        """Whether each frame is a picture of its own, from a folder or a glob."""
+        return pathlib.Path(self._source).is_dir() or glob.has_magic(self._source)
+
+    @property
+    def live(self) -> bool:
+        """Whether the source is a camera, which does not end."""
+        return not self._period
+
+    def close(self) -> None:
+        """End the thread and let go of the device."""
+        self._closing.set()
+        self.join()
+
+    def run(self) -> None:
+        while not self._closing.wait(self._period):
+            if self._period and len(self.frames) == self.frames.maxlen:
+                continue  # a file or folder waits until there is room
+            frame = self._read()
+            if frame is None:
+                if self._period:
+                    return
+                self._reopen()
+                continue
+            stamp = self._now()
+            grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            self.dropped += len(self.frames) == self.frames.maxlen
+            self.frames.append((stamp, grey))
+            self._arrived()
+
+    def _open(self) -> tuple[Callable[[], Image | None], float]:
+        """A function that returns the next frame, or None at the end, and the time between frames [s]; 0 for a camera."""
+        if self.pictures:
+            pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
+            pictures = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sorted(glob.glob(pattern)))
+            frames = (picture for picture in pictures if picture is not None)
+            first = next(frames, None)
+            if first is None:
+                raise InvalidInput(f"no pictures at {self._source!r}: expected {ACCEPTED}")
+            sequence = itertools.chain((first,), frames)
+            return lambda: next(sequence, None), PICTURE_PERIOD
+        # OpenCV would print several lines; the error below is one line
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+        capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
+        if not capture.isOpened():
+            there = ", ".join(sorted(glob.glob("/dev/video*"))) or "none"
+            raise InvalidInput(f"no camera at {self._source!r}: expected {ACCEPTED}; cameras of this machine: {there}")
+        if pathlib.Path(self._source).is_file():
+            rate = capture.get(cv2.CAP_PROP_FPS)
+            return lambda: capture.read()[1], 1 / rate if rate > 0 else PICTURE_PERIOD
+        if self._size is not None:
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
+        return lambda: capture.read()[1], 0.0
+
+    def _reopen(self) -> None:
+        """Wait until a camera that went away can be opened again."""
+        while not self._closing.wait(REOPEN_PERIOD):
+            try:
+                self._read, self._period = self._open()
+            except InvalidInput:
+                continue  # still away; the diagnostics say that no frames come
+            return
+
+
+class Frames(Protocol):
+    """The frames of one source, one after another; open it as a context manager, then iterate."""
+
+    name: str
+    """What the source is, for people."""
+
+    pictures: bool
+    """Whether each frame is a separate picture, which shows nothing of what happened between two pictures."""
+
+    live: bool
+    """Whether the source is a camera, which does not end."""
+
+    def __enter__(self) -> "Frames": ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def __iter__(self) -> Iterator[Image]: ...
+
+    def forget(self) -> None:
+        """Leave out a camera's frames up to now, so that the next one shows the present."""
+
+
+class DeviceFrames:
+    """The frames of a device.
+
+    Args:
+        source, size: as `Device` takes them.
+    Raises:
+        InvalidInput: there is nothing to read at `source`.
+    """
+
+    def __init__(self, source: str, size: tuple[int, int] | None = None) -> None:
+        self._arrival = threading.Event()
+        self._device = Device(source, size, time.monotonic_ns, self._arrival.set)
+        self.name, self.pictures, self.live = source, self._device.pictures, self._device.live
+
+    def __enter__(self) -> "DeviceFrames":
+        self._device.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._device.close()
+
+    def __iter__(self) -> Iterator[Image]:
+        while True:
+            ended = not self._device.is_alive()
+            while self._device.frames:
+                yield self._device.frames.popleft()[1]
+            if ended:
+                return
+            self._arrival.wait(0.1)
+            self._arrival.clear()
+
+    def forget(self) -> None:
+        """See Frames."""
+        if self.live:
+            self._device.frames.clear()

@@ -1,0 +1,127 @@
+"""Calibrates a camera's lens from views of a printed board."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.planar import Array
+from pushfric_core.vision.board import Board, BoardFinder, View, moved
+from pushfric_core.vision.camera import Lens
+from pushfric_core.vision.frame_source import Frames
+
+MIN_VIEWS = 8
+"""Number of different views that a lens calibration needs."""
+MIN_TILT = 20.0
+"""The tilt of the board must vary by this much over the views, about the image's u axis and about its v axis [degree]."""
+MAX_FOCAL_ERROR = 0.005
+"""The focal length must be known at least this well (1 sigma, relative)."""
+MAX_LENS_RMS_PX = 1.0
+"""A larger reprojection error (rms) means that the input is wrong."""
+NOVEL = 0.04
+"""A new view must differ from every earlier one by at least this fraction of the image's width."""
+STILL_PX = 1.0
+"""From one frame to the next, the corners of a board at rest move at most this far on average."""
+
+_REGIONS = tuple(f"{row} {column}".strip() for row in ("upper", "middle", "lower") for column in ("left", "centre", "right"))
+
+
+class LensCalibration(NamedTuple):
+    """A lens, and how well it explains the views."""
+
+    lens: Lens
+    rms_px: float  # reprojection error over all views
+    view_rms_px: Array  # (n,) reprojection error of each view
+    focal_error: float  # of the focal length, 1 sigma, relative
+
+
+def calibrate_lens(views: Sequence[View], width: int, height: int) -> LensCalibration:
+    """The lens that explains views of a board.
+
+    Args:
+        views: at least `MIN_VIEWS` of one board, from different directions.
+        width, height: of the images [px].
+    Raises:
+        InvalidInput: the views do not determine the lens; the text says what is missing.
+    """
+    if len(views) < MIN_VIEWS:
+        raise InvalidInput(f"too few different views of the board: expected at least {MIN_VIEWS}, got {len(views)}")
+    pixels = np.concatenate([view.pixels for view in views])
+    cells = (pixels * (3 / width, 3 / height)).astype(int).clip(0, 2)
+    seen = {row * 3 + column for column, row in cells.tolist()}
+    if missing := [region for number, region in enumerate(_REGIONS) if number not in seen]:
+        raise InvalidInput(f"the board was never seen in parts of the image: {', '.join(missing)}")
+    try:
+        rms, K, D, turns, _, deviations, _, view_rms = cv2.calibrateCameraExtended(
+            [np.column_stack((view.points, np.zeros(len(view.points)))).astype(np.float32) for view in views],
+            [view.pixels.astype(np.float32) for view in views],
+            (width, height),
+            None,
+            None,
+            flags=cv2.CALIB_FIX_K3,
+        )
+    except cv2.error as error:
+        raise InvalidInput(f"no lens explains the views: {error.err}; the board must be tilted") from error
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    tilts = np.degrees(np.ptp(np.arcsin(normals[:, :2]), axis=0))
+    for tilt, way in zip(tilts, ("left and right", "up and down"), strict=True):
+        if tilt < MIN_TILT:
+            raise InvalidInput(f"too little tilt {way}: {tilt:.0f} degrees between the views, expected at least {MIN_TILT:g}")
+    focal_error = float(np.max(deviations.ravel()[:2] / (K[0, 0], K[1, 1])))
+    if rms > MAX_LENS_RMS_PX:
+        worst = int(np.argmax(view_rms)) + 1
+        raise InvalidInput(
+            f"reprojection error of {rms:.2f} px, worst in view {worst}: is the board flat, and are its squares the size given?"
+        )
+    if not focal_error < MAX_FOCAL_ERROR:
+        raise InvalidInput(
+            f"the focal length is known only to {focal_error:.1%}: add nearer views in which the board is tilted more"
+        )
+    return LensCalibration(Lens(width, height, K, D.ravel()[:5]), float(rms), view_rms.ravel(), focal_error)
+
+
+def lens_from_frames(source: Frames, board: Board, progress: Callable[[str], None]) -> LensCalibration:
+    """The lens that took the images of a source, which show the board.
+
+    A camera is read until the views are enough; a video or a folder of pictures is read to its end.
+
+    Args:
+        source: not opened yet.
+        board: the board that the images show.
+        progress: called with a line of text for each view; of a camera, the line also says what is still missing.
+    Raises:
+        InvalidInput: its images are not enough; the text says what is missing.
+    """
+    finder, kept, frames = BoardFinder(board), list[View](), 0
+    size: tuple[int, ...] = ()
+    previous: View | None = None
+    with source:
+        for frame in source:
+            frames += 1
+            if size and frame.shape != size:
+                raise InvalidInput(
+                    f"{source.name}: pictures of different sizes: {size[1]} x {size[0]} and {frame.shape[1]} x {frame.shape[0]}"
+                )
+            size = frame.shape
+            view = finder.view(frame)
+            last, previous = previous, view
+            if view is None or not all(moved(view, other) > NOVEL * size[1] for other in kept):
+                continue
+            if not source.pictures and (last is None or moved(view, last) > STILL_PX):
+                continue
+            kept.append(view)
+            missing = ""
+            if source.live:
+                try:
+                    return calibrate_lens(kept, size[1], size[0])
+                except InvalidInput as error:
+                    missing = f"; {error}"
+            progress(f"view {len(kept)}: {len(view.ids)} corners{missing}")
+    if not kept:
+        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
+    try:
+        return calibrate_lens(kept, size[1], size[0])
+    except InvalidInput as error:
+        raise InvalidInput(f"{source.name}: {error}") from error

@@ -1,0 +1,256 @@
+"""Calibrates the table in a camera's image: from a printed board laid on it in one or more places, or from measured points."""
+
+import math
+import pathlib
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.csv_table import read_table
+from pushfric_core.geometry.planar import Array, Pose, transform
+from pushfric_core.vision.board import Board, BoardFinder, View, moved
+from pushfric_core.vision.camera import Camera, Image, Lens
+from pushfric_core.vision.frame_source import Frames
+from pushfric_core.vision.lens_calibration import NOVEL, STILL_PX
+
+MAX_RMS_PX = 5.0
+"""A larger reprojection error (rms) means that the input is wrong."""
+MAX_LEVERAGE = 4.0
+"""An error of 1 px (1 sigma) in the points on the table may grow to this at the image's corners [px]."""
+MIN_THICKNESS = 0.01
+"""Extent of the points across the line that runs through them, as a share of their extent along it."""
+ON_A_LINE = "the points lie on a line or in one place: expected points spread over the table"
+MAP = (9, 7)
+"""Columns and rows of the map of errors."""
+
+_CORNERS = ("upper left", "upper right", "lower right", "lower left")
+
+
+class Placement(NamedTuple):
+    """Points of one thing on the table, such as a board."""
+
+    pixels: Array  # (n, 2) where they appear in the image [px]
+    points: Array  # (n, 2) where they are on the thing [m]
+
+
+class ErrorMap(NamedTuple):
+    """How errors of the pixels change the calibration, all over the image."""
+
+    places: Array  # (rows, columns, 2) in the table frame [m]
+    errors: Array  # (rows, columns) error of a place seen there, 1 sigma [m]
+
+
+class TableCalibration(NamedTuple):
+    """A camera over its table, and how well it explains the points."""
+
+    camera: Camera
+    errors_px: Array  # (n,) reprojection errors
+    errors: Array  # (n,) the same errors on the table [m]
+    map: ErrorMap
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square of the reprojection errors."""
+        return _rms(self.errors_px)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the errors on the table [m]."""
+        return _rms(self.errors)
+
+
+def calibrate_table(lens: Lens, placements: Sequence[Placement]) -> TableCalibration:
+    """The table plane from things that lie on it.
+
+    Args:
+        lens: of the camera.
+        placements: at least one. The frame of the first is the table frame; where the others lie is found as well.
+    Raises:
+        InvalidInput: the points do not determine the plane; the text says what is missing.
+    """
+    first = placements[0]
+    if len(np.unique(first.points, axis=0)) < 4:
+        raise InvalidInput(f"too few different points: expected at least 4, got {len(np.unique(first.points, axis=0))}")
+    if any(_thickness(one) < MIN_THICKNESS for one in first):
+        raise InvalidInput(ON_A_LINE)
+    solid, pixels = _solid(first.points), np.ascontiguousarray(first.pixels, dtype=float)
+    found, turns, shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_IPPE)
+    if not found or not np.isfinite((turns, shifts)).all():
+        raise InvalidInput(ON_A_LINE)
+    # from a distance, a plane tilted the other way looks nearly the same
+    fits: list[tuple[Any, Camera]] = []
+    refused: InvalidInput | None = None
+    for pose in zip(turns, shifts, strict=True):
+        try:
+            fit = _fit(lens, placements, *pose)
+            fits.append((fit, _camera(lens, fit.x)))
+        except InvalidInput as error:  # this pose shows the table from below, or edge-on; the other one may not
+            refused = error
+    if refused is not None and not fits:
+        raise refused
+    fit, camera = min(fits, key=lambda one: one[0].cost)
+    errors_px = np.linalg.norm(fit.fun.reshape(-1, 2), axis=1)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[:6, :6]
+    corners = np.array(((0, 0), (1, 0), (1, 1), (0, 1))) * (lens.width - 1, lens.height - 1)
+    leverage = np.sqrt(np.trace(_spread_px(camera, corners, fit.x, covariance), axis1=1, axis2=2))
+    if not leverage.max() < MAX_LEVERAGE:
+        raise InvalidInput(
+            f"the points are badly spread: an error of 1 px in them grows to {leverage.max():.0f} px in the image's"
+            f" {_CORNERS[int(np.argmax(leverage))]}; add points there, or lay the board there too"
+        )
+    poses = _poses(fit.x)
+    seen = [
+        np.linalg.norm(camera.unproject(one.pixels) - transform(pose, one.points), axis=1)
+        for one, pose in zip(placements, poses, strict=True)
+    ]
+    errors = np.concatenate(seen)
+    if _rms(errors_px) > MAX_RMS_PX:
+        worst = int(np.argmax(errors_px))
+        raise InvalidInput(
+            f"the points disagree by {_rms(errors_px):.1f} px ({1e3 * _rms(errors):.1f} mm); the worst is number {worst + 1}, "
+            f"by {errors_px[worst]:.1f} px"
+        )
+    noise = math.sqrt(2 * fit.cost / max(len(fit.fun) - len(fit.x), 1))
+    return TableCalibration(camera, errors_px, errors, _map(camera, fit.x, noise**2 * covariance))
+
+
+def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callable[[str], None]) -> TableCalibration:
+    """The table on which the board lies in one or more places; the board's frame in the first becomes the table frame.
+
+    A camera is read until the places are enough; a video or a folder of pictures is read to its end.
+
+    Args:
+        source: not opened yet.
+        board: the board that lies on the table.
+        lens: of the camera.
+        progress: called with a line of text for each place; of a camera, the line also says what is still missing.
+    Raises:
+        InvalidInput: images of another size than the lens's, or too few places; the text says what is missing.
+    """
+    finder, frames, kept = BoardFinder(board), 0, list[View]()
+    previous: View | None = None
+    with source:
+        for frame in source:
+            frames += 1
+            check_size(frame, lens, source.name)
+            view = finder.view(frame)
+            last, previous = previous, view
+            if view is None:
+                if frames == 1:
+                    progress("board not found yet")
+                continue
+            at_rest = source.pictures or (last is not None and moved(view, last) <= STILL_PX)
+            if not at_rest or not all(moved(view, other) > NOVEL * lens.width for other in kept):
+                continue
+            kept.append(view)
+            missing = ""
+            if source.live:
+                try:
+                    return calibrate_table(lens, list(map(_placement, kept)))
+                except InvalidInput as error:
+                    missing = f"; {error}"
+            progress(f"place {len(kept)}: {len(view.ids)} corners{missing}")
+    if not kept:
+        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
+    try:
+        return calibrate_table(lens, list(map(_placement, kept)))
+    except InvalidInput as error:
+        raise InvalidInput(f"{source.name}: {error}") from error
+
+
+def check_size(frame: Image, lens: Lens, source: str) -> None:
+    """Raise InvalidInput, naming the source, if a frame (height, width) has another size than the lens's."""
+    if frame.shape != (lens.height, lens.width):
+        got = f"{frame.shape[1]} x {frame.shape[0]}"
+        raise InvalidInput(f"{source}: the lens is calibrated for {lens.width} x {lens.height} px, the image has {got}")
+
+
+def read_table_points(path: pathlib.Path) -> Placement:
+    """Pixels and table points [m] from a CSV file with columns u,v,x,y.
+
+    Raises:
+        InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
+    """
+    rows = read_table(path, ("u", "v", "x", "y"), "points").rows
+    return Placement(np.array([row.numbers(("u", "v")) for row in rows]), np.array([row.lengths(("x", "y")) for row in rows]))
+
+
+def read_table_places(path: pathlib.Path) -> Array:
+    """Places (n, 2) on the table [m] from a CSV file with columns x,y; raises as `read_table_points` does."""
+    return np.array([row.lengths(("x", "y")) for row in read_table(path, ("x", "y"), "places").rows])
+
+
+def _placement(view: View) -> Placement:
+    return Placement(view.pixels, view.points)
+
+
+def _fit(lens: Lens, placements: Sequence[Placement], turn: Array, shift: Array) -> Any:
+    """The camera's pose (6) and the placements' poses (3 for each but the first) of the least sum of squared errors [px^2]."""
+    camera = _camera(lens, np.concatenate((turn.ravel(), shift.ravel())))
+    start = [turn.ravel(), shift.ravel()]
+    start += [_lying(camera.unproject(one.pixels), one.points) for one in placements[1:]]
+
+    def misses(x: Array) -> Array:
+        parts = [
+            cv2.projectPoints(_solid(transform(pose, one.points)), x[:3], x[3:6], lens.K, lens.D)[0].reshape(-1, 2) - one.pixels
+            for one, pose in zip(placements, _poses(x), strict=True)
+        ]
+        return np.concatenate(parts).ravel()
+
+    return least_squares(misses, np.concatenate(start), x_scale="jac", method="trf")
+
+
+def _lying(places: Array, points: Array) -> Array:
+    """The pose (3,) on the table that brings points (n, 2) nearest to places (n, 2)."""
+    a, b = points - points.mean(axis=0), places - places.mean(axis=0)
+    angle = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
+    turned = transform(Pose(0.0, 0.0, angle), points.mean(axis=0))
+    return np.array((*(places.mean(axis=0) - turned), angle))
+
+
+def _poses(x: Array) -> list[Pose]:
+    """The placements' poses on the table."""
+    return [Pose(0.0, 0.0, 0.0), *(Pose(*map(float, one)) for one in x[6:].reshape(-1, 3))]
+
+
+def _camera(lens: Lens, x: Array) -> Camera:
+    R, _ = cv2.Rodrigues(x[:3])
+    return lens.over(lens.K @ np.column_stack((R[:, :2], x[3:6])))
+
+
+def _thickness(points: Array) -> float:
+    """Extent of points (n, 2) across their main direction, as a share of that along it; 0 if they are in one place."""
+    along, across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(across / along) if along > 0 else 0.0
+
+
+def _solid(points: Array) -> Array:
+    return np.column_stack((points, np.zeros(len(points))))
+
+
+def _spread_px(camera: Camera, pixels: Array, x: Array, covariance: Array) -> Array:
+    """How the image of the table at pixels (k, 2) varies with the camera's pose: (k, 2, 2) [px^2]."""
+    solid = _solid(camera.unproject(pixels))
+    slopes = cv2.projectPoints(solid, x[:3], x[3:6], camera.K, camera.D)[1][:, :6].reshape(-1, 2, 6)
+    return np.asarray(slopes @ covariance @ slopes.transpose(0, 2, 1))
+
+
+def _map(camera: Camera, x: Array, covariance: Array) -> ErrorMap:
+    """The errors of places seen all over the image, for a camera's pose with this covariance (6, 6)."""
+    columns, rows = MAP
+    u, v = np.meshgrid(np.linspace(0, camera.width - 1, columns), np.linspace(0, camera.height - 1, rows))
+    pixels = np.column_stack((u.ravel(), v.ravel()))
+    spread = _spread_px(camera, pixels, x, covariance)
+    places = camera.unproject(pixels)
+    by_pixel = np.stack([camera.unproject(pixels + step) - places for step in ((1, 0), (0, 1))], axis=2)  # (k, 2, 2) [m/px]
+    on_table = by_pixel @ spread @ by_pixel.transpose(0, 2, 1)
+    errors = np.sqrt(np.trace(on_table, axis1=1, axis2=2))
+    return ErrorMap(places.reshape(rows, columns, 2), errors.reshape(rows, columns))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,221 @@
+"""Measures the pushing line from pictures of the tip at known stroke positions, without an object: where it is, and its radius.
+
+The tip may be the round end of a rod or hang from above, and it may be brighter or darker than the table. What has changed
+since the picture of the first position ends, in the direction of the stroke, with the round front of the tip.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.planar import Array
+from pushfric_core.vision.camera import Camera, Image
+
+LEAST_PICTURES = 4
+"""Fewer positions would not show errors."""
+LEAST_CHANGE = 12.0
+"""The tip must differ from the table by this [grey levels]; a strip of paper under a dark tip helps."""
+LEAST_STROKE = 4.0
+"""The first and the last position must be this many radii apart."""
+NOT_ROUND_PX = 0.5
+"""A front that deviates from a circle by more than this (rms) is not round."""
+LEAST_POINTS, ROUND_SHARE = 6, 0.7
+"""Least number of points on a front, and the share of the points ahead of the circle's centre that must lie on the circle."""
+NOT_ROUND = "the front of what moves is not round, or too small in the image: expected the tip alone, without an object"
+OFF_LINE = 0.5e-3
+"""Centres that deviate from a line by more than this (rms) [m] do not move along one."""
+HEIGHTS = (-0.002, 0.1)
+"""Range of the tip's height over the table [m]; beyond it, the length of the stroke is wrong."""
+
+_BLUR_PX = 0.7  # against the noise; it does not move a circle's centre
+_NOISE_SHARE = 0.5  # of the change, at which the edge is
+_FRONT = 0.35  # of the circle, points this share of the radius before its centre belong to the front
+_BAND = 0.25  # and those that are off the circle by less than this share
+_ROUNDS = 12
+
+
+class TipMeasurement(NamedTuple):
+    """The tip, and the line it moves on."""
+
+    origin: Array  # (2,) centre of the tip at stroke position 0, in the table frame [m]
+    direction: Array  # (2,) unit, of the forward stroke
+    radius: float  # [m]
+    height: float  # of the visible part of the tip, over the table [m]
+    scale: float  # the stroke's length as seen at this height, divided by what the controller says
+    rms: float  # distance of the tip's centres from the line and from their places on it [m]
+    centers: Array  # (n, 2) where the tip was seen, as if it were on the table [m]
+
+
+def measure_tip(
+    camera: Camera, positions: Sequence[float], images: Sequence[Image], radius: float, height: float | None = None
+) -> TipMeasurement:
+    """The pushing line and the tip.
+
+    Args:
+        camera: lens and table.
+        positions: along the stroke, ascending [m].
+        images: one for each position (height, width); only the pusher differs between them.
+        radius: approximate radius of the tip, within a factor of two [m].
+        height: of the visible part of the tip, over the table [m]; None: from the parallax, which makes the stroke look longer
+            than the controller says.
+    Raises:
+        InvalidInput: there are too few pictures, the tip is not seen well enough, or no line explains what is seen; the text
+            says what to do.
+    """
+    at = np.asarray(positions, dtype=float)
+    if len(at) < LEAST_PICTURES or len(images) != len(at) or not (np.diff(at) > 0).all():
+        raise InvalidInput(
+            f"expected pictures of {LEAST_PICTURES} or more stroke positions, ascending; got {len(images)} of {len(at)}"
+        )
+    if np.ptp(at) < LEAST_STROKE * radius:
+        raise InvalidInput(
+            f"the stroke positions lie within {1e3 * np.ptp(at):.1f} mm, expected {1e3 * LEAST_STROKE * radius:.1f} mm or more"
+        )
+    smooth = [cv2.GaussianBlur(image, (0, 0), _BLUR_PX).astype(float) for image in images]
+    first, middle, last = smooth[0], smooth[len(smooth) // 2], smooth[-1]
+    ahead = _ahead(camera, middle - first, last - middle)
+    apart = at - at[0] >= 2.5 * radius  # nearer to the first place, the change since then is no whole front
+    circles = [_front(camera, np.abs(one - first), ahead, radius) for one in np.array(smooth)[apart]]
+    seen = float(np.median([circle.radius for circle in circles]))
+    circles = [circle.with_radius(seen) for circle in circles]
+    centers = np.array([circle.center for circle in circles])
+    line = _fitted(at[apart], centers)
+    # where everything is scaled about the camera's foot, so is the stroke
+    if height is None:
+        height = _height(camera, line)
+        if not HEIGHTS[0] <= height <= HEIGHTS[1]:
+            longer = np.hypot(*line.velocity) - 1
+            raise InvalidInput(
+                f"the stroke looks {100 * abs(longer):.1f} % {'longer' if longer > 0 else 'shorter'} than the controller says,"
+                f" as if the tip were {1e3 * height:.0f} mm over the table: check the controller's steps per millimetre"
+                " (docs/hardware.md), and the table's calibration; or say how high the tip is"
+            )
+    ends = camera.lifted([line.origin, line.origin + at[-1] * line.velocity], height)
+    way = ends[1] - ends[0]
+    length = float(np.hypot(*way))
+    shrunk = length / (at[-1] * float(np.hypot(*line.velocity)))
+    if line.rms * shrunk > OFF_LINE:
+        raise InvalidInput(
+            f"the tip does not move along a line at the positions given: it is {1e3 * line.rms * shrunk:.2f} mm off (rms);"
+            " did anything else move, such as a hand or a cable?"
+        )
+    return TipMeasurement(ends[0], way / length, seen * shrunk, height, length / at[-1], line.rms * shrunk, centers)
+
+
+class _Line(NamedTuple):
+    origin: Array  # (2,) at position 0
+    velocity: Array  # (2,) per metre of stroke
+    rms: float  # [m]
+
+
+def _fitted(positions: Array, centers: Array) -> _Line:
+    """The uniform motion through the centres (n, 2), by least squares."""
+    a = np.column_stack((np.ones(len(positions)), positions))
+    solution, *_ = np.linalg.lstsq(a, centers, rcond=None)
+    off = centers - a @ solution
+    return _Line(solution[0], solution[1], math.sqrt(float(np.mean(np.sum(off**2, axis=1)))))
+
+
+def _height(camera: Camera, line: _Line) -> float:
+    """The tip's height at which the stroke is as long as the controller says: apparent lengths are linear in the height."""
+    ends = np.array((line.origin, line.origin + line.velocity))
+    flat, risen = (float(np.hypot(*np.diff(camera.lifted(ends, h), axis=0)[0])) for h in (0.0, 0.01))
+    return 0.01 * (flat - 1.0) / (flat - risen)
+
+
+def _ahead(camera: Camera, early: Array, late: Array) -> Array:
+    """The direction of the stroke (2,), roughly, from what changed in its first and its second half (height, width).
+
+    The area that was covered and the area that was uncovered both move ahead; the one that the picture's border cuts off less
+    is used.
+    """
+    strong = max(float(np.abs(change).max()) for change in (early, late))
+    if strong < LEAST_CHANGE:
+        raise InvalidInput(
+            f"nothing is seen to move: the picture changes by {strong:.0f} of 255 grey levels, expected {LEAST_CHANGE:.0f} or"
+            " more; lay a strip of white paper under a dark tip, and a dark one under a bright tip"
+        )
+    ways = []
+    for sign in (1, -1):
+        before, after = (np.argwhere(sign * change > _NOISE_SHARE * strong)[:, ::-1] for change in (early, late))
+        if len(before) and len(after):
+            even = min(len(before), len(after)) / max(len(before), len(after))
+            ways.append((even, after.mean(axis=0), before.mean(axis=0)))
+    if not ways:
+        raise InvalidInput("what moves is seen in one half of the stroke alone: expected the tip, in the picture all the way")
+    _, there, here = max(ways, key=lambda way: way[0])
+    way = np.diff(camera.unproject((here, there)), axis=0)[0]
+    return np.asarray(way / np.hypot(*way))
+
+
+class _Circle(NamedTuple):
+    center: Array  # (2,) [m]
+    radius: float  # [m]
+    points: Array  # (k, 2) of the front that it goes through [m]
+
+    def with_radius(self, radius: float) -> "_Circle":
+        """The circle of this radius that fits its points best."""
+        center = self.center
+        for _ in range(_ROUNDS):
+            away = self.points - center
+            lengths = np.hypot(*away.T)
+            units = away / lengths[:, None]
+            step, *_ = np.linalg.lstsq(units, lengths - radius, rcond=None)
+            center = center + step
+        return _Circle(center, radius, self.points)
+
+
+def _front(camera: Camera, change: Array, ahead: Array, radius: float) -> _Circle:
+    """The circle at the front of what changed since the pusher was at its first position."""
+    strong = float(np.percentile(change[change > _NOISE_SHARE * change.max()], 50))
+    points = camera.unproject(_level_points(change, _NOISE_SHARE * strong))
+    across = np.array((-ahead[1], ahead[0]))
+    pixel = camera.metres_per_pixel()
+    apex = points[np.argmax(points @ ahead)]
+    circle = _Circle(apex - radius * ahead, radius, points)
+    for _ in range(_ROUNDS):
+        away = (points - circle.center) / circle.radius
+        near = (away @ ahead > _FRONT) & (np.abs(np.hypot(*away.T) - 1) < _BAND) & (np.abs(away @ across) < 1.2)
+        if np.count_nonzero(near) < LEAST_POINTS:
+            raise InvalidInput(NOT_ROUND)
+        circle = _through(points[near])
+        if not radius / 3 < circle.radius < 3 * radius:
+            raise InvalidInput(
+                f"the front of what moves has a radius of {1e3 * circle.radius:.1f} mm, the tip's is said to be"
+                f" {1e3 * radius:.1f} mm: is this the tip, alone?"
+            )
+    off = np.hypot(*(circle.points - circle.center).T) - circle.radius
+    ahead_of_it = np.count_nonzero((points - circle.center) @ ahead > _FRONT * circle.radius)
+    if math.sqrt(float(np.mean(off**2))) > NOT_ROUND_PX * pixel or len(off) < ROUND_SHARE * ahead_of_it:
+        raise InvalidInput(NOT_ROUND)
+    return circle
+
+
+def _through(points: Array) -> _Circle:
+    """The circle that fits points (k, 2) best, by algebraic least squares (Kasa) in numbers near 1."""
+    about = points.mean(axis=0)
+    scale = float(np.abs(points - about).max())
+    x, y = ((points - about) / scale).T
+    (a, b, c), *_ = np.linalg.lstsq(np.column_stack((2 * x, 2 * y, np.ones(len(x)))), x**2 + y**2, rcond=None)
+    return _Circle(about + scale * np.array((a, b)), scale * math.sqrt(max(float(c + a**2 + b**2), 0.0)), points)
+
+
+def _level_points(image: Array, level: float) -> Array:
+    """Where grey levels pass a level between two neighbouring pixels (n, 2) [px], at the largest area above it."""
+    above = (image > level).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+    # two discs, the first and the present place of a bare tip, are two areas; specks of noise are none
+    least = 0.3 * stats[1:, cv2.CC_STAT_AREA].max()
+    large = np.isin(labels, 1 + np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= least))
+    found = []
+    for axis in (0, 1):
+        a, b = (image[:-1], image[1:]) if axis == 0 else (image[:, :-1], image[:, 1:])
+        own = (large[:-1] | large[1:]) if axis == 0 else (large[:, :-1] | large[:, 1:])
+        v, u = np.nonzero(((a > level) != (b > level)) & own)
+        share = (level - a[v, u]) / (b[v, u] - a[v, u])
+        found.append(np.column_stack((u + share * axis, v + share * (1 - axis))))
+    return np.concatenate(found)

@@ -1,0 +1,1 @@
+"""A cell: its file, the settings of its nodes, and the drivers that it chooses."""

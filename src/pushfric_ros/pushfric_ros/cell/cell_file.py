@@ -1,0 +1,178 @@
+"""A cell's YAML file: every setting of every node, in sections.
+
+A section holds the fields of one node's settings classes. Its values are read as the node's parameters are, so the file is
+refused for the same reasons as the node, in the same words.
+"""
+
+import os
+import pathlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import yaml_content
+from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
+from pushfric_core.settings import fields_of, key_of, read, setting
+from pushfric_ros.adapters.body import MountConfig
+from pushfric_ros.cell.node_settings import (
+    NAMESPACE,
+    CameraConfig,
+    Discovery,
+    FrameConfig,
+    ModelConfig,
+    ObjectConfig,
+    PlanConfig,
+    RecorderConfig,
+    SimulationConfig,
+    TipConfig,
+    ViewConfig,
+)
+from pushfric_ros.cell.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, tracker_kinds
+
+
+@dataclass(frozen=True)
+class CellConfig:
+    """The cell's name, and who can reach it."""
+
+    namespace: str = setting(NAMESPACE, "namespace of all nodes and topics; each cell needs its own")
+    discovery: Discovery = setting(
+        Discovery.LOCALHOST,
+        "who can reach the nodes, and so move the pusher: localhost: programs on this machine; subnet: on its network too",
+    )
+
+    def __post_init__(self) -> None:
+        if re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace) is None:
+            raise ValueError(f"namespace must be like /cell or /hall/cell_2, got {self.namespace!r}")
+
+
+ROOT = (CellConfig, FrameConfig, ObjectConfig)
+ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in fields_of(config))
+SECTIONS: dict[str, tuple[type, ...]] = {
+    "camera": (CameraConfig,),
+    "pusher": (PusherConfig,),
+    "plan": (PlanConfig,),
+    "estimator": (*EstimatorSettings.PARTS, ModelConfig),
+    "recorder": (RecorderConfig,),
+    "view": (ViewConfig,),
+    "poses": (MountConfig,),
+    "tip": (MountConfig, TipConfig),
+    "simulation": (SimulationConfig,),
+}
+"""The settings of each section, without those of the camera's tracker, the pusher's driver, and the sources."""
+
+INSTEAD = {"poses": "camera", "tip": "pusher"}
+"""A section that, if it is there, takes the place of another one."""
+
+
+def driver_kinds(section: str, values: Mapping[str, Any]) -> list[Any]:
+    """The settings classes of the drivers that a section asks for.
+
+    Raises:
+        ValueError: there is no such driver.
+    """
+    if section == "camera":
+        return tracker_kinds(values.get("tracker", CameraConfig.tracker))
+    if section in INSTEAD:
+        return [plugin(SOURCES, values.get("source", MountConfig.source))]
+    return [plugin(PUSHERS, values.get("driver", PusherConfig.driver))] if section == "pusher" else []
+
+
+@dataclass(frozen=True)
+class CellFile:
+    """One robot cell."""
+
+    object: str  # name of an object of Table 1, or path of an object YAML
+    camera: CameraConfig | None  # None: another tracker's poses are followed
+    tracker: Any  # settings of the tracker: a pushfric_core.vision.sighting.TrackerDriver
+    pusher: PusherConfig | None  # None: another robot's tip is followed
+    driver: PusherDriver | None  # settings of the pusher's driver
+    plan: PlanConfig = field(default_factory=PlanConfig)
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
+    recorder: RecorderConfig = field(default_factory=RecorderConfig)
+    view: ViewConfig = field(default_factory=ViewConfig)
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    namespace: str = CellConfig.namespace
+    discovery: Discovery = CellConfig.discovery
+    frames: FrameConfig = field(default_factory=FrameConfig)
+    model: ModelConfig = field(default_factory=ModelConfig)
+    poses: Sequence[Any] = ()  # settings of what is followed instead of the camera, if anything is
+    tip: Sequence[Any] = ()  # the same instead of the pusher
+
+
+def load_cell(path: pathlib.Path) -> CellFile:
+    """Read a cell's file (cell.yaml); relative paths in it count from its own folder.
+
+    Raises:
+        InvalidInput: it cannot be read or does not describe a cell; one line that names file and key.
+    """
+    content = yaml_content(path)
+    try:
+        return _cell(content, path.resolve().parent)
+    except ValueError as error:
+        raise InvalidInput(f"{path}: {error}") from error
+
+
+def _cell(content: Any, folder: pathlib.Path) -> CellFile:
+    whole = _mapping("a cell's file", content)
+    both = [(name, other) for name, other in INSTEAD.items() if name in whole and other in whole]
+    left_out = {other if name in whole else name for name, other in INSTEAD.items()} - whole.keys()
+
+    def section(name: str) -> tuple[Any, ...]:
+        if name in left_out:
+            return ()
+        values = _mapping(name, whole.pop(name, {}))
+        try:
+            configs = [*SECTIONS[name], *driver_kinds(name, values)]
+            return read(_beside(values, folder, configs), *configs, keys=True)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+
+    seen, pushes, (plan,), (*estimator, model), (recorder,), (view,), poses, tip, (simulation,) = map(section, SECTIONS)
+    (camera, *trackers), (pusher, driver) = seen or (None,), pushes or (None, None)
+    for name, other in both:
+        raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
+    if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
+        raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
+    named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
+    try:
+        tracker = chosen_tracker(trackers) if trackers else None
+    except ValueError as error:
+        raise ValueError(f"camera: {error}") from error
+    return CellFile(
+        pushed.object,
+        camera,
+        tracker,
+        pusher,
+        driver,
+        plan,
+        EstimatorSettings.of(*estimator),
+        recorder,
+        view,
+        simulation,
+        named.namespace,
+        named.discovery,
+        frames,
+        model,
+        poses,
+        tip,
+    )
+
+
+def _mapping(name: str, content: Any) -> dict[Any, Any]:
+    if not isinstance(content, dict):
+        raise ValueError(f"{name} must be keys with values, got {'nothing' if content is None else repr(content)[:80]}")
+    return dict(content)
+
+
+def _beside(values: Mapping[str, Any], folder: pathlib.Path, configs: Sequence[type]) -> dict[str, Any]:
+    """The values, with paths of files that exist in the cell's folder made absolute."""
+    paths = {key_of(field) for config in configs for field in fields_of(config) if field.metadata.get("path")}
+    return {
+        key: str(folder / value)
+        if key in paths and isinstance(value, str) and value and os.path.exists(folder / value)
+        else value
+        for key, value in values.items()
+    }

@@ -1,0 +1,338 @@
+"""The settings of the nodes; each class is a section of a cell's file, or is given by the command line.
+
+The settings of the pusher are in pushers/pusher.py and its driver, those of trackers in vision/, and those of the estimator in
+pushfric_core and in estimator_settings.py.
+"""
+
+import dataclasses
+import enum
+import ipaddress
+import math
+import re
+import secrets
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
+from pushfric_ros.messages.qos import QUALITIES
+
+LOOPBACK = "127.0.0.1"
+"""Only this machine reaches it."""
+
+VIEW_PORT = 8088
+"""Of the live view, unless another is asked for."""
+
+
+class Discovery(enum.Enum):
+    """Who can reach the nodes of a cell; the names are those of ROS_AUTOMATIC_DISCOVERY_RANGE."""
+
+    LOCALHOST = "localhost"
+    SUBNET = "subnet"
+
+
+NAMESPACE = "/cell"
+"""Of a cell, unless it is given another."""
+
+
+@dataclass(frozen=True)
+class FrameConfig:
+    """What the frames of a cell are called."""
+
+    frame_prefix: str = setting(
+        AUTO, f"put before the names of the frames, such as left/; {AUTO}: nothing in {NAMESPACE}, otherwise the namespace"
+    )
+
+    def __post_init__(self) -> None:
+        if re.fullmatch("([A-Za-z0-9_]+/)*", self.frame_prefix) is None and self.frame_prefix != AUTO:
+            raise ValueError(f"frame_prefix must be like left/ or empty, got {self.frame_prefix!r}")
+
+    def within(self, namespace: str) -> str:
+        """The prefix in a namespace, so that two cells do not publish transforms of one frame."""
+        if self.frame_prefix != AUTO:
+            return self.frame_prefix
+        return "" if namespace in ("/", NAMESPACE) else f"{namespace[1:]}/"
+
+
+@dataclass(frozen=True)
+class ObjectConfig:
+    """What is pushed."""
+
+    object: str = setting(REQUIRED, "name of an object of Table 1, or path of an object YAML", path=True)
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """The source of images, how they map to the table, and which tracker finds the object in them. Section `camera`."""
+
+    calibration: str = setting(
+        REQUIRED, "path of the camera's calibration YAML: CameraInfo's fields and table_homography", path=True
+    )
+    source: str = setting(
+        "0",
+        "topic: image_raw; compressed: image_raw/compressed; else a device index, URL, video file, folder or glob of pictures",
+    )
+    object_height: float = setting(
+        0.0, "height of the outline or markers over the table [m]; 0: as in the object's file", 0.0, 1.0
+    )
+    time_offset: float = setting(0.0, "time added to the stamps of the images [s]", -10.0, 10.0)
+    tracker: str = setting(
+        AUTO,
+        "how the object is found: contour, fiducial, or another entry point of the group pushfric.trackers; "
+        f"{AUTO}: fiducial if fiducials is given, else contour",
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not self.calibration:
+            raise ValueError("calibration must name the camera's calibration YAML, got ''")
+
+
+@dataclass(frozen=True)
+class AudienceConfig:
+    """The nodes that must not miss a pose. From the graph."""
+
+    heard_by: tuple[str, ...] = setting((), "nodes that must receive the poses before the first one is published")
+
+
+@dataclass(frozen=True)
+class TipConfig:
+    """The tip that another robot moves. Section `tip`."""
+
+    tip_radius: float = setting(REQUIRED, "of the round tip [m]", 0.0, 1.0)
+    near: float = setting(0.01, "a push lasts while the tip is this near to the object [m]", 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class TipNodeConfig:
+    """What a node that follows a tip goes on from. From the graph."""
+
+    bag: str = setting("", "folder of the run's bag, whose pushes a node counts on that is started again; empty: none")
+
+
+@dataclass(frozen=True)
+class ExperimentConfig:
+    """Where a plan begins, from the command line; and what the graph knows of the other nodes and of who is there."""
+
+    start: int = setting(1, "number of the first push, to continue an interrupted plan", 1, 2**31)
+    lifeless: float = setting(
+        1.0, "no push begins while an awaited node has shown no sign of life for this long: `requires_timeout` [s]", 0.1, 60.0
+    )
+    attended: bool = setting(True, "somebody is there to end an alarm of the pusher; otherwise it ends the run")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class PlanConfig:
+    """What is pushed where, and when the object counts as placed. Section `plan`."""
+
+    plan: str = setting(
+        "",
+        "path of a push plan; empty: the paper's if the object is of Table 1, else a few pushes along each edge",
+        key="file",
+        path=True,
+    )
+    choose: int = setting(
+        0, "number of pushes to choose one by one, to shrink the region of p_CF fastest; 0: the pushes of the plan", 0, 1000
+    )
+    distance: float = setting(0.05, "length of a push [m]", 0.001, 10.0)
+    speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
+    gap: float = setting(0.005, "distance from the resting tip to the object when it is placed [m]", 0.0, 0.1)
+    position_tolerance: float = setting(0.01, "greatest distance of the placed object from its place [m]", 0.0, 1.0)
+    angle_tolerance: float = setting(0.2, "greatest angle of the placed object from the one wanted [rad]", 0.0, math.pi)
+    still: float = setting(0.5, "the object must lie still for this long [s]", 0.0, 60.0)
+    still_distance: float = setting(
+        0.0005, "an object lies still if it moves by less than this [m] and turns by less than this over 10 cm", 0.0, 0.1
+    )
+    awaits: tuple[str, ...] = setting(("estimator", "recorder"), "nodes whose diagnostics must be OK before the first push")
+    clock_tolerance: float = setting(
+        2.0, "the stamps of poses and of the pusher may differ by this much from this computer's time [s]", 0.01, 1e4
+    )
+    follow_tolerance: float = setting(
+        0.005,
+        "a push is stopped when the object, as it is seen, is this far from where the pusher must have put it [m]",
+        0.001,
+        10.0,
+    )
+    lost_object: float = setting(1.0, "a push is stopped when the object is not seen for this long [s of wall time]", 0.1, 60.0)
+    lost_result: float = setting(
+        3.0, "a push is given up when the pusher idles or is silent for this long [s of wall time]", 0.1, 60.0
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.plan and self.choose:
+            raise ValueError(f"give a plan's file or choose, not both, got {self.plan!r} and {self.choose}")
+
+
+class KnownTopic(NamedTuple):
+    """A topic that the recorder subscribes to at once, before anyone publishes it."""
+
+    name: str
+    type_name: str
+    quality: str  # one of QUALITIES
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """What is recorded in addition to the cell's topics. Section `recorder`."""
+
+    topics: tuple[str, ...] = setting(
+        (), f"more topics, each 'name package/msg/Type qos' with qos one of {', '.join(QUALITIES)}"
+    )
+    discover: bool = setting(False, "record every other topic too, from when it is first seen")
+
+    def __post_init__(self) -> None:
+        names = [topic.name for topic in self.known_topics]
+        if len(set(names)) < len(names):
+            raise ValueError(f"topics must name each topic once, got {', '.join(names)}")
+
+    @property
+    def known_topics(self) -> list[KnownTopic]:
+        """The topics, parsed.
+
+        Raises:
+            ValueError: one is not 'name type qos'.
+        """
+        return [_known_topic(text) for text in self.topics if text]
+
+
+def _known_topic(text: str) -> KnownTopic:
+    words = text.split()
+    if len(words) != 3 or words[2] not in QUALITIES:
+        raise ValueError(f"topics must be 'name package/msg/Type {'|'.join(QUALITIES)}', got {text!r}")
+    return KnownTopic(*words)
+
+
+@dataclass(frozen=True)
+class RecordingConfig:
+    """Where a recording goes. From the command line."""
+
+    bag: str = setting(REQUIRED, "folder of the bag, new or empty")
+    object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
+    model: str = setting("", "copied into the bag's folder: path of the model that the estimator goes on from")
+
+    def __post_init__(self) -> None:
+        if not self.bag:
+            raise ValueError("bag must name the folder to record into, got ''")
+
+
+@dataclass(frozen=True)
+class ViewConfig:
+    """Where the live view is served, if it is asked for. Section `view`."""
+
+    host: str = setting(
+        LOOPBACK, f"address that the page is served on; not {LOOPBACK}: other machines reach it too, and need the token"
+    )
+    port: int = setting(0, f"port of the page; 0: {VIEW_PORT}, or a free one if that is taken", 0, 65535)
+    token: str = setting("", f"what a visitor must show; empty: nothing on {LOOPBACK}, a new one for each run elsewhere")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not self.host:
+            raise ValueError(f"host must be an address of this machine, such as {LOOPBACK} or 0.0.0.0, got ''")
+        if self.token and not re.fullmatch("[A-Za-z0-9_-]{8,}", self.token):
+            raise ValueError(f"token must be 8 or more letters, digits, - and _, got {self.token!r}")
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine reaches the page."""
+        return is_loopback(self.host)
+
+    def protected(self) -> "ViewConfig":
+        """The same, with a new token if one is needed and none is given."""
+        return self if self.is_local or self.token else dataclasses.replace(self, token=secrets.token_urlsafe(12))
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches a server at this address or name."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@dataclass(frozen=True)
+class PlayerConfig:
+    """What is played, and how fast. From the command line."""
+
+    bag: str = setting(REQUIRED, "folder of the bag, or one of its files")
+    rate: float = setting(1.0, "multiple of the recorded speed", 0.01, 1000.0)
+    partial: bool = setting(False, "play a damaged bag even if messages are missing")
+    start: float = setting(0.0, "time after the beginning of the bag at which to start [s]", 0.0)
+    loop: bool = setting(False, "start again at the end; the clock jumps back")
+    topics: tuple[str, ...] = setting((), "topics to play; none: all")
+    exclude_topics: tuple[str, ...] = setting((), "topics not to play")
+    clock: bool = setting(True, "publish the bag's time on /clock, 100 times in a second of the bag")
+    wait_for: tuple[str, ...] = setting((), "topics that must have a subscriber before the first message is played")
+    awaits: tuple[str, ...] = setting((), "nodes that must report that they are well before the first message is played")
+    paused: bool = setting(False, "start paused, until ~/pause ends the pause")
+    exit_when_done: bool = setting(True, "end the process when everything has been played and acknowledged")
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not self.bag:
+            raise ValueError("bag must name the bag to play, got ''")
+
+
+class DataPointSource(enum.Enum):
+    """Where the estimator's data points come from."""
+
+    POSES = "poses"
+    OBSERVATIONS = "observations"
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """The model to go on from, and the one to keep. Section `estimator`."""
+
+    model: str = setting(
+        "", "path of a model of the object (estimate --save), whose data points come first; empty: none", path=True
+    )
+    save: str = setting("", "path of the model (.yaml) that the estimator writes at its end; empty: none")
+
+
+@dataclass(frozen=True)
+class EstimatorNodeConfig:
+    """Where the data points come from. From the graph."""
+
+    source: DataPointSource = setting(
+        DataPointSource.POSES, "poses: data points from object_pose and pusher_state; observations: from that topic"
+    )
+    bag: str = setting("", "folder of the run's bag, from which an estimator goes on that is started again; empty: none")
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """The simulated camera and operator. Section `simulation`."""
+
+    frame_rate: float = setting(14.0, "frames of the camera [Hz]", 0.1, 200.0)
+    noise: float = setting(
+        2.0, "standard deviation of a pixel's noise [of 255 grey levels]; a camera without noise would seem frozen", 0.5, 100.0
+    )
+    blur: float = setting(0.7, "standard deviation of the lens's blur [px]", 0.0, 10.0)
+    away: float = setting(0.3, "how long the operator holds the object out of view when placing it [s]", 0.0, 10.0)
+    contact_friction: float = setting(0.3, "mu_c of tip and object, unless the object is one of Table 1", 0.0, 10.0)
+    placement_error: float = setting(
+        0.001, "standard deviation of the operator's placement [m]; the angle errs by this over 2 cm", 0.0, 0.1
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class SimulatedRunConfig:
+    """One run of the simulation. From the command line."""
+
+    seed: int = setting(0, "seed of the camera's noise and the operator's hand", 0, 2**31)
+    speed: float = setting(
+        5.0, "multiple of real time; on a slow machine the simulated clock runs slower and nothing is lost", 0.01, 100.0
+    )
+
+    def __post_init__(self) -> None:
+        check_ranges(self)

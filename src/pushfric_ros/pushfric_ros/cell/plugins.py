@@ -1,0 +1,65 @@
+"""Pushers and trackers, found by entry point, both those of this package and those of other packages."""
+
+import importlib.metadata
+from collections.abc import Sequence
+from typing import Any
+
+from pushfric_core.settings import AUTO
+
+PUSHERS = "pushfric.pushers"
+"""Group of the pushers: see pushfric_core.pushers.pusher.PusherDriver."""
+
+TRACKERS = "pushfric.trackers"
+"""Group of the trackers: see pushfric_core.vision.sighting.TrackerDriver."""
+
+
+SOURCES = "pushfric.sources"
+"""Group of the sources of poses and tips: see pushfric_ros.adapters.body.SourceDriver."""
+
+
+def plugin(group: str, name: str) -> Any:
+    """The settings class that an installed package registered in a group under a name.
+
+    Raises:
+        ValueError: no package or more than one registered the name, or the class cannot be imported.
+    """
+    found = importlib.metadata.entry_points(group=group)
+    named = {entry.value: entry for entry in found if entry.name == name}
+    if not named:
+        known = ", ".join(sorted({entry.name for entry in found})) or "none is installed"
+        raise ValueError(f"{_WHAT[group]} must be an entry point of {group} ({known}), got {name!r}")
+    if len(named) > 1:
+        raise ValueError(f"{_WHAT[group]} must be registered by one package, but {name!r} is {' and '.join(sorted(named))}")
+    (entry,) = named.values()
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"{_WHAT[group]} {name!r} cannot be loaded from {entry.value}: {error}") from error
+
+
+def tracker_kinds(name: str) -> list[Any]:
+    """The settings classes that the setting `tracker` asks for: the one it names, or those that AUTO chooses from.
+
+    Raises:
+        ValueError: as for `plugin`.
+    """
+    return [plugin(TRACKERS, one) for one in (AUTOMATIC if name == AUTO else (name,))]
+
+
+def chosen_tracker(configs: Sequence[Any]) -> Any:
+    """The first of the settings of `tracker_kinds` that is complete.
+
+    Raises:
+        ValueError: no settings are complete; the text says what the last ones lack.
+    """
+    for config in configs:
+        if (absence := config.absence()) is None:
+            return config
+    raise ValueError(absence)
+
+
+AUTOMATIC = ("fiducial", "contour")
+"""What AUTO chooses from, in this order: an object with markers is found by its markers."""
+
+_WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source"}
+"""For each group, the setting that chooses from it."""

@@ -1,1 +1,0 @@
-"""Input files: object, cell, push plan, observations and estimator settings."""

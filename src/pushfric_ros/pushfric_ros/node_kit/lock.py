@@ -1,0 +1,56 @@
+"""One run at a time for each cell of a ROS domain, and one node for each name: a name that the kernel gives to one process.
+
+The name is an abstract address of Unix sockets (unix(7)). It holds for all users and environments that share the loopback
+interface, that is, exactly where nodes hear each other without a network between them. It needs no file. The name is free again
+when the last process that holds its socket has ended, however it ended. `./pushfric` looks before there is an environment, so
+this module needs the standard library alone.
+"""
+
+import contextlib
+import errno
+import hashlib
+import socket
+from collections.abc import Iterator
+
+from pushfric_core.errors import InvalidInput
+from pushfric_ros.node_kit.domain import domain
+
+
+def lock(namespace: str) -> contextlib.AbstractContextManager[int]:
+    """Claim a cell's name on this machine's ROS domain.
+
+    The context is a file descriptor. The claim ends once all processes that were given it have closed it or ended.
+
+    Raises:
+        InvalidInput: on entry, if another run holds the name (two would mistake each other's messages for their own), or
+            ROS_DOMAIN_ID is not a domain.
+    """
+    still = "is already running on ROS domain {}, or its nodes have not ended yet; end it, or set another ROS_DOMAIN_ID"
+    return _claim(namespace, f"a cell named {namespace} {still}")
+
+
+def node_lock(name: str) -> contextlib.AbstractContextManager[int]:
+    """Claim the full name of a node on this machine's ROS domain, as `lock` does for a cell.
+
+    The graph would not do: for as long as its lease lasts, 20 s, it shows a node that has died.
+
+    Raises:
+        InvalidInput: on entry, if another node holds the name (both would answer its services).
+    """
+    return _claim(
+        f"node {name}", f"a node named {name} is already running on ROS domain {{}}; end it, or give this one another name"
+    )
+
+
+@contextlib.contextmanager
+def _claim(what: str, refusal: str) -> Iterator[int]:
+    number = domain()
+    digest = hashlib.sha256(f"{number} {what}".encode()).hexdigest()  # an address is short
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as claim:
+        try:
+            claim.bind(f"\0pushfric-{digest}")
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
+            raise InvalidInput(refusal.format(number)) from None
+        yield claim.fileno()

@@ -1,0 +1,113 @@
+"""A model is read as it was written, to the last bit; an impossible one is refused in one line."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import yaml
+from problems import three_feet
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.model_file import DataPointFile, load_model, make_model, save_model
+from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object
+from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.trajectories.observation import Observation
+
+PROBLEM = three_feet()
+FILE = ObjectFile(
+    name="three feet",
+    outline=[tuple(corner) for corner in PROBLEM.outline.vertices.tolist()],
+    support=SupportFile(grid=(6, 6), inset=0.01),
+)
+
+POINT = {"contact": [0, 0], "normal": [-1, 0], "twist": [1, 0, 0], "push_id": 0}
+
+
+def estimated(data):
+    model = make_object(FILE, "here")
+    estimator = Estimator(model.support_points, EstimatorConfig(screening=False))
+    return model, estimator.add(data), estimator.observations
+
+
+@pytest.fixture
+def path(tmp_path):
+    model, estimate, _ = estimated(PROBLEM.observations)
+    path = tmp_path / "model.yaml"
+    save_model(make_model(model, estimate, "a test", EstimatorSettings()), path)
+    return path
+
+
+def test_what_is_saved_is_read_to_the_last_bit(path):
+    model, estimate, observations = estimated(PROBLEM.observations)
+    file, read = load_model(path)
+    assert tuple(file.observations()) == observations
+    assert read.outline == model.outline
+    assert np.array_equal(read.support_points, model.support_points)
+    assert file.friction() == friction_model(estimate)
+    assert EstimatorSettings.from_parameters(file.made.settings) == EstimatorSettings()
+    again = estimated(file.observations())[1]
+    assert np.array_equal(again.w, estimate.w)
+    assert (file.made.data_points, file.made.source) == (len(observations), "a test")
+    assert file.versions.keys() >= {"python", "pushfric_core", "numpy"}
+
+
+def test_all_that_a_data_point_brings_is_kept(tmp_path):
+    full = Observation(
+        (0.0125, -1e-05),
+        (0.0, -1.0),
+        Twist(1e-05, 0.1, math.pi),
+        7,
+        0.002,
+        0.3,
+        123456789,
+        Pose(0.1, 0.2, -0.3),
+        (0.5, 1 / 3),
+        (0.02, -1 / 7),
+        2 / 7000,
+    )
+    assert all(getattr(full, field.name) != field.default for field in dataclasses.fields(full)), "a field is not tried"
+    model, estimate, _ = estimated([full])
+    path = tmp_path / "model.yaml"
+    save_model(make_model(model, estimate, "a test", EstimatorSettings()), path)
+    assert load_model(path)[0].observations() == [full]
+    assert len(DataPointFile.model_fields) == len(dataclasses.fields(full))
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"w": [1.0]}, "expected w of 21 weights with sum 1, got 1"),
+        ({"format": 2}, "format: expected at most 1, got 2"),
+        ({"misfit": -1}, "misfit: expected at least 0"),
+        ({"ensemble": [{"w": [1.0], "mu_c": 0.3, "weight": 1.0}]}, r"expected ensemble.0.w of 21 weights"),
+        (
+            {"object": ObjectFile(name="x", outline=FILE.outline).model_dump(mode="json")},
+            "expected the support of the object as",
+        ),
+        ({"colour": "red"}, "expected any of the keys format, object"),
+        (
+            {"data_points": [{"contact": [1, 1], "normal": [1, 0], "twist": [1, 0, 0], "push_id": 0}]},
+            "within 5 mm of the outline",
+        ),
+        ({"data_points": [{"contact": [0, 0], "normal": [1, 1], "twist": [1, 0, 0], "push_id": 0}]}, "must have length 1"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused_with_one_line(path, change, expected):
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | change))
+    with pytest.raises(InvalidInput, match=expected) as refused:
+        load_model(path)
+    assert str(refused.value).startswith(str(path))
+    assert "\n" not in str(refused.value)
+
+
+def test_nothing_is_left_where_nothing_can_be_written(path, tmp_path):
+    file, _ = load_model(path)
+    with pytest.raises(InvalidInput, match=r"expected the name of a file that ends with \.yaml"):
+        save_model(file, tmp_path / "model.txt")
+    with pytest.raises(InvalidInput, match="its folder does not exist"):
+        save_model(file, tmp_path / "none/model.yaml")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["model.yaml"]

@@ -1,0 +1,195 @@
+"""Many inputs at once: broken ones, interrupted runs, and what the table, the models and the report say."""
+
+import csv
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from cluster import local_cluster
+from problems import observations_of
+from pyarrow import parquet
+
+from pushfric_core.files.model_file import load_model
+from pushfric_core.geometry.support import Support
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.offline.estimation import Choices
+from pushfric_core.offline.many import RESULTS, estimate_many, model_names
+from pushfric_core.offline.outliers import differing
+
+BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
+NAME = "delrin_square3"
+HEADER = ["contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id"]
+
+
+def write_pushes(file: pathlib.Path, seed: int, shift: float = 0.0) -> None:
+    """Twelve simulated pushes of the object, whose support may have been shifted [m]."""
+    known = TABLE_1[NAME]
+    rng = np.random.default_rng(seed)
+    support = Support(known.support.points + (shift, 0.0), known.support.weights)
+    data = observations_of(known.outline, support, known.mu_c, 12, rng)
+    with file.open("w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(HEADER)
+        for one in data:
+            twist = np.array([*one.twist]) / np.hypot(*one.twist[:2]) + rng.normal(0, 1e-3, 3)
+            rows.writerow([*one.contact_point, *one.contact_normal, *twist, one.push_id])
+
+
+@pytest.fixture
+def inputs(tmp_path):
+    """A folder of six CSVs, one of which was made with another support, and one that is broken."""
+    folder = tmp_path / "inputs"
+    folder.mkdir()
+    for seed in range(6):
+        write_pushes(folder / f"run_{seed}.csv", seed, shift=0.006 * (seed == 5))
+    (folder / "torn.csv").write_text("contact_x,contact_y\n0.1")
+    return folder
+
+
+def estimate(*arguments):
+    command = [sys.executable, "-m", "pushfric_core", "estimate", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, stdin=subprocess.DEVNULL, check=False)
+
+
+def table_of(out: pathlib.Path) -> dict[str, dict[str, str]]:
+    with (out / "table.csv").open(newline="") as stream:
+        return {pathlib.Path(row["input"]).name: row for row in csv.DictReader(stream)}
+
+
+def test_a_result_that_was_changed_is_made_again(tmp_path):
+    write_pushes(tmp_path / "data.csv", 1)
+    inputs, out = [tmp_path / "data.csv"], tmp_path / "out"
+    (first,) = estimate_many(inputs, Choices(NAME), out, 1, None, lambda line: None)
+    kept = (out / RESULTS).read_text()
+    for text in (kept, kept.replace('"data_points": 12', '"data_points": 13'), kept.replace('"mu_c": {', '"mu_c": {"w": 0, '),
+                 "[" * 100_000 + "\n", '"\\ud800"\n'):  # fmt: skip
+        (out / RESULTS).write_text(text)
+        (again,) = estimate_many(inputs, Choices(NAME), out, 1, None, lambda line: None)
+        assert again == first
+        assert len((out / RESULTS).read_text().splitlines()) == (1 if text == kept else 2)
+
+
+def test_a_broken_input_costs_only_itself(inputs, tmp_path):
+    os.mkfifo(inputs / "pipe.csv")  # which nobody writes to
+    out = tmp_path / "out"
+    run = estimate(inputs, "--object", NAME, "--grid", 5, 5, "--out", out, "--jobs", 2, "--json")
+    assert run.returncode == 1, run.stderr
+    told = json.loads(run.stdout)
+    assert {name: told[name] for name in ("inputs", "usable", "not_usable", "broken", "outliers")} == {
+        "inputs": 8, "usable": 6, "not_usable": 0, "broken": 2, "outliers": 1,
+    }  # fmt: skip
+    rows = table_of(out)
+    assert list(rows) == ["pipe.csv", *(f"run_{seed}.csv" for seed in range(6)), "torn.csv"]
+    assert rows["pipe.csv"]["error"].endswith("pipe.csv: is a pipe or a device; expected a bag or a CSV of observations")
+    assert "missing column normal_x" in rows["torn.csv"]["error"]
+    assert rows["torn.csv"]["p_cf_x"] == rows["torn.csv"]["model"] == ""
+    assert [name for name, row in rows.items() if row["outlier"]] == ["run_5.csv"]
+    report = (out / "report.md").read_text()
+    assert "| delrin_square3 | 6 |" in report
+    assert "run_5.csv`: p_CF lies" in report.split("## Outliers")[1]
+    assert "torn.csv`: " in report.split("## Broken inputs")[1]
+    assert (out / "centers.svg").read_text().startswith("<?xml")
+
+
+def test_the_numbers_are_those_of_a_single_estimate(inputs, tmp_path):
+    out = tmp_path / "out"
+    options = ("--object", NAME, "--terms", "moment", "--exclude-push", 3)
+    estimate(inputs / "run_1.csv", inputs / "run_2.csv", *options, "--out", out, "--jobs", 1)
+    single = json.loads(estimate(inputs / "run_2.csv", *options, "--json").stdout)
+    row = table_of(out)["run_2.csv"]
+    assert [float(row["p_cf_x"]), float(row["p_cf_y"])] == single["center_of_friction"]
+    assert float(row["objective"]) == single["objective"]
+    assert int(row["data_points"]) == single["data_points"] == 11
+    model, _ = load_model(out / row["model"])
+    assert list(model.w) == single["w"]
+    columns = parquet.read_table(out / "table.parquet").to_pydict()
+    assert columns["w"][1] == single["w"]
+    assert columns["p_cf_x"][1] == single["center_of_friction"][0]
+    assert columns["support_points"][1] == single["support_points"]
+
+
+def test_a_run_goes_on_where_it_was(inputs, tmp_path):
+    out = tmp_path / "out"
+    arguments = (inputs, "--object", NAME, "--out", out, "--jobs", 1)
+    estimate(*arguments)
+    first = (out / "table.csv").read_bytes()
+    lines = (out / "results.jsonl").read_text().splitlines()
+    assert len(lines) == 7
+    # as if killed in mid-line
+    (out / "results.jsonl").write_text("\n".join(lines[:4]) + "\n" + lines[4][:40])
+    estimate(*arguments)
+    assert (out / "table.csv").read_bytes() == first
+    kept = (out / "results.jsonl").read_text().splitlines()
+    assert kept[:4] == lines[:4]
+    assert sorted(json.loads(line)["input"] for line in kept[5:]) == [json.loads(line)["input"] for line in sorted(lines[4:])]
+    # an input that has changed is estimated again, and so is every input with other settings
+    os.utime(inputs / "run_0.csv", (1, 1))
+    estimate(*arguments)
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 1
+    estimate(*arguments, "--confidence", "--loss", "l2")
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 8
+
+
+def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):
+    for name in ("a", "b"):
+        shutil.copytree(BAG, tmp_path / "bags" / name)
+    (tmp_path / "dask").mkdir()
+    with local_cluster(tmp_path / "dask") as address:
+        run = estimate(tmp_path / "bags", "--out", tmp_path / "out", "--dask", address)
+    assert run.returncode == 0, run.stderr
+    rows = table_of(tmp_path / "out")
+    single = json.loads(estimate(BAG, "--json").stdout)
+    for name in ("a", "b"):
+        assert [float(rows[name]["p_cf_x"]), float(rows[name]["p_cf_y"])] == single["center_of_friction"]
+        assert (tmp_path / "out" / rows[name]["model"]).is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("a.csv", "b.csv"), "got 2 inputs; expected one, or --out DIR"),
+        (("a.csv", "--out", "x", "--figure", "f.png"), "are for one input"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(arguments, said):
+    run = estimate(*arguments)
+    assert run.returncode == 2
+    assert said in run.stderr
+    assert run.stderr.count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_written_is_named(inputs, tmp_path):
+    (tmp_path / "file").write_text("")
+    run = estimate(inputs, "--object", NAME, "--out", tmp_path / "file")
+    assert run.returncode == 2
+    assert f"{tmp_path / 'file'}: cannot be written" in run.stderr
+
+
+def test_every_input_has_a_model_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").touch()
+    for name in ("a", "bag_1.0", "bag_1.5", "x/y", "x-y"):
+        (tmp_path / name).mkdir(parents=True)
+    inputs = [tmp_path / name for name in ("a", "a.csv", "bag_1.0", "bag_1.5", "x/y", "x-y")]
+    names = [path.name for path in model_names(inputs).values()]
+    assert len(set(names)) == len(inputs)
+    assert names[2:4] == ["bag_1.0.yaml", "bag_1.5.yaml"]
+    assert list(model_names(inputs[1:3]).values()) == [pathlib.Path("models/a.yaml"), pathlib.Path("models/bag_1.0.yaml")]
+
+
+def test_few_estimates_do_not_tell_outliers():
+    assert differing([(0, 0), (0, 0), (1, 1)], [1, 1, 1], [None] * 3) == [[], [], []]
+
+
+def test_each_way_to_differ_has_its_reason():
+    rng = np.random.default_rng(1)
+    points, errors, mu_c = rng.normal(0, 1e-3, (40, 2)), np.exp(rng.normal(0, 0.2, 40)), list(rng.normal(0.5, 0.02, 40))
+    points[3], errors[7], mu_c[11], mu_c[12] = (0.02, 0), 30.0, 0.9, None
+    found = differing(points, list(errors), mu_c)
+    assert [k for k, reasons in enumerate(found) if reasons] == [3, 7, 11]
+    assert [found[k][0].split(" ")[0] for k in (3, 7, 11)] == ["p_CF", "the", "mu_c"]

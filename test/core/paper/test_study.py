@@ -1,0 +1,74 @@
+"""The study: one seed of it, and what its report says."""
+
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.mechanics import simulation
+from pushfric_core.paper import choice, spoilt, study, trials
+
+PLANS = ("all", "eight")
+
+
+def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
+    """One object with few pushes, and coarser steps of the simulation, which find the same."""
+    right = trials.objects()["delrin_rect_right"]
+    monkeypatch.setattr(
+        study, "objects", lambda: {"delrin_rect_right": right._replace(plans=dict.fromkeys(PLANS, (3, 1, 3, 1)))}
+    )
+    monkeypatch.setattr(study, "TABLE_1", {})
+    monkeypatch.setattr(simulation, "STEP", 1.2e-3)
+    monkeypatch.setattr(choice, "MOST", 4)
+    summary = study.study(tmp_path / "out", 1, None, 1, None, Console(quiet=True))
+    assert json.loads((tmp_path / "out/study.json").read_text()) == summary
+    cells = summary["simulated"]
+    assert set(cells) == {f"delrin_rect_right/{plan}/{noise}" for plan in (*PLANS, "one_place") for noise in trials.NOISES}
+    for name, cell in cells.items():
+        assert cell["told"] == (0 if "one_place" in name else 1), name
+    assert cells["delrin_rect_right/all/FEET"]["error_median"] < 1.0  # mm
+    screened = summary["screened"]
+    cases = {*spoilt.SPOILT, "none", "shift of 8 mm", "shift of 4 mm"}
+    assert set(screened) == {f"{case}/{noise}" for case in cases for noise in trials.NOISES}
+    assert screened["none/FEET"] == {"runs": 1, "found": None, "harmless": None, "good": 8, "lost": 0, "changed": 0}
+    assert screened["lost contact/FEET"]["found"] == 1
+    chosen = summary["choice"]["delrin_rect_right"]
+    assert chosen["runs"] == 1
+    assert 1 < chosen["chosen"] <= chosen["random"] <= 5
+    report = (tmp_path / "out/study.md").read_text()
+    for name in (*cells, *screened, *summary["choice"]):
+        assert f"| {name} | 1 |" in report
+
+
+def test_a_moved_load_shifts_the_center_of_friction_as_asked(rng):
+    """In every direction that is drawn."""
+    studied = trials.objects()["unequal_feet"]
+    before = studied.support.center_of_friction
+    for shift in spoilt.SHIFTS:
+        after = spoilt.with_moved_load(studied.support, shift, rng).center_of_friction
+        assert np.hypot(*(after - before)) == pytest.approx(shift)
+
+
+def test_more_random_pushes_than_chosen_ones_are_unlikely_by_chance():
+    """Nine of ten runs need fewer pushes, one as many: the sign test looks at nine, 2 / 2^9."""
+    cell = choice.summary([{"chosen": 3, "random": 5}] * 9 + [{"chosen": 4, "random": 4}])
+    assert (cell["fewer"], cell["more"], cell["chosen"], cell["random"]) == (9, 0, 3.0, 5.0)
+    assert cell["sign_test"] == pytest.approx(2 / 2**9)
+    assert choice.summary([{"chosen": 4, "random": 4}])["sign_test"] == 1.0
+
+
+def test_a_summary_counts_only_what_was_told():
+    told = {"error": 0.001, "told": True, "held": True, "radius": 0.0015, "middle": 0.0008}
+    cell = study._summary([told, {"error": 0.003, "told": False}])
+    assert (cell["runs"], cell["told"], cell["held"]) == (2, 1, 1.0)
+    assert cell["error_median"] == pytest.approx(2.0)
+    assert (cell["middle_to_optimum"], cell["radius_to_errors"]) == (pytest.approx(0.8), pytest.approx(1.5))
+    assert np.isfinite(cell["error_p90"])
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidInput, match="the folder cannot be created"):
+        study.study(tmp_path / "file", 1, None, 1, None, Console(quiet=True))

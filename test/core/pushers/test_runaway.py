@@ -1,0 +1,638 @@
+"""What a pusher does when something breaks in mid-stroke: the driver, a line that fails, and the simulated firmware."""
+
+import contextlib
+import math
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.pusher import Jumped, LeftTheWay, Mode, NotConnected, PusherError, Timeout, TooFast
+from pushfric_core.pushers.stroke import Plausibility, Stroke
+from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
+from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_core.simulated.line_damage import random_damage
+
+SPEED, ACCELERATION = 0.02, 0.5
+FAR = 0.09
+DEAD_MAN = 0.3 * SPEED + SPEED**2 / (2 * ACCELERATION)
+"""After a fault the pusher may go on for this long [m]."""
+LATE = 1e-3
+"""A busy machine sees a fault later than it happens [m]."""
+
+
+class Stage:
+    """A controller that goes on running whoever connects and leaves, behind a line that can fail."""
+
+    def __init__(self, controller: SimulatedGrbl, line: FaultyLine) -> None:
+        self.controller, self.line = controller, line
+
+    def driver(self, **options) -> Grbl:
+        """A driver that is connected and ready."""
+        pusher = Grbl(self.line.port, **{"silence": 2.0} | options)
+        pusher.connect()
+        self.drive(pusher, lambda: not pusher.busy)
+        return pusher
+
+    def drive(self, pusher: Grbl, until: Callable[[], object], seconds: float = 60.0) -> list:
+        reports = []
+        deadline = time.monotonic() + seconds
+        while not until():
+            assert time.monotonic() < deadline, f"not within {seconds} s: {pusher.mode}, at {self.controller.position()}"
+            if (report := pusher.poll()) is not None:
+                reports.append(report)
+            time.sleep(0.002)
+        return reports
+
+    def fails(
+        self, pusher: Grbl, error: type[PusherError] | tuple[type[PusherError], ...], text: str | None = None
+    ) -> PusherError:
+        """Poll until the error is raised, then until the pusher rests."""
+        with pytest.raises(error, match=text) as caught:
+            self.drive(pusher, lambda: False)
+        if pusher.mode is not Mode.DISCONNECTED:
+            with contextlib.suppress(NotConnected):
+                self.drive(pusher, lambda: not pusher.busy)
+        return caught.value
+
+    def outlast(self, pusher: Grbl, seconds: float = 2.0) -> list:
+        """Poll until the driver is not busy, whatever it raises; if it is disconnected, connect again, for this long [s]."""
+        reports = []
+        deadline = math.inf
+        while time.monotonic() < deadline:
+            try:
+                if pusher.mode is Mode.DISCONNECTED and not pusher.busy:
+                    deadline = min(deadline, time.monotonic() + seconds)
+                    pusher.connect()
+                report = pusher.poll()
+            except PusherError:
+                continue
+            if report is not None and report.mode is not Mode.DISCONNECTED:
+                reports.append(report)
+            if not pusher.busy and pusher.mode is not Mode.DISCONNECTED:
+                break
+            time.sleep(0.002)
+        return reports
+
+    def rest(self) -> float:
+        """Where the carriage comes to rest [m]."""
+        deadline = time.monotonic() + 60
+        before, here = math.nan, self.controller.position()
+        while before != here:
+            assert time.monotonic() < deadline, "it does not come to rest"
+            time.sleep(0.05)
+            before, here = here, self.controller.position()
+        return here
+
+
+class JogsOn(SimulatedGrbl):
+    """On grblHAL, for example, a feed hold does not end a jog."""
+
+    def _hold(self) -> None:
+        if self._state != "Jog":
+            super()._hold()
+
+
+@pytest.fixture
+def stage(request) -> Iterator[Stage]:
+    with (
+        getattr(request, "param", SimulatedGrbl)(time.monotonic, acceleration=ACCELERATION, restarts=False) as controller,
+        FaultyLine(controller.port) as line,
+    ):
+        yield Stage(controller, line)
+
+
+def under_way(stage: Stage, distance: float = FAR, **options) -> Grbl:
+    pusher = stage.driver(**options)
+    pusher.move_to(distance, SPEED)
+    stage.drive(pusher, lambda: stage.controller.position() > 0.01)
+    return pusher
+
+
+def test_the_speed_in_mid_stroke_is_that_of_one_long_line(stage):
+    pusher = stage.driver()
+    pusher.move_to(0.05, SPEED)
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    mid = [report.speed for report in reports if 0.005 < report.position < 0.045]
+    assert len(mid) > 20
+    # a busy machine may send a piece late; the most of them are as even as one line
+    assert sorted(mid)[len(mid) // 2] == pytest.approx(SPEED, rel=0.001)
+    assert stage.controller.position() == pytest.approx(0.05, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b".", b""), (b"X1", b"X91"), (b"X1", b"X-1"), (b"G21", b"G20")],
+    ids=["point", "digit", "sign", "inch"],
+)
+def test_a_line_that_was_damaged_on_its_way_never_leads_the_pusher_off_it(stage, old, new):
+    """A report 2 mm off the commanded way is a hold; what follows is the way of two reports and the braking."""
+    pusher = under_way(stage, 0.03)
+    seen = [0.01, 0.01]
+
+    def listen(data: bytes) -> None:
+        here = stage.controller.position()
+        seen[:] = [min(seen[0], here), max(seen[1], here)]
+
+    stage.line.heard = listen
+    stage.line.to_controller = once(old, new)
+    stage.fails(pusher, PusherError)
+    rest = stage.rest()
+    fastest = 0.1 if old == b"G21" else SPEED  # inches per minute are beyond the controller's greatest speed
+    late = 0.002 + fastest * 0.15 + fastest**2 / (2 * ACCELERATION)
+    assert 0.01 - late < min(seen[0], rest)
+    assert max(seen[1], rest) < 0.03 + late
+    assert stage.rest() == rest
+
+
+def test_leaving_the_way_names_where_and_is_a_doubt(stage):
+    pusher = under_way(stage, 0.03)
+    stage.line.to_controller = once(b"X1", b"X9")
+    error = stage.fails(pusher, PusherError)
+    assert "m, off its way from 0.0000 m to 0.0300 m" in str(error)
+    assert error.fault.name == "WAY"
+    assert pusher.doubt == str(error)
+
+
+def test_an_ok_that_was_lost_is_not_waited_for_for_ever(stage):
+    pusher = under_way(stage, silence=0.5)
+    stage.line.to_host = once(b"ok\r\n", b"")
+    begin = stage.controller.position()
+    stage.fails(pusher, Timeout, r'no answer to "\$J=')
+    assert pusher.mode is Mode.IDLE
+    assert stage.rest() - begin < 0.5 * SPEED + DEAD_MAN + LATE
+
+
+@pytest.mark.parametrize("stage", [SimulatedGrbl, JogsOn], indirect=True)
+@pytest.mark.parametrize("what", ["a stroke", "a damaged line", "what somebody else sent"])
+def test_any_jog_is_stopped_at_once(stage, what):
+    """This holds for a jog that goes on far beyond the queue, too."""
+    if what == "what somebody else sent":
+        stage.line.tell_controller(b"$J=X90 F1200\n")
+        wait_until(lambda: stage.controller.position() > 0.01)
+        begin = stage.controller.position()
+        stage.driver()
+    else:
+        pusher = under_way(stage, 0.03)
+        if what == "a damaged line":
+            stage.line.to_controller = once(b"X1", b"X9")
+            stage.fails(pusher, PusherError)
+            assert stage.rest() < 0.032 + DEAD_MAN + LATE
+            return
+        begin = stage.controller.position()
+        pusher.stop()
+        stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.rest() - begin <= DEAD_MAN + LATE
+
+
+@pytest.mark.parametrize("somebody", [b"G20\n", b"G91\n", b"G20 G91\n"])
+def test_no_modal_state_is_trusted(stage, somebody):
+    pusher = stage.driver()
+    stage.line.tell_controller(somebody)
+    pusher.move_to(0.01, SPEED)
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.controller.position() == pytest.approx(0.01, abs=1e-9)
+    assert max(report.speed for report in reports) < SPEED * 1.05
+
+
+@pytest.mark.parametrize("when", ["before", "in mid-stroke"])
+def test_a_feed_override_changes_no_stroke_and_is_taken_back(stage, when):
+    pusher = stage.driver()
+    faster = b"\x91" * 10
+    if when == "before":
+        stage.line.tell_controller(faster)
+    pusher.move_to(0.02, SPEED)
+    reports = stage.drive(pusher, lambda: stage.controller.position() > 0.01)
+    if when != "before":
+        stage.line.tell_controller(faster)
+    reports += stage.drive(pusher, lambda: not pusher.busy)
+    assert max(report.speed for report in reports) < SPEED * 1.05
+    assert stage.controller._percent["feed"] == 100
+
+
+def test_a_pusher_that_is_faster_than_it_was_sent_is_held():
+    stroke = Stroke(0.0, 0.05, SPEED, ACCELERATION, 0.25)
+    assert stroke.next_piece(0.0) is not None
+    stroke.check(0.001, 0.042)  # one report may be damaged
+    with pytest.raises(TooFast, match=r"moves at 0.0420 m/s, was sent at 0.0200 m/s"):
+        stroke.check(0.0015, 0.042)
+
+
+def test_feeds_that_are_damaged_on_their_way_end_in_a_hold(stage):
+    pusher = under_way(stage, 0.06)
+    stage.line.to_controller = lambda data: data.replace(b"F1200.000", b"F6000.000")
+    begin = stage.controller.position()
+    error = stage.fails(pusher, TooFast, "was sent at 0.0200 m/s")
+    assert pusher.doubt == str(error)
+    fastest = 0.1
+    assert stage.rest() - begin < DEAD_MAN + fastest * 0.1 + fastest**2 / (2 * ACCELERATION) + LATE
+
+
+def test_a_stroke_that_takes_too_long_is_ended():
+    stroke = Stroke(0.0, 0.05, SPEED, ACCELERATION, 0.25)
+    stroke.check_time(stroke.longest)
+    with pytest.raises(Timeout, match=r"the stroke to 0\.0500 m is not done after"):
+        stroke.check_time(stroke.longest + 0.01)
+    patient = Stroke(0.0, 0.05, SPEED, ACCELERATION, 0.25, wait=2.0)
+    pieces = 0
+    while patient.next_piece(patient.sent) is not None:
+        pieces += 1
+    assert patient.longest == pytest.approx(stroke.longest + 2.0 * pieces)
+
+
+@pytest.mark.parametrize("acceleration", [math.inf, 0.5, 0.01])
+@pytest.mark.parametrize(("start", "target"), [(0.0, 0.05), (0.05, 0.0), (0.0123, 0.0124), (0.001, 0.0613)])
+def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, start, target):
+    stroke = Stroke(start, target, SPEED, acceleration, 0.25)
+    ends = []
+    for step in range(4001):
+        here = start + (target - start) * step / 4000
+        while (end := stroke.next_piece(here)) is not None:
+            ends.append(end)
+            braking = SPEED**2 / (2 * acceleration)
+            assert len(ends) == 1 or abs(end - here) <= 0.25 * SPEED + braking + 1e-12
+    assert stroke.all_sent
+    assert ends[-1] == target
+    assert len([end for end in ends if abs(end - start) <= 0.25 * SPEED]) <= 12 + 1
+
+
+CHILD = """
+import sys, time
+from pushfric_core.pushers.grbl import Grbl
+pusher = Grbl(sys.argv[1], silence=0.8)
+pusher.connect()
+while pusher.busy:
+    pusher.poll()
+    time.sleep(0.003)
+pusher.move_to(float(sys.argv[2]), float(sys.argv[3]))
+while pusher.busy:
+    pusher.poll()
+    time.sleep(0.003)
+"""
+
+
+@contextlib.contextmanager
+def host(stage: Stage, distance: float = FAR) -> Iterator[subprocess.Popen]:
+    """Another process that drives the pusher."""
+    process = subprocess.Popen([sys.executable, "-c", CHILD, stage.line.port, str(distance), str(SPEED)])
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def wait_until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.002)
+
+
+def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):
+    with host(stage) as process:
+        wait_until(lambda: stage.controller.position() > 0.01)
+        process.send_signal(signal.SIGSTOP)
+        begin = stage.controller.position()
+        rest = stage.rest()
+        assert 0 <= rest - begin <= DEAD_MAN + LATE
+        assert stage.rest() == rest
+        time.sleep(1.0)  # longer than the silence that it allows
+        process.send_signal(signal.SIGCONT)  # it goes on, and moves nothing
+        assert process.wait(30) != 0
+        assert stage.rest() <= rest + LATE
+
+
+def test_a_line_that_is_cut_leaves_a_pusher_that_rests(stage, monkeypatch):
+    monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 0.5)
+    pusher = under_way(stage)
+    stage.line.to_controller = nothing
+    begin = stage.controller.position()
+    stage.fails(pusher, PusherError)
+    assert stage.rest() - begin <= DEAD_MAN + LATE
+
+
+def test_a_controller_that_restarts_while_its_cable_is_cut_is_not_believed(stage, monkeypatch):
+    """Its greeting is lost, and its reports begin again while the driver still waits for an answer to its own reset."""
+    monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 1.0)
+    pusher = under_way(stage, silence=0.5)
+    stage.line.to_controller = stage.line.to_host = nothing
+    with pytest.raises(Timeout):
+        stage.drive(pusher, lambda: False)
+    stage.drive(pusher, lambda: pusher._resetting)
+    stage.controller.reset()
+    time.sleep(0.2)  # its greeting is lost on the line
+    stage.line.heal()
+    with pytest.raises(NotConnected, match="no greeting within 1 s of a reset"):
+        stage.drive(pusher, lambda: False)
+
+
+def test_hosts_that_are_killed_at_random_moments(stage, rng):
+    """A sample: `pushfric rehearse` does it a hundred times, on any controller."""
+    randomly = random.Random(int(rng.integers(2**31)))
+    for _ in range(3):
+        with host(stage) as process:
+            moment = stage.controller.position() + randomly.uniform(0.0005, 0.02)
+            wait_until(lambda moment=moment: stage.controller.position() > moment)
+            process.kill()
+            begin = stage.controller.position()
+            assert stage.rest() - begin <= DEAD_MAN + LATE
+
+
+def test_a_controller_that_falls_mute_is_held(stage):
+    pusher = under_way(stage, silence=0.2)
+    begin = stage.controller.position()
+    stage.line.to_host = nothing
+    with pytest.raises(Timeout, match=r"said nothing for \d+\.\d\d s in mid-stroke|no answer to|stood still"):
+        stage.drive(pusher, lambda: False)
+    assert stage.rest() - begin <= DEAD_MAN + LATE
+    stage.line.to_host = bytes
+    stage.drive(pusher, lambda: not pusher.busy)  # it is heard again, and rests where it says
+    assert pusher.mode is Mode.IDLE
+    assert pusher._last.position == pytest.approx(stage.controller.position(), abs=1e-6)
+
+
+@pytest.mark.parametrize("line", [b"G1 X90 F300\n", b"$J=X90 F300\n"])
+def test_a_controller_found_moving_is_asked_held_and_not_believed(stage, line):
+    stage.line.tell_controller(line)
+    wait_until(lambda: stage.controller.position() > 0.002)
+    heard: list[bytes] = []
+
+    def listen(data: bytes) -> bytes:
+        heard.append(data)
+        return data
+
+    stage.line.to_controller = listen
+    pusher = stage.driver()
+    assert b"".join(heard).lstrip(b"?")[:1] == b"!"
+    assert b"$X" not in b"".join(heard)
+    assert pusher.doubt == "it moved when it was found"
+    rest = stage.rest()
+    assert rest < 0.03
+    assert pusher._last.position == pytest.approx(rest, abs=1e-6)
+    assert stage.controller._state == "Idle"  # and what was held does not go on
+    stage.line.tell_controller(b"~")
+    assert stage.rest() == rest
+    pusher.recover()
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert pusher.doubt is None
+
+
+def test_who_only_looks_at_a_moving_controller_changes_nothing(stage):
+    stage.line.tell_controller(b"G1 X20 F600\n")
+    wait_until(lambda: stage.controller.position() > 0.001)
+    heard: list[bytes] = []
+
+    def listen(data: bytes) -> bytes:
+        heard.append(data)
+        return data
+
+    stage.line.to_controller = listen
+    pusher = stage.driver(only_look=True)
+    assert pusher.mode is Mode.RUNNING
+    pusher.stop()
+    pusher.close()
+    assert set(b"".join(heard)) == {ord("?")}
+    assert stage.rest() == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("delay", [1.3, 3.0])
+def test_a_greeting_may_take_its_time(stage, delay):
+    """After the driver's own reset: its greeting is not taken for a reset by another program."""
+    pusher = under_way(stage)
+
+    def late(data: bytes) -> bytes:
+        stage.line.delay_to_host = delay if b"Grbl" in data else 0.0
+        return data
+
+    stage.line.to_host = late
+    pusher.stop()
+    stage.drive(pusher, lambda: not pusher.busy, 30.0)
+    assert pusher.mode is Mode.IDLE
+    assert pusher.doubt is None
+    stage.drive(pusher, lambda: pusher._asked is None)
+    here = stage.controller.position()
+    pusher.move_to(here + 0.002, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.controller.position() == pytest.approx(here + 0.002, abs=1e-5)  # a step of the motor is 4e-6
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "text"),
+    [
+        (120, "0", r"\$120=0, expected a positive number"),
+        (100, "0.000", r"\$100=0.000, expected a positive number"),
+        (22, "1e999", r"\$22=1e999, expected 0 or more"),
+        (130, "nan", r"\$130=nan, expected 0 or more"),
+        (110, "9" * 4300, r"\$110=9{20}\.\.\., expected a positive number"),
+        (27, "-1", r"\$27=-1, expected 0 or more"),
+    ],
+)
+def test_a_hostile_setting_is_one_clear_line(stage, number, value, text):
+    stage.controller._settings[number] = value
+    pusher = Grbl(stage.line.port)
+    pusher.connect()
+    with pytest.raises(NotConnected, match=text) as caught:
+        stage.drive(pusher, lambda: False)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"error:" + b"9" * 4300, b"ALARM:" + b"9" * 4300, b"$" + b"9" * 4300 + b"=1", b"<Idle:" + b"9" * 4300 + b"|MPos:0.000>",
+     b"<Jog|MPos:" + b"9" * 4300 + b",0.000,0.000>", b"<Jog|MPos:1e999,0,0>", b"<Jog|MPos:nan,0,0>", b"[VER:" + b"9" * 4300,
+     b"<Jog|MPos:inf,0.000,0.000|Bf:" + b"1" * 4300 + b",1>", b"Grbl " + b"1" * 4300 + b".1h ['$' for help]"],
+    ids=range(10),
+)  # fmt: skip
+def test_hostile_numbers_end_no_stroke(stage, line):
+    pusher = stage.driver()
+    pusher.move_to(0.01, SPEED)
+    stage.drive(pusher, lambda: stage.controller.position() > 0.003)
+    stage.controller.say(line + b"\r\n")
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.controller.position() == pytest.approx(0.01, abs=1e-9)
+    assert all(0 <= report.position <= 0.0101 for report in reports)
+
+
+@pytest.mark.parametrize("wrong", [b"MPos:9", b"MPos:-", b"MPos:99999", b"MPos:nan"])
+def test_a_report_that_cannot_be_true_is_dropped_and_counted(stage, wrong):
+    pusher = under_way(stage, 0.03)
+    stage.line.to_host = once(b"MPos:", wrong)
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    assert all(0.009 < report.position < 0.0301 for report in reports)
+    assert pusher.dropped >= 1
+    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
+
+
+def test_a_pusher_that_rests_is_not_elsewhere_at_once(stage):
+    """Nothing was sent, and the report itself speaks of no motion."""
+    pusher = stage.driver()
+    pusher.move_to(0.01, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    for wrong in (b"MPos:20.000", b"MPos:11.000", b"MPos:18.000"):
+        stage.line.to_host = once(b"MPos:10.000", wrong)
+        dropped = pusher.dropped
+        while pusher.dropped == dropped:
+            pusher.ask(0)
+            assert all(report.position == 0.01 for report in stage.drive(pusher, lambda: pusher._asked is None))
+    assert pusher.doubt is None
+
+
+def test_a_wrong_work_offset_displaces_nothing(stage):
+    pusher = under_way(stage, 0.03)
+    stage.line.to_host = once(b"WCO:0.000", b"WCO:9.000")
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    assert all(0.009 < report.position < 0.0301 for report in reports)
+    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
+
+
+def test_an_impossible_feed_is_not_published(stage):
+    pusher = under_way(stage, 0.03)
+    stage.line.to_host = once(b"FS:1", b"FS:91")
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    assert max(report.speed for report in reports) < 0.03
+    assert pusher.dropped >= 1
+
+
+def test_a_position_that_jumps_for_good_is_no_position_any_more(stage):
+    """For example after a power cut, if the greeting was lost."""
+    pusher = under_way(stage)
+    stage.line.to_host = once(b"Grbl 1.1h", b"")
+    stage.controller.reset()
+    error = stage.fails(pusher, (Jumped, LeftTheWay))
+    assert pusher.doubt is not None
+    assert error.fault.name in ("POSITION", "WAY")
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_damage_of_the_line_leads_no_pusher_astray(stage, seed):
+    """A sample: `pushfric rehearse --damage` does it as often as it is told, on any controller."""
+    end, damage = 0.02, random_damage(seed)
+    pusher = under_way(stage, end, silence=0.5)
+    places = [stage.controller.position()]
+    stage.line.heard = lambda data: places.append(stage.controller.position())
+    damage.begin(stage.line)
+    reports = stage.outlast(pusher)
+    time.sleep(damage.delay)
+    stage.line.heal()
+    reports += stage.outlast(pusher, 60.0)
+    rest = stage.rest()
+    assert stage.rest() == rest
+    astray = 0.002 + DEAD_MAN + LATE if damage.to_controller else 1e-9
+    assert places[0] - astray <= min(places)
+    assert max(places) <= end + astray
+    plausible = 2.5e-3
+    assert all(min(places) - plausible <= report.position <= max(places) + plausible for report in reports)
+    if pusher.doubt is None and pusher.mode is not Mode.ALARM:
+        stage.drive(pusher, lambda: pusher._asked is None)
+        assert pusher._last.position == pytest.approx(rest, abs=1e-6)
+
+
+@pytest.mark.parametrize(("old", "new"), [(b"$13=0", b"$13=1"), (b"$13=0\r\n", b""), (b"$110=6", b"$110=9")])
+def test_a_setting_that_was_damaged_on_its_way_is_asked_for_again(stage, old, new):
+    """One setting, for example, is the unit of all positions."""
+    stage.line.to_host = once(old, new)
+    pusher = stage.driver()
+    stage.line.to_host = bytes
+    assert pusher._settings[13] == "0"
+    assert pusher.limits.max_speed == pytest.approx(0.1)
+
+
+def test_settings_that_never_come_twice_alike_are_none(stage):
+    numbers = iter(range(10, 1000))
+    stage.line.to_host = lambda data: data.replace(b"$110=6", b"$110=%d" % next(numbers))
+    pusher = Grbl(stage.line.port)
+    pusher.connect()
+    with pytest.raises(NotConnected, match=r"its settings \(\$\$\) came 6 times, each time different"):
+        stage.drive(pusher, lambda: False)
+
+
+def test_a_position_that_was_damaged_while_connecting_is_not_believed(stage):
+    """This holds for each of the reports."""
+    for damaged in range(8):
+        count = iter(range(1000))
+
+        def wrong(data: bytes, damaged: int = damaged, count: Iterator[int] = count) -> bytes:
+            return data.replace(b"MPos:0", b"MPos:7") if b"MPos" in data and next(count) == damaged else data
+
+        stage.line.to_host = wrong
+        pusher = stage.driver()
+        assert pusher._last.position == 0.0
+        pusher.close()
+
+
+def test_a_restart_in_the_middle_of_a_report_is_heard(stage):
+    pusher = under_way(stage)
+    stage.line.to_host = once(b"|FS:", b"Grbl 1.1h ['$' for help]\r\n")
+    stage.fails(pusher, NotConnected, "restarted")
+
+
+def test_an_echo_of_all_that_is_sent_disturbs_nothing(stage):
+    """The echo may come in the middle of a report or an answer."""
+
+    def echoed(data: bytes) -> bytes:
+        stage.line.tell_host(data)
+        return data
+
+    stage.line.to_controller = echoed
+    stage.line.to_host = lambda data: data.replace(b"ok", b"o?k").replace(b"MPos:", b"MP?os:")
+    pusher = stage.driver()
+    pusher.move_to(0.01, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.controller.position() == pytest.approx(0.01, abs=1e-9)
+    assert pusher.dropped == 0
+
+
+def test_what_is_plausible():
+    plausibility = Plausibility()
+    assert plausibility.judge(0.01, 0.0, 0.01, SPEED, 0.1, 0.1) == (True, None)
+    assert plausibility.judge(0.0105, 0.02, 0.03, SPEED, 0.1, 0.1) == (True, None)
+    assert plausibility.judge(0.0405, 0.04, 0.05, SPEED, 0.1, 0.1) == (False, None)  # a wrong digit
+    assert plausibility.judge(0.0109, 0.06, 0.07, SPEED, 0.1, 0.1) == (True, None)
+    assert plausibility.judge(0.0135, 0.08, 0.09, SPEED, 0.1, 0.1) == (False, None)
+    assert plausibility.judge(0.0150, 0.10, 0.11, SPEED, 0.1, 0.1) == (True, None)  # it moves faster than it was sent
+    assert plausibility.judge(0.0, 0.12, 0.13, SPEED, 0.1, 0.1) == (False, None)
+    assert plausibility.judge(0.0, 0.14, 0.15, SPEED, 0.1, 0.1) == (True, 0.0150)  # there it is, and cannot have gone
+    assert plausibility.dropped == 3
+
+
+def test_the_bytes_that_are_ever_sent(stage):
+    """No setting is changed, and nothing but a jog moves; see docs/hardware.md."""
+    sent = bytearray()
+
+    def listen(data: bytes) -> bytes:
+        sent.extend(data)
+        return data
+
+    stage.line.to_controller = listen
+    pusher = under_way(stage, 0.03)
+    pusher.stop()
+    stage.drive(pusher, lambda: not pusher.busy)
+    stage.controller.hit_limit()
+    stage.fails(pusher, PusherError, "ALARM:1")
+    pusher.recover()
+    stage.drive(pusher, lambda: not pusher.busy)
+    pusher.move_to(0.0, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    pusher.close()
+    lines = bytes(sent).translate(None, b"?!\x85\x18\x90").split(b"\n")
+    jogs = [line for line in lines if re.fullmatch(rb"\$J=G21G90X-?\d+\.\d{3}F1200\.000", line)]
+    assert len(jogs) > 5
+    assert set(lines) - set(jogs) == {b"$I", b"$$", b"$X", b""}
+
+
+def test_the_line_dtr_stays_as_it_is_when_the_host_dies(stage):
+    import termios
+
+    pusher = stage.driver()
+    assert not termios.tcgetattr(pusher._port.fd)[2] & termios.HUPCL
+    pusher.close()
+    assert os.path.exists(stage.line.port)

@@ -1,0 +1,285 @@
+"""What an estimate and its observations look like: as text, as a table, as a dictionary, as a picture."""
+
+import importlib.util
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pandas
+import pytest
+from matplotlib.figure import Figure
+from problems import observations_of
+
+from pushfric_core import (
+    TABLE_1,
+    Estimator,
+    InvalidInput,
+    MissingPackage,
+    Observation,
+    Observations,
+    Pose,
+    Twist,
+    friction_model,
+    load,
+)
+from pushfric_core.bags.bag import DamagedBag
+from pushfric_core.offline.estimation import Choices, estimate_from
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BAG = ROOT / "bags/rubber_rect4"
+KNOWN = TABLE_1["rubber_rect4"]
+DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 12, np.random.default_rng(5))
+
+BARE = """
+import sys
+
+class Missing:
+    def find_spec(self, name, path, target=None):
+        if name.partition(".")[0] in {names}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Missing())
+"""
+"""As if these packages were not installed."""
+
+EXTRAS = {"mcap", "rosbags", "lz4", "zstandard", "apsw", "cv2", "serial", "matplotlib", "jinja2", "osqp", "joblib", "pandas"}
+
+
+def bare(code, cwd, names=EXTRAS):
+    run = [sys.executable, "-c", BARE.format(names=names) + code]
+    return subprocess.run(run, capture_output=True, text=True, check=False, cwd=cwd)
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    estimator = Estimator(KNOWN.support_points, outline=KNOWN.outline)
+    return estimator.add(DATA)
+
+
+def test_print_gives_three_lines_for_a_person(estimate):
+    center, friction, rests_on = str(estimate).splitlines()
+    x, y = 1e3 * estimate.center_of_friction
+    assert center == f"p_CF   ({x:.2f}, {y:.2f}) mm, within {1e3 * estimate.confidence:.2f} mm with 90 % probability"
+    assert friction.startswith("mu_c   ")
+    assert f"lower bounds up to {estimate.mu_c_max:.3f}" in friction
+    assert rests_on == "from   12 observations of 12 pushes; may be used"
+    assert repr(estimate) == f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from 12 observations of 12 pushes, optimal>"
+
+
+def test_print_names_the_reasons_against_an_estimate():
+    estimate = Estimator(KNOWN.support_points).add(DATA[0])
+    *_, last = str(estimate).splitlines()
+    assert last.startswith("from   1 observation of 1 push; do not use it: p_CF rests on 1 push")
+    assert not estimate.verdict.use
+
+
+def test_print_without_observations():
+    assert str(Estimator([(0.0, 0.0), (0.1, 0.0)]).estimate()) == (
+        "no observations yet: any w over the 2 support points is as good as another"
+    )
+
+
+def test_the_verdict_of_an_estimate_is_that_of_its_estimator():
+    wrong = [Observation(o.contact_point, o.contact_normal, Twist(*o.twist[:2], -o.twist.omega), o.push_id) for o in DATA]
+    for data in (DATA, wrong, DATA[:3]):
+        estimator = Estimator(KNOWN.support_points)
+        estimate = estimator.add(data)
+        assert estimate.verdict == estimator.verdict(estimate)
+
+
+def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
+    estimator = Estimator(KNOWN.support_points)
+    course = [estimator.add(observation) for observation in DATA]
+    estimator.exclude(DATA[0].push_id)
+    for count, estimate in enumerate(course, 1):
+        assert estimate.observations == tuple(DATA[:count])
+    assert estimator.observations == tuple(DATA[1:]) == estimator.estimate().observations
+
+
+def test_estimates_are_equal_whatever_they_remember(estimate):
+    assert estimate == Estimator(KNOWN.support_points).add(DATA)
+
+
+def test_observations_are_a_sequence():
+    observations = Observations(DATA)
+    assert (len(observations), observations[2], observations[-1]) == (12, DATA[2], DATA[-1])
+    assert isinstance(observations[3:5], Observations)
+    assert observations[3:5] == DATA[3:5]
+    assert hash(observations) == hash(Observations(DATA))
+    assert repr(observations) == "<Observations: 12 observations of 12 pushes>"
+
+
+def test_the_dictionary_is_the_json_of_the_command_line():
+    recording = load(BAG)
+    estimation = estimate_from(BAG, Choices(), lambda _: None)
+    estimate = recording.new_estimator().add(recording)
+    assert estimate == estimation.result
+    assert estimate.to_dict(recording.object.name) == estimation.figures()
+    assert estimate.to_dict()["object"] == ""
+    assert json.dumps(estimate.to_dict())
+
+
+def test_the_dictionary_needs_an_observation():
+    with pytest.raises(ValueError, match="at least one lower bound"):
+        Estimator([(0.0, 0.0), (0.1, 0.0)]).estimate().to_dict()
+
+
+def test_w_as_a_table(estimate):
+    frame = estimate.to_frame()
+    assert list(frame.columns) == ["x", "y", "w", "low", "high"]
+    assert np.array_equal(frame[["x", "y"]], KNOWN.support_points)
+    assert np.array_equal(frame["w"], estimate.w)
+    assert (frame["low"] <= frame["w"]).all()
+    assert (frame["w"] <= frame["high"]).all()
+    assert Estimator(KNOWN.support_points).add(DATA[0]).to_frame()["low"].isna().all()
+
+
+def test_observations_as_a_table_are_read_again(tmp_path):
+    full = Observation(
+        (0.01, -0.032),
+        (0.0, -1.0),
+        Twist(1e-3, 0.02, 0.1),
+        7,
+        0.002,
+        0.3,
+        9,
+        Pose(0.1, 0.2, 0.3),
+        (0.1, 0.2),
+        (0.0, 0.02),
+        1e-4,
+    )
+    frame = Observations([*DATA, full]).to_frame()
+    assert len(frame) == 13
+    assert frame["force_x"].isna().sum() == 12
+    last = frame.iloc[-1]
+    assert (last["push_id"], last["stamp"], last["duration"], last["depth"]) == (7, 9, 0.3, 1e-4)
+    assert tuple(last[["pose_x", "pose_y", "pose_theta"]]) == (0.1, 0.2, 0.3)
+    frame.to_csv(tmp_path / "pushes.csv", index=False)
+    read = load(tmp_path / "pushes.csv", object="rubber_rect4")
+    names = ["contact_point", "contact_normal", "twist", "push_id", "half_width", "force", "tip_velocity"]
+    for one, another in zip(read, [*DATA, full], strict=True):
+        assert all(getattr(one, name) == getattr(another, name) for name in names)
+    pandas.testing.assert_frame_equal(read.to_frame().iloc[:, :13], frame.iloc[:, :13], check_exact=True)
+
+
+def test_a_loaded_bag_brings_its_object_and_settings():
+    recording = load(str(BAG))
+    assert (recording.object.name, len(recording.object.support_points)) == ("rubber_rect4", 15)
+    assert recording.new_estimator().outline == recording.object.outline
+    assert repr(recording) == f"<Recording: {len(recording)} observations of 14 pushes>"
+
+
+def test_the_example_of_the_api_document_runs(monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/api.md").read_text(encoding="utf-8"), re.DOTALL)
+    known: dict = {}
+    exec(example, known)
+    assert capsys.readouterr().out == f"{known['estimate']}\n"
+    assert known["motion"].modes[0].value == "sticking"
+
+
+def test_load_says_what_is_missing(tmp_path):
+    (tmp_path / "pushes.csv").write_text("push_id\n")
+    with pytest.raises(InvalidInput, match=r"does not name the pushed object; give object='OBJ.yaml' or one of delrin_square3"):
+        load(tmp_path / "pushes.csv")
+    with pytest.raises(InvalidInput, match=r"none.csv: no such file"):
+        load(tmp_path / "none.csv", object="rubber_rect4")
+
+
+def test_load_warns_of_what_is_missing_in_a_damaged_bag(tmp_path):
+    (mcap,) = BAG.glob("*.mcap")
+    content = bytearray(mcap.read_bytes())
+    for file in (BAG / "object.yaml", BAG / "metadata.yaml"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / mcap.name).write_bytes(content[: len(content) // 2])
+    with pytest.raises(DamagedBag):
+        load(tmp_path)
+    with pytest.warns(UserWarning, match=mcap.name) as warned:
+        recording = load(tmp_path, partial=True)
+    assert 0 < len(recording) < len(load(BAG))
+    assert {warning.filename for warning in warned} == {__file__}
+
+
+def test_the_picture_shows_the_object_w_the_ellipse_and_the_pushes(estimate):
+    axes = Figure().subplots()
+    assert estimate.plot(axes) is axes
+    outline, *_ = axes.lines
+    assert np.allclose(outline.get_xydata()[:-1], 1e3 * KNOWN.outline.vertices)
+    assert {text.get_text() for text in axes.get_legend().get_texts()} == {
+        "estimated $w$",
+        "estimated $p_{CF}$",
+        "90 % ellipse",
+        "contacts",
+    }
+    (contacts,) = [line for line in axes.lines if line.get_label() == "contacts"]
+    assert np.allclose(contacts.get_xydata(), [1e3 * np.array(o.contact_point) for o in DATA])
+    (arrows,) = [drawn for drawn in axes.collections if type(drawn).__name__ == "Quiver"]
+    assert arrows.N == 12  # one for each push
+    (ellipse,) = axes.patches
+    assert np.allclose(ellipse.center, 1e3 * estimate.center_of_friction)
+
+
+def test_the_picture_needs_neither_an_outline_nor_observations():
+    for estimate in (Estimator(KNOWN.support_points).estimate(), Estimator(KNOWN.support_points).add(DATA[:2])):
+        estimate.plot(Figure().subplots())
+        assert "<img" in estimate._repr_html_()
+
+
+def test_plot_makes_a_figure_of_pyplot(estimate, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    import matplotlib.pyplot as plt
+
+    axes = estimate.plot()
+    assert plt.gca() is axes
+    plt.close(axes.figure)
+
+
+def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):
+    page = estimate._repr_html_()
+    assert 'src="data:image/png;base64,' in page
+    assert f"<pre>{estimate}</pre>" in page
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert estimate._repr_html_() == f"<pre>{estimate}</pre>"
+
+
+def test_a_friction_model_rests_on_the_estimate_alone(estimate):
+    assert np.allclose(friction_model(estimate).support.weights.sum(), 1)
+    assert friction_model(estimate) == friction_model(Estimator(KNOWN.support_points).add(DATA))
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("estimate.to_frame()", "to_frame needs the package pandas: pip install 'pushfric_core[pandas]'"),
+        ("data.to_frame()", "to_frame needs the package pandas: pip install 'pushfric_core[pandas]'"),
+        ("estimate.plot()", "plot needs the package matplotlib: pip install 'pushfric_core[plot]'"),
+        (f"p.load({str(BAG)!r})", f"the bag {BAG} needs the package zstandard: pip install 'pushfric_core[bags]'"),
+    ],
+)
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(code, said, tmp_path):
+    before = """
+import pushfric_core as p
+data = p.Observations([p.Observation((0.01, -0.03), (0.0, -1.0), p.Twist(0.0, 0.02, 0.1))])
+estimate = p.Estimator([[-0.05, 0.0], [0.05, 0.0]]).add(data)
+"""
+    found = bare(f"{before}\ntry:\n    {code}\nexcept p.MissingPackage as error:\n    print(error)", tmp_path)
+    assert found.stdout == f"{said}\n", found.stderr
+    assert issubclass(MissingPackage, ImportError)
+
+
+def test_a_csv_is_estimated_without_any_extra(tmp_path):
+    Observations(DATA).to_frame().to_csv(tmp_path / "pushes.csv", index=False)
+    code = """
+from pushfric_core import friction_model, load
+recording = load("pushes.csv", object="rubber_rect4")
+estimate = recording.new_estimator().add(recording)
+print(estimate)
+assert friction_model(estimate).mean_mu_c > 0
+assert estimate._repr_html_().startswith("<pre>")
+"""
+    found = bare(code, tmp_path)
+    assert found.stdout.splitlines()[-1] == "from   12 observations of 12 pushes; may be used", found.stderr

@@ -1,0 +1,430 @@
+"""Calibration from rendered pictures of the board through a known lens, the board's PDF, and what is refused."""
+
+import http.server
+import math
+import re
+import threading
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from printed import picture
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.planar import rotation
+from pushfric_core.vision.board import Board, BoardFinder
+from pushfric_core.vision.board_pdf import save_board
+from pushfric_core.vision.camera import Camera, Lens, load_lens, save_camera
+from pushfric_core.vision.frame_source import DeviceFrames
+from pushfric_core.vision.lens_calibration import calibrate_lens, lens_from_frames
+from pushfric_core.vision.table_calibration import Placement, calibrate_table, read_table_points, table_from_frames
+
+BOARD = Board()
+LENS = Lens(640, 480, np.array(((900.0, 0, 330), (0, 905, 236), (0, 0, 1))), np.array((-0.2, 0.08, 0.001, -0.0005, 0)))
+PER_METRE = 5000
+MARGIN = 0.014
+# tilt about u and v, roll [rad]; distance, and offset of the board's middle to the right and down [m]
+FLAT = (0.0, 0.0, 0.0, 0.45, 0.0, 0.0)
+VIEWS = (
+    (0.4, 0.0, 0.1, 0.42, 0.03, 0.02),
+    (-0.4, 0.1, 0.0, 0.42, -0.05, 0.03),
+    (0.0, 0.45, 0.2, 0.42, 0.06, -0.03),
+    (0.1, -0.45, -0.1, 0.42, -0.06, -0.03),
+    (0.3, 0.3, 0.5, 0.38, 0.02, 0.0),
+    (-0.3, 0.3, 1.5, 0.42, 0.0, 0.02),
+    (-0.3, -0.35, 0.0, 0.40, -0.02, -0.03),
+    (0.35, -0.3, 0.1, 0.40, 0.05, 0.03),
+)
+
+
+def over_board(tilt_u, tilt_v, roll, distance, right, down) -> Camera:
+    """The camera, with the board's frame as the table frame."""
+    turns = [cv2.Rodrigues(np.array(turn, dtype=float))[0] for turn in ((tilt_u, 0, 0), (0, tilt_v, 0), (0, 0, roll))]
+    R = turns[0] @ turns[1] @ turns[2] @ np.diag((1.0, -1, -1))
+    middle = np.array((*BOARD.size, 0)) / 2
+    return LENS.over(LENS.K @ np.column_stack((R[:, :2], np.array((right, down, distance)) - R @ middle)))
+
+
+@pytest.fixture(scope="module")
+def printed_board(tmp_path_factory) -> np.ndarray:
+    """The board's PDF as a printer prints it: black and white, with MARGIN around the squares."""
+    path = tmp_path_factory.mktemp("board") / "board.pdf"
+    save_board(BOARD, path)
+    rings = black_rings(path)
+    every = np.concatenate(rings)
+    low = every.min(axis=0) - 1e3 * MARGIN
+    width, height = np.ptp(every, axis=0) + 2e3 * MARGIN
+    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=PER_METRE * 0.0254, facecolor="white")
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(low[0], low[0] + width), ylim=(low[1], low[1] + height))
+    axes.set_axis_off()
+    axes.add_patch(PathPatch(Path.make_compound_path(*map(Path, rings)), color="black", linewidth=0, snap=False))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    white = np.asarray(canvas.buffer_rgba())[..., 0]
+    return np.rint(20 + white * (200 / 255)).astype(np.uint8)
+
+
+def black_rings(path) -> list[np.ndarray]:
+    """Outlines (n, 2) [mm] of the one area that a PDF fills."""
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", path.read_bytes(), re.DOTALL)
+    drawing = next(text for text in map(zlib.decompress, streams) if b" l\n" in text).decode()
+    rings: list[list[tuple[float, float]]] = []
+    for x, y, operator in re.findall(r"^([-\d.]+) ([-\d.]+) ([ml])$", drawing[: drawing.index("\nf")], re.MULTILINE):
+        if operator == "m":
+            rings.append([])
+        rings[-1].append((float(x) * 25.4 / 72, float(y) * 25.4 / 72))
+    return [np.array(ring) for ring in rings if len(ring) > 3]
+
+
+def shown(printed_board, *place) -> np.ndarray:
+    return picture(over_board(*place), printed_board, (-MARGIN, -MARGIN), PER_METRE, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def pictures(printed_board) -> list[np.ndarray]:
+    return [shown(printed_board, *place) for place in VIEWS]
+
+
+@pytest.fixture(scope="module")
+def flat(printed_board) -> np.ndarray:
+    return shown(printed_board, *FLAT)
+
+
+@pytest.fixture(scope="module")
+def views(pictures):
+    return [BoardFinder(BOARD).view(frame) for frame in pictures]
+
+
+def grid() -> np.ndarray:
+    """Pixels all over the image."""
+    return np.stack(np.meshgrid(np.linspace(20, 620, 7), np.linspace(20, 460, 5)), axis=-1).reshape(-1, 2)
+
+
+def assert_recovered(lens: Lens) -> None:
+    assert (lens.width, lens.height) == (640, 480)
+    np.testing.assert_allclose(np.diag(lens.K), np.diag(LENS.K), rtol=1e-3)
+    np.testing.assert_allclose(lens.K[:2, 2], LENS.K[:2, 2], atol=1.5)
+    # distortion coefficients can compensate each other, so the pixels of rays are compared
+    rays = cv2.undistortPoints(grid().reshape(-1, 1, 2), LENS.K, LENS.D)
+    solid = np.column_stack((rays.reshape(-1, 2), np.ones(len(rays))))
+    pixels, _ = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), lens.K, lens.D)
+    off = pixels.reshape(-1, 2) - grid()
+    assert np.abs(off).max() < 1.5
+    assert np.abs(off - off.mean(axis=0)).max() < 0.5  # a shift of the principal point acts like a tilt of the camera
+
+
+def test_corners_are_found_where_they_are(flat, pictures):
+    for place, frame in zip((FLAT, *VIEWS), (flat, *pictures), strict=True):
+        view = BoardFinder(BOARD).view(frame)
+        misses = over_board(*place).project(view.points) - view.pixels
+        assert len(view.ids) >= 25
+        assert np.sqrt(np.mean(misses**2)) < 0.05
+
+
+def test_the_lens_is_recovered(views):
+    calibration = calibrate_lens(views, 640, 480)
+    assert_recovered(calibration.lens)
+    assert calibration.rms_px < 0.05
+    assert calibration.view_rms_px.shape == (8,)
+    assert 0 < calibration.focal_error < 0.002
+
+
+def test_the_table_is_recovered_from_the_board(flat):
+    view = BoardFinder(BOARD).view(flat)
+    calibration = calibrate_table(LENS, [Placement(view.pixels, view.points)])
+    assert calibration.rms_px < 0.1
+    assert calibration.rms == pytest.approx(calibration.rms_px * calibration.camera.metres_per_pixel(), rel=0.1)
+    np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)  # [m]
+
+
+def test_from_pictures_to_a_file(tmp_path, flat, pictures):
+    folder = tmp_path / "views"
+    folder.mkdir()
+    for number, frame in enumerate((*pictures, pictures[0], np.zeros_like(flat))):  # one twice, one without the board
+        cv2.imwrite(str(folder / f"{number}.png"), frame)
+    told: list[str] = []
+    calibration = lens_from_frames(DeviceFrames(str(folder)), BOARD, told.append)
+    assert_recovered(calibration.lens)
+    assert len(told) == 8
+    assert told[0].startswith("view 1: ")
+    save_camera(calibration.lens, tmp_path / "lens.yaml")
+    lens = load_lens(tmp_path / "lens.yaml")
+    cv2.imwrite(str(tmp_path / "[table].png"), flat)
+    cv2.imwrite(str(tmp_path / "table.png"), flat)
+    table = table_from_frames(DeviceFrames(str(tmp_path / "table*.png")), BOARD, lens, told.append)
+    np.testing.assert_allclose(table.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=3e-4)
+
+
+def test_only_views_at_rest_are_taken_from_a_video(tmp_path, pictures):
+    video = cv2.VideoWriter(str(tmp_path / "views.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 200, (640, 480), False)
+    video.set(cv2.VIDEOWRITER_PROP_QUALITY, 100)
+    for number, frame in enumerate(pictures):
+        for _ in range(1 if number == 3 else 2):
+            video.write(frame)
+    video.release()
+    with pytest.raises(InvalidInput, match=r"views\.avi: too few different views of the board: expected at least 8, got 7"):
+        lens_from_frames(DeviceFrames(str(tmp_path / "views.avi")), BOARD, lambda line: None)
+
+
+def test_a_live_camera_is_read_until_the_views_are_enough(pictures):
+    jpegs = [cv2.imencode(".jpg", frame, (cv2.IMWRITE_JPEG_QUALITY, 98))[1].tobytes() for frame in pictures]
+    over = threading.Event()
+    told: list[str] = []
+
+    class Stream(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+            self.end_headers()
+            while not over.wait(0.02):
+                jpeg = jpegs[min(len(told), len(jpegs) - 1)]  # the next view once this one has been taken
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n".encode()
+                try:
+                    self.wfile.write(head + jpeg + b"\r\n")
+                except OSError:
+                    return
+
+        def log_message(self, *_):
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Stream)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        calibration = lens_from_frames(DeviceFrames(f"http://127.0.0.1:{server.server_port}/stream.mjpg"), BOARD, told.append)
+    finally:
+        over.set()
+        server.shutdown()
+        server.server_close()
+        thread.join()
+    assert_recovered(calibration.lens)
+    assert told[0].endswith("; too few different views of the board: expected at least 8, got 1")
+
+
+def test_too_little_tilt_is_refused(printed_board, flat):
+    # tilted up and down only
+    places = [(0.3 * np.sign(x), 0, 0, 0.45, x, y) for x in (-0.06, 0.06) for y in (-0.04, 0.04)]
+    views = [BoardFinder(BOARD).view(shown(printed_board, *place)) for place in places] * 2
+    with pytest.raises(
+        InvalidInput, match=r"too little tilt left and right: [0-9] degrees between the views, expected at least 20"
+    ):
+        calibrate_lens(views, 640, 480)
+    with pytest.raises(InvalidInput, match="too little tilt left and right: 0 degrees"):
+        calibrate_lens([BoardFinder(BOARD).view(flat)] * 8, 640, 480)
+
+
+def test_parts_of_the_image_without_the_board_are_named(views):
+    left = [view._replace(pixels=view.pixels * (0.6, 1)) for view in views]
+    with pytest.raises(InvalidInput, match="never seen in parts of the image: upper right, middle right, lower right"):
+        calibrate_lens(left, 640, 480)
+
+
+def test_views_that_contradict_each_other_are_refused(views):
+    bent = views[2]._replace(pixels=views[2].pixels + 8 * np.sin(views[2].points * 60))
+    with pytest.raises(InvalidInput, match=r"reprojection error of .* px, worst in view 3: is the board flat"):
+        calibrate_lens([*views[:2], bent, *views[3:]], 640, 480)
+
+
+def test_views_that_hardly_determine_the_focal_length_are_refused(views, rng):
+    blurred = [view._replace(pixels=view.pixels + rng.normal(0, 0.65, view.pixels.shape)) for view in views]
+    with pytest.raises(InvalidInput, match=r"the focal length is known only to .*%"):
+        calibrate_lens(blurred, 640, 480)
+
+
+def test_pictures_without_the_board_are_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((480, 640), np.uint8))
+    with pytest.raises(InvalidInput, match="board not found in 1 pictures"):
+        lens_from_frames(DeviceFrames(str(tmp_path)), BOARD, lambda line: None)
+    told: list[str] = []
+    with pytest.raises(InvalidInput, match="board not found in 1 pictures"):
+        table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
+    assert told == ["board not found yet"]
+
+
+def test_pictures_of_other_sizes_are_refused(tmp_path):
+    for name, shape in (("a", (480, 640)), ("b", (240, 320))):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros(shape, np.uint8))
+    with pytest.raises(InvalidInput, match="pictures of different sizes: 640 x 480 and 320 x 240"):
+        lens_from_frames(DeviceFrames(str(tmp_path)), BOARD, lambda line: None)
+    with pytest.raises(InvalidInput, match="the lens is calibrated for 640 x 480 px, the image has 320 x 240"):
+        table_from_frames(DeviceFrames(str(tmp_path / "b*.png")), BOARD, LENS, lambda line: None)
+
+
+def measured(pixels, tmp_path, head="u,v,x,y"):
+    """A file of points on the table, measured without error."""
+    table = over_board(*FLAT).unproject(pixels)
+    rows = [",".join(map(repr, map(float, (*pixel, *point)))) for pixel, point in zip(pixels, table, strict=True)]
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join((head, *rows)) + "\n")
+    return path
+
+
+WIDE = [(100, 80), (540, 90), (560, 400), (90, 390)]
+
+
+def test_the_table_is_recovered_from_four_points(tmp_path):
+    calibration = calibrate_table(LENS, [read_table_points(measured(WIDE, tmp_path))])
+    np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-6)
+    assert calibration.rms_px < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("pixels", "text"),
+    [
+        (WIDE[:3], "too few different points: expected at least 4, got 3"),
+        ([*WIDE[:3], WIDE[0]], "too few different points: expected at least 4, got 3"),
+        (
+            [(100, 80), (200, 180), (300, 280), (400, 380)],
+            "the points lie on a line or in one place: expected points spread over the table",
+        ),
+        (
+            [(300, 220), (320, 220), (320, 240), (300, 240)],
+            "badly spread: an error of 1 px in them grows to .* px in the image's .*; add points there",
+        ),
+        (
+            [(20, 20), (200, 20), (200, 200), (20, 200)],
+            "badly spread: an error of 1 px in them grows to [0-9]+ px in the image's lower right",
+        ),
+    ],
+)
+def test_points_that_do_not_determine_the_table_are_refused(tmp_path, pixels, text):
+    with pytest.raises(InvalidInput, match=text):
+        calibrate_table(LENS, [read_table_points(measured(pixels, tmp_path))])
+
+
+WIDE_LENS = Lens(640, 480, np.array(((560.0, 0, 330), (0, 560, 236), (0, 0, 1))), np.zeros(5))
+FAR = (0.15, -0.1, 0.0, 0.6)
+PLACES = ((0.0, 0.0, 0.0), (0.12, 0.02, 0.4), (-0.12, 0.06, -0.3), (-0.1, -0.1, 1.6), (0.1, -0.12, -0.8))
+"""Poses of the board's frame on the table [m, rad]; the first is the table frame."""
+
+
+def far_places(noise_px, seed=0):
+    """A wide-angle camera 0.6 m over the table, and the corners of a board in PLACES, with noisy pixels."""
+    turn = cv2.Rodrigues(np.array((FAR[0], FAR[1], FAR[2])))[0] @ np.diag((1.0, -1, -1))
+    middle = np.array((*BOARD.size, 0)) / 2
+    shift = np.array((0, 0, FAR[3])) - turn @ middle
+    camera = WIDE_LENS.over(WIDE_LENS.K @ np.column_stack((turn[:, :2], shift)))
+    rng = np.random.default_rng(seed)
+    corners = (
+        np.stack(np.meshgrid(np.arange(1, BOARD.columns), np.arange(1, BOARD.rows)), axis=-1).reshape(-1, 2) * BOARD.square
+    )
+    about = np.array(BOARD.size) / 2
+    placements = []
+    for x, y, angle in PLACES:
+        turned = (corners - about) @ rotation(angle).T + about + (x, y)
+        pixels = camera.project(turned) + rng.normal(0, noise_px, corners.shape)
+        placements.append(Placement(pixels, corners))
+    return camera, placements
+
+
+def test_a_board_that_is_small_in_the_image_is_laid_in_several_places():
+    truth, placements = far_places(0.1)
+    with pytest.raises(InvalidInput, match=r"grows to .* px in the image's .*; add points there, or lay the board there too"):
+        calibrate_table(WIDE_LENS, placements[:1])
+    calibration = calibrate_table(WIDE_LENS, placements)
+    assert calibration.rms_px == pytest.approx(0.1 * math.sqrt(2), rel=0.2)
+    np.testing.assert_allclose(calibration.camera.unproject(grid()), truth.unproject(grid()), atol=1e-3)
+    assert calibration.map.errors.max() < 1e-3
+
+
+def test_the_map_says_how_far_places_are_off():
+    squares = []
+    for seed in range(30):
+        truth, placements = far_places(0.2, seed)
+        found = calibrate_table(WIDE_LENS, placements)
+        pixels = found.camera.project(found.map.places.reshape(-1, 2))
+        off = np.linalg.norm(truth.unproject(pixels) - found.map.places.reshape(-1, 2), axis=1)
+        squares.append((off / found.map.errors.ravel()) ** 2)
+    # the squares of errors over their sigmas average to 1, in every part of the image
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(squares, axis=0).max() < 2
+
+
+def test_places_of_the_board_are_collected_from_pictures(tmp_path, printed_board):
+    told: list[str] = []
+    for number, roll in enumerate((0.0, 0.0, 0.6)):
+        place = (0.0, 0.0, roll, 0.45, 0.03 * (number == 2), 0.0)
+        cv2.imwrite(str(tmp_path / f"{number}.png"), shown(printed_board, *place))
+    calibration = table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
+    assert [line.split(":")[0] for line in told] == ["place 1", "place 2"]  # the second picture shows the first place
+    np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)
+
+
+def test_points_in_one_place_are_refused():
+    with pytest.raises(InvalidInput, match=r"badly spread|on a line or in one place"):
+        calibrate_table(LENS, [Placement(np.full((4, 2), 100.0), 1e-9 * np.array(((0.0, 0), (1, 0), (0, 1), (1, 1))))])
+
+
+def test_a_point_measured_wrongly_is_named(tmp_path):
+    pixels, points = read_table_points(measured([*WIDE, (330, 240), (320, 100)], tmp_path))
+    points[4] += (0.03, 0)
+    with pytest.raises(InvalidInput, match=r"the points disagree by .* px \(.* mm\); the worst is number 5, by .* px"):
+        calibrate_table(LENS, [Placement(pixels, points)])
+
+
+def test_a_mirrored_table_is_refused(tmp_path):
+    pixels, points = read_table_points(measured(WIDE, tmp_path))
+    with pytest.raises(InvalidInput, match="mirrored"):
+        calibrate_table(LENS, [Placement(pixels, points * (1, -1))])
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("u,v,x\n1,2,3\n", "missing column y; expected u, v, x, y"),
+        ("u,v,x,y\n1,2,3,4\n1,2,a,4\n", "line 3: x must be a number, got 'a'"),
+        ("u,v,x,y\n1,2,3\n", "line 2: y must be a number, got None"),
+        ("u,v,x,y\n1,2,inf,4\n", "line 2: x must be finite, got inf"),
+    ],
+)
+def test_a_bad_file_of_points_is_refused(tmp_path, content, text):
+    path = tmp_path / "points.csv"
+    path.write_text(content)
+    with pytest.raises(InvalidInput, match=text) as raised:
+        read_table_points(path)
+    assert str(raised.value).startswith(str(path))
+
+
+def test_a_missing_file_of_points_is_named(tmp_path):
+    with pytest.raises(InvalidInput, match=r"absent\.csv: cannot be read"):
+        read_table_points(tmp_path / "absent.csv")
+
+
+def test_the_board_is_printed_to_scale(tmp_path):
+    board = Board(5, 4, 0.0365)
+    save_board(board, tmp_path / "board.pdf")
+    every = np.concatenate(black_rings(tmp_path / "board.pdf"))
+    np.testing.assert_allclose(np.ptp(every, axis=0), (5 * 36.5, 4 * 36.5), atol=1e-3)  # [mm]
+    (page,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", (tmp_path / "board.pdf").read_bytes())
+    np.testing.assert_allclose([float(side) * 25.4 / 72 for side in page], (297, 210), atol=0.01)
+
+
+def test_a_large_board_gets_a_page_of_its_own(tmp_path):
+    save_board(Board(12, 9, 0.04), tmp_path / "board.pdf")
+    (page,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", (tmp_path / "board.pdf").read_bytes())
+    assert float(page[0]) * 25.4 / 72 > 480
+    assert float(page[1]) * 25.4 / 72 > 360
+
+
+def test_a_board_that_cannot_be_written(tmp_path):
+    with pytest.raises(InvalidInput, match="cannot be written"):
+        save_board(BOARD, tmp_path / "absent" / "board.pdf")
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"columns": 3}, "must have 4 x 4 to 500 squares, got 3 x 6"),
+        ({"columns": 30, "rows": 20}, "must have 4 x 4 to 500 squares, got 30 x 20"),
+        ({"square": 0.0}, "larger than 0 and smaller than 1 m, got 0"),
+        ({"square": 28.0}, "larger than 0 and smaller than 1 m, got 28"),
+    ],
+)
+def test_no_real_board_is_refused(fields, text):
+    with pytest.raises(ValueError, match=text):
+        Board(**fields)

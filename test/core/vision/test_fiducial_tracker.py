@@ -1,0 +1,123 @@
+"""The fiducial tracker on rendered frames: accuracy in pixels, and no pose when in doubt."""
+
+import numpy as np
+import pytest
+from printed import HALF_SIZE, marked_picture
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.planar import Pose, transform, wrap
+from pushfric_core.vision.camera import Camera
+from pushfric_core.vision.fiducial_tracker import Fiducials, FiducialTracker, Marker, load_fiducials
+from pushfric_core.vision.sighting import NotSeen
+
+PIXEL = 0.000625
+HEIGHT = 0.01
+CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), PIXEL, distortion=(-0.2, 0.05, 0.001, -0.001, 0.0))
+OUTLINE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * HALF_SIZE
+TRUTH = Pose(0.11, 0.04, 0.3)
+ONE = Fiducials(family="apriltag_36h11", markers=[Marker(id=5, size=0.04)])
+TWO = Fiducials(
+    family="4x4_50",
+    markers=[Marker(id=3, size=0.03, center=(-0.04, 0.005)), Marker(id=7, size=0.03, center=(0.04, -0.005), angle_deg=90)],
+)
+
+
+def tracker(fiducials: Fiducials) -> FiducialTracker:
+    return FiducialTracker(CAMERA, OUTLINE, HEIGHT, fiducials)
+
+
+def shown(fiducials: Fiducials, pose: Pose, rng, **options) -> np.ndarray:
+    return marked_picture(fiducials, CAMERA, pose, HEIGHT, rng, **options)
+
+
+@pytest.mark.parametrize("fiducials", [ONE, TWO], ids=["one", "two"])
+@pytest.mark.parametrize(("noise", "bound"), [(0.0, 0.01), (8.0, 0.05)])
+def test_accuracy(rng, fiducials, noise, bound):
+    seen = tracker(fiducials)
+    errors, distances = [], []
+    for theta in np.linspace(-3, 3, 6):
+        truth = Pose(0.1 + rng.uniform(-0.04, 0.04), 0.05 + rng.uniform(-0.02, 0.02), theta)
+        sighting = seen.track(shown(fiducials, truth, rng, noise_sigma=noise))
+        miss = np.array((sighting.pose.x - truth.x, sighting.pose.y - truth.y, wrap(sighting.pose.theta - truth.theta)))
+        errors.append((miss[0] / PIXEL, miss[1] / PIXEL, np.degrees(miss[2])))
+        distances.append(miss @ np.linalg.solve(sighting.covariance, miss))
+        assert sighting.orientations == 1
+        assert sighting.visible_fraction > 0.95
+    assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < bound  # rms [px, px, degree]
+    if noise:
+        assert 0.3 < np.mean(distances) / 3 < 3
+
+
+def test_a_hidden_marker_does_no_harm(rng):
+    frame = shown(TWO, TRUTH, rng)
+    ((u, v),) = CAMERA.project([transform(TRUTH, TWO.markers[0].center)], HEIGHT)
+    frame[int(v) - 8 : int(v) + 8, int(u) - 8 : int(u) + 8] = 220
+    sighting = tracker(TWO).track(frame)
+    assert np.hypot(sighting.pose.x - TRUTH.x, sighting.pose.y - TRUTH.y) < 0.15 * PIXEL
+    assert sighting.visible_fraction == 0.5
+
+
+def test_an_absent_object_is_not_seen(rng):
+    empty = np.clip(rng.normal(100, 8, (480, 640)), 0, 255).astype(np.uint8)
+    for frame in (empty, shown(TWO, TRUTH, rng)):
+        with pytest.raises(NotSeen, match="no marker of the object"):
+            tracker(ONE).track(frame)
+
+
+@pytest.mark.parametrize("grey", [0, 255])
+def test_a_saturated_or_empty_frame(grey):
+    with pytest.raises(NotSeen, match="saturated or empty frame"):
+        tracker(ONE).track(np.full((480, 640), grey, np.uint8))
+
+
+def test_two_objects_are_refused(rng):
+    both = np.maximum(shown(ONE, Pose(0.02, 0.05, 1.2), rng), shown(ONE, Pose(0.18, 0.05, 1.5), rng))
+    with pytest.raises(NotSeen, match="two candidates"):
+        tracker(ONE).track(both)
+
+
+def test_a_partial_view_is_refused(rng):
+    with pytest.raises(NotSeen, match="partial view"):
+        tracker(ONE).track(shown(ONE, Pose(0.26, 0.05, 0.0), rng))
+
+
+def test_markers_that_do_not_lie_as_given_are_refused(rng):
+    moved = TWO.model_copy(update={"markers": [TWO.markers[0], TWO.markers[1].model_copy(update={"center": (0.044, -0.005)})]})
+    with pytest.raises(NotSeen, match="markers do not lie as given"):
+        tracker(moved).track(shown(TWO, TRUTH, rng))
+
+
+def test_a_marker_of_another_size_is_refused(rng):
+    smaller = Fiducials(family=ONE.family, markers=[Marker(id=5, size=0.0385)])
+    with pytest.raises(NotSeen, match=r"markers do not fit|markers do not lie as given"):
+        tracker(smaller).track(shown(ONE, TRUTH, rng))
+
+
+def test_markers_too_small_for_the_image_are_refused():
+    small = Fiducials(family="apriltag_36h11", markers=[Marker(id=5, size=0.015)])
+    with pytest.raises(InvalidInput, match=r"the markers are too small: 3\.0 px per module, expected at least 4"):
+        tracker(small)
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("{family: 9x9, markers: [{id: 1, size: 0.03}]}", "family must be one of 4x4_100, .*apriltag_36h11"),
+        ("{family: 4x4_50, markers: []}", r"markers: expected a list of at least 1, got \[\]"),
+        ("{family: 4x4_50, markers: [{id: 1, size: 0.03}, {id: 1, size: 0.02}]}", "each marker id may occur once"),
+        ("{family: 4x4_50, markers: [{id: 50, size: 0.03}]}", "4x4_50 has the ids 0 to 49"),
+        ("{family: 4x4_50, markers: [{id: 1, size: 0}]}", "markers.0.size: expected more than 0, got 0"),
+    ],
+)
+def test_a_bad_file_is_refused(tmp_path, content, text):
+    path = tmp_path / "markers.yaml"
+    path.write_text(content)
+    with pytest.raises(InvalidInput, match=text) as raised:
+        load_fiducials(path)
+    assert str(raised.value).startswith(f"{path}: ")
+
+
+def test_a_file_of_markers_is_read(tmp_path):
+    path = tmp_path / "markers.yaml"
+    path.write_text("family: 4x4_50\nmarkers:\n  - {id: 3, size: 0.03, center: [-0.04, 0.005]}\n")
+    assert load_fiducials(path).markers == TWO.markers[:1]

@@ -1,0 +1,613 @@
+"""Hostile input to every parser: mutated files, messages and bytes must be accepted, or refused in one line.
+
+A failure names the target and the seed, from which `mutated` makes its bytes again.
+"""
+
+import atexit
+import contextlib
+import csv
+import functools
+import gzip
+import io
+import logging
+import os
+import pathlib
+import pty
+import select
+import shutil
+import socket
+import tempfile
+import time
+import tty
+import zlib
+from collections.abc import Callable
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import rearranged
+from geometry_msgs.msg import Point, Vector3
+from mcap.writer import CompressionType, Writer
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from pushfric_core.bags import zhou2015
+from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.cdr import Decoder, encoder
+from pushfric_core.bags.contents import Definition
+from pushfric_core.bags.data_points import TYPES, read
+from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.recovery import recover
+from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
+from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
+from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.files.bounded_yaml import load_yaml
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.model_file import load_model, make_model, save_model
+from pushfric_core.files.object_file import load_object, read_points
+from pushfric_core.files.observation_file import OPTIONAL, REQUIRED, read_observations
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.files.pushes_file import read_edge_pushes, read_point_pushes
+from pushfric_core.files.yaml_edit import with_values
+from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
+from pushfric_core.offline.estimation import Choices
+from pushfric_core.offline.many import RESULTS, estimate_many
+from pushfric_core.offline.table import write_table
+from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.grbl_protocol import parse_status
+from pushfric_core.pushers.position_memory import PositionMemory
+from pushfric_core.pushers.pusher import PusherError
+from pushfric_core.report.report import to_json
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.trajectory import Trajectory
+from pushfric_core.vision.camera import Lens, load_camera, picture_from
+from pushfric_core.vision.fiducial_tracker import load_fiducials
+from pushfric_core.vision.table_calibration import read_table_points
+from pushfric_msgs.srv import ExcludePush, PredictPush, StablePushes
+from pushfric_ros.cell.cell_file import load_cell
+from pushfric_ros.cell.node_settings import RecorderConfig, ViewConfig
+from pushfric_ros.messages.conversions import (
+    observation_to_msg,
+    predictions_to_msg,
+    pushes_from_msg,
+    stability_to_msg,
+    turns_from_msg,
+)
+from pushfric_ros.messages.types import definition
+from pushfric_ros.node_kit.domain import domain
+from pushfric_ros.view.clicked_points import ClickedPoints
+from pushfric_ros.view.server import Answer, Request, Server
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+DEMO, EXAMPLE = ROOT / "bags/rubber_rect4", ROOT / "docs/example_cell"
+
+TOKENS = [
+    *(b"", b"0", b"-1", b"1e308", b"1e200", b"-1e200", b"1e-308", b"nan", b"inf", b"999999999999", b"2024-99-99", b"null"),
+    *(b"9" * 5000, b"0x" + b"f" * 5000, b"a" * 5000, b"[" * 3000, b"{" * 3000),
+    *(
+        b"!!int ''",
+        b"!!bool x",
+        b"&a [*a]",
+        b"*a",
+        b"<<: [1]",
+        b"'",
+        b'"',
+        b"\n",
+        b",",
+        b": ",
+        b"- ",
+        b"\t",
+        b"#",
+        b"../../etc",
+    ),
+    *(b"\0", b"\xff\xfe", b"\xed\xa0\x80", b"\x7f\xff\xff\xff", b"\xff" * 8),
+    *(np.array([value]).tobytes() for value in (1e200, 1e308, -1e200, np.nan, np.inf)),
+]
+"""Tokens that have broken parsers before."""
+
+SLOW = 5.0
+"""An input that takes more CPU time is a failure in its own right [s]."""
+
+LONGEST_CONVERSATION = 20_000
+"""Number of bytes that are given to the driver."""
+
+OBJECT_NAME = "rubber_rect4"
+
+LONGEST_REFUSAL = 1100
+"""Largest number of characters of an error."""
+
+
+class Target(NamedTuple):
+    """A parser, valid inputs to begin with, and what it may raise."""
+
+    run: Callable[[bytes, pathlib.Path], Any]
+    corpus: list[bytes]
+    allowed: tuple[type[Exception], ...]
+
+
+class Failure(Exception):
+    """A parser broke its promise."""
+
+
+def mutated(corpus: list[bytes], rng: np.random.Generator) -> bytes:
+    """One of the inputs with a few changes: bits, tokens, and parts removed, doubled or taken from another place."""
+    data = bytearray(corpus[int(rng.integers(len(corpus)))])
+    for _ in range(int(rng.integers(1, 5))):
+        begin = int(rng.integers(len(data) + 1))
+        size = int(rng.integers(1, 9)) if rng.random() < 0.7 else int(rng.integers(1, 500))
+        part = bytes(data[begin : begin + size])
+        kind = int(rng.integers(6))
+        if kind == 0 and begin < len(data):
+            data[begin] ^= 1 << int(rng.integers(8))
+        elif kind == 1:
+            data[begin : begin + size] = TOKENS[int(rng.integers(len(TOKENS)))]
+        elif kind == 2:
+            data[begin:begin] = TOKENS[int(rng.integers(len(TOKENS)))]
+        elif kind == 3:
+            del data[begin : begin + size]
+        elif kind == 4:
+            data[begin:begin] = part * int(rng.integers(1, 50))
+        else:
+            data[begin : begin + size] = rng.bytes(size)
+    return bytes(data)
+
+
+def attempt(name: str, seed: int, folder: pathlib.Path) -> None:
+    """Give a target one mutated input.
+
+    Raises:
+        Failure: the target raised what it may not, needed several lines to say why, or took too long.
+    """
+    target = targets()[name]
+    data = mutated(target.corpus, np.random.default_rng(seed))
+    begin = time.process_time()
+    try:
+        target.run(data, folder)
+    except target.allowed as error:
+        if isinstance(error, InvalidInput) and (len(str(error).splitlines()) > 1 or len(str(error)) > LONGEST_REFUSAL):
+            raise Failure(f"{name}, seed {seed}: refused in several lines or a very long one: {str(error)[:300]!r}") from error
+    except Exception as error:
+        raise Failure(f"{name}, seed {seed}: {type(error).__name__}: {str(error)[:300]}") from error
+    if time.process_time() - begin > SLOW:
+        raise Failure(f"{name}, seed {seed}: took more than {SLOW:g} s of CPU time")
+
+
+# --- the targets ---
+
+
+@functools.cache
+def targets() -> dict[str, Target]:
+    """All parsers of what comes from outside."""
+    texts = {name: (EXAMPLE / f"{name}.yaml").read_bytes() for name in ("cell", "object", "plan")}
+    table = load_object(OBJECT_NAME)
+    outline = table.outline
+    yamls = [*texts.values(), (DEMO / METADATA).read_bytes(), b"a: &a [1, 2]\nb: *a\nc: {d: 1.5, e: 'text'}\n"]
+    camera = _camera()
+    return {
+        "yaml": Target(lambda data, _: load_yaml(data.decode("utf-8", "replace")), yamls, (ValueError,)),
+        "object": Target(_of_file("object.yaml", lambda path: load_object(str(path))), [texts["object"]], (InvalidInput,)),
+        "cell": Target(_of_file("cell.yaml", load_cell), [texts["cell"]], (InvalidInput,)),
+        "plan": Target(_of_file("plan.yaml", lambda path: load_plan(str(path), table)), [texts["plan"]], (InvalidInput,)),
+        "camera": Target(_of_file("camera.yaml", load_camera), [camera], (InvalidInput,)),
+        "markers": Target(_of_file("markers.yaml", load_fiducials), [MARKERS], (InvalidInput,)),
+        "metadata": Target(
+            _of_file(METADATA, lambda path: read_metadata(path.parent)), [(DEMO / METADATA).read_bytes()], (InvalidInput,)
+        ),
+        "observations": Target(_of_file("data.csv", lambda path: _estimated(read_observations(path, outline))), [_csv()],
+                               (InvalidInput,)),
+        "support points": Target(_of_file("points.csv", read_points), [b"x,y\n0.01,0.02\n-0.01,0.03\n"], (InvalidInput,)),
+        "log": Target(_of_file("cut__exp.txt", zhou2015.read_log), [_log()], (InvalidInput,)),
+        "compressed log": Target(_of_file("cut__exp.txt.gz", zhou2015.read_log), [gzip.compress(_log())], (InvalidInput,)),
+        "push points": Target(_of_file("push_points.csv", zhou2015.read_push_points), [_push_points()], (InvalidInput,)),
+        "bag": Target(_of_file("bag.mcap", _read_bag), [_small_bag()], (InvalidInput, PushfricError)),
+        "database": Target(_of_file("bag.db3", _read_bag), [_database()], (InvalidInput, PushfricError)),
+        "uncompressed bag": Target(_of_file("bag.mcap", _recover), [_uncompressed_bag()], (InvalidInput,)),
+        "rearranged bag": Target(lambda data, folder: rearranged.try_one(zlib.crc32(data), folder), [b"seed"], ()),
+        "growing bag": Target(_of_file("bag.mcap", _follow), [_small_bag(), _uncompressed_bag()], (ValueError,)),
+        "definition": Target(_decode_with, [definition(TYPES["observation"]).encode()], (InvalidInput, ValueError)),
+        "messages": Target(_use_messages, _messages(), (ValueError, PushfricError)),
+        "settings": Target(
+            lambda data, _: EstimatorSettings.from_text(data.decode("utf-8", "replace")),
+            [EstimatorSettings().to_text().encode()], (ValueError,)
+        ),
+        "picture": Target(
+            lambda data, _: picture_from(np.frombuffer(data, np.uint8), "png"), _pictures(), (ValueError,)
+        ),
+        "status line": Target(
+            lambda data, _: parse_status(data.decode("ascii", "replace")),
+            [b"<Idle|MPos:1.000,2.000,0.000|FS:0,0|WCO:0.000,0.000,0.000|Pn:XYZ>", b"<Run|WPos:-1.0|Bf:15,128>"], ()
+        ),
+        "serial line": Target(_converse, [CONVERSATION], (PusherError,)),
+        "position memory": Target(_recall, [b'{"position": 0.0123}', b'{"position": null}'], ()),
+        "pushes": Target(_of_file("pushes.csv", lambda path: read_edge_pushes(path, outline)), [PUSHES], (InvalidInput,)),
+        "moves": Target(_of_file("moves.csv", lambda path: read_point_pushes(path, outline)), [MOVES], (InvalidInput,)),
+        "table points": Target(_of_file("points.csv", read_table_points), [b"u,v,x,y\n320,240,0.1,0.0\n10,20,0.0,0.1\n"],
+                               (InvalidInput,)),
+        "clicked points": Target(_click, [b"[[1, 1, 0, 0], [600, 1, 0.5, 0], [600, 400, 0.5, 0.4], [1, 400, 0, 0.4]]"],
+                                 (InvalidInput,)),
+        "edited file": Target(_edit, [texts["cell"], b"a: 1\npusher: {line_origin: [0, 0]}\n<<: {c: 2}\n"], (ValueError,)),
+        "earlier results": Target(_go_on, [_results()], ()),
+        "question of a planner": Target(_answer, _questions(), (ValueError, PushfricError)),
+        "topic to record": Target(
+            lambda data, _: RecorderConfig((data.decode("utf-8", "replace"),)), [b"/cell/text std_msgs/msg/String reliable"],
+            (ValueError,)
+        ),
+        "domain": Target(_domain, [b"0", b"17", b"232"], (InvalidInput,)),
+        "live view": Target(_visit, VISITS, ()),
+        "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
+    }  # fmt: skip
+
+
+CONVERSATION = (
+    b"Grbl 1.1h ['$' for help]\r\n<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"
+    b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n$20=0\r\n$22=0\r\n$100=250.000\r\n"
+    b"$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\nok\r\n<Idle|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>\r\n"
+    b"<Jog|MPos:1.000,0.000,0.000|FS:600,0>\r\n<Hold:0|MPos:1.100,0.000,0.000|FS:0,0>\r\nALARM:1\r\nerror:9\r\n"
+)
+"""What a controller says, from its greeting to an alarm."""
+
+PUSHES = b"contact_x,contact_y,normal_x,normal_y,half_width,cor_x,cor_y,turn\n0.0,-0.032,0,-1,0.01,0.1,0.0,1\n"
+
+
+def _converse(data: bytes, _: pathlib.Path) -> None:
+    """Whatever a controller says, the driver only looks."""
+    ours, theirs = pty.openpty()
+    try:
+        tty.setraw(theirs)
+        driver = Grbl(os.ttyname(theirs), only_look=True)
+        driver.connect()
+        try:
+            for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):
+                os.write(ours, data[begin : begin + 40])
+                driver.poll(begin)
+                driver.ask(begin)
+                while select.select([ours], [], [], 0)[0]:  # what the driver asks
+                    os.read(ours, 4096)
+        finally:
+            driver.close()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def _recall(data: bytes, folder: pathlib.Path) -> None:
+    memory = PositionMemory(str(folder), "port")
+    memory.keep(0.5)
+    (folder / "port.json").write_bytes(data)
+    position = PositionMemory(str(folder), "port").recall()
+    if position is None or np.isinf(position):
+        raise Failure(f"a position of {position} from {data[:40]!r}")
+
+
+def _model() -> bytes:
+    data = _observations()
+    estimator, known = Estimator(load_object(OBJECT_NAME).support_points), load_object(OBJECT_NAME)
+    for observation in data:
+        estimate = estimator.add(observation)
+    model = make_model(known, estimate, "a test", EstimatorSettings())
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "model.yaml"
+        save_model(model, path)
+        return path.read_bytes()
+
+
+def _use_model(path: pathlib.Path) -> None:
+    model, _ = load_model(path)
+    model.friction()
+    model.observations()
+
+
+MARKERS = b"family: apriltag_36h11\nmarkers:\n  - {id: 5, size: 0.04, center: [0, 0], angle_deg: 0}\n"
+
+
+def _of_file(name: str, read: Callable[[pathlib.Path], Any]) -> Callable[[bytes, pathlib.Path], Any]:
+    def run(data: bytes, folder: pathlib.Path) -> Any:
+        path = folder / name
+        path.write_bytes(data)
+        return read(path)
+
+    return run
+
+
+def _estimated(data: list[Observation]) -> None:
+    estimator = Estimator(load_object(OBJECT_NAME).support_points)
+    for observation in data:
+        try:
+            estimator.add(observation)
+        except PushfricError:  # the data point says nothing, or contradicts the others
+            continue
+
+
+def _observations() -> list[Observation]:
+    edge = (0.0, -1.0)
+    return [
+        Observation((0.01 * number, -0.032), edge, Twist(0.001 * number, 0.02, 0.05), number, 0.001, 0.1, 10**9 + number,
+                    Pose(0.1, 0.2, 0.3), (0.1, 2.0))
+        for number in range(-3, 4) if number >= 0
+    ]  # fmt: skip
+
+
+def _csv() -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow((*REQUIRED, *OPTIONAL))
+    for o in _observations():
+        writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, o.half_width, *(o.force or ())))
+    return text.getvalue().encode()
+
+
+def _push_points() -> bytes:
+    rows = [
+        ",".join(zhou2015.COLUMNS),
+        "cut,cut__exp.txt,0,10,0,0,-1,1,2,0.01,0.1,0.2",
+        "cut,cut__exp.txt,1,20,0,0,-1,1,2,0.02,0.1,0.2",
+    ]
+    return "\n".join(rows).encode()
+
+
+def _log() -> bytes:
+    pose, after = "400 0 0 1 0 0 0", "402 10 0 0.99995 0 0 0.01"
+    forces = "\n".join(f"{1e9 + 0.1 * n} {0.1 * n} {0.2 * n}" for n in range(10))
+    tool = "\n".join(f"{1e9 + 0.1 * n} {430 + n} {-5 + n} 200 1 0 0 0" for n in range(10))
+    return f"1\n{pose}\n{after}\n10\n{forces}\n10\n{tool}\n".encode()
+
+
+def _camera() -> bytes:
+    lens = "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}"
+    rest = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}"
+    table = "table_homography: {rows: 3, cols: 3, data: [1000, 0, 320, 0, -1000, 240, 0, 0, 1]}"
+    return f"image_width: 640\nimage_height: 480\ncamera_name: camera\n{lens}\n{rest}\n{table}\n".encode()
+
+
+def _pictures() -> list[bytes]:
+    image = np.arange(64, dtype=np.uint8).reshape(8, 8)
+    return [cv2.imencode(suffix, image)[1].tobytes() for suffix in (".png", ".jpg")]
+
+
+def _small_bag() -> bytes:
+    encode = encoder(TYPES["observation"])
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "bag"
+        with BagWriter(path) as writer:
+            writer.add_topic("/cell/observation", TYPES["observation"], [])
+            for stamp in range(40):
+                for observation in _observations():
+                    writer.write("/cell/observation", stamp, encode(observation_to_msg(observation, OBJECT_NAME)))
+        return (path / "bag_0.mcap").read_bytes()
+
+
+def _read_bag(path: pathlib.Path) -> None:
+    read(path, load_object(OBJECT_NAME), EstimatorSettings(), lambda line: None, partial=True)
+
+
+def _decode_with(data: bytes, _: pathlib.Path) -> None:
+    text = data.decode("utf-8", "replace")
+    Decoder(TYPES["observation"], Definition("ros2msg", text or " "))(_messages()[0][1:])
+
+
+@functools.cache
+def _decoders() -> dict[str, Decoder]:
+    return {name: Decoder(type_name, Definition("", "")) for name, type_name in TYPES.items()}
+
+
+@functools.cache
+def _messages() -> list[bytes]:
+    """Messages of each type; the first byte says which type."""
+    demo = {message.topic.rpartition("/")[2]: message.raw for message in Bag(DEMO).messages()}
+    encode = encoder(TYPES["observation"])
+    full = [encode(observation_to_msg(observation, OBJECT_NAME)) for observation in _observations()]
+    found = [bytes([list(TYPES).index("observation")]) + raw for raw in full]
+    return found + [bytes([list(TYPES).index(name)]) + demo[name] for name in ("object_pose", "pusher_state", "observation")]
+
+
+def _use_messages(data: bytes, _: pathlib.Path) -> None:
+    """Convert a message and use the result: whatever the message says, it is refused, or the result does no harm."""
+    name = list(TYPES)[data[0] % 4] if data else "wrench"
+    content = _decoders()[name](data[1:])
+    if name == "observation":
+        observation = observation_from_msg(content)
+        observation_to_msg(observation, "object")
+        _estimated([*_observations(), observation])
+    elif name == "wrench":
+        force_sample_from_msg(content)
+    else:
+        trajectory = Trajectory(load_object(OBJECT_NAME).outline)
+        if name == "object_pose":
+            trajectory.add_pose(pose_sample_from_msg(content))
+        else:
+            trajectory.add_pusher(pusher_sample_from_msg(content))
+
+
+MOVES = b"contact_x,contact_y,normal_x,normal_y,tip_vx,tip_vy\n0.0,-0.032,0,-1,0.0,1.0\n"
+
+
+def _database() -> bytes:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "bag"
+        with RosbagsWriter(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+            connection = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+            message = store.types["std_msgs/msg/String"](data="text")
+            for stamp in range(20):
+                writer.write(connection, stamp, store.serialize_cdr(message, "std_msgs/msg/String"))
+        return (path / "bag.db3").read_bytes()
+
+
+def _uncompressed_bag() -> bytes:
+    """Several chunks, as `ros2 bag record` writes them."""
+    encode = encoder(TYPES["observation"])
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=4000, compression=CompressionType.NONE)
+    writer.start(profile="ros2")
+    schema = writer.register_schema(TYPES["observation"], "ros2msg", definition(TYPES["observation"]).encode())
+    channel = writer.register_channel("/cell/observation", "cdr", schema)
+    for stamp in range(20):
+        for observation in _observations():
+            writer.add_message(channel, stamp, encode(observation_to_msg(observation, OBJECT_NAME)), stamp)
+    writer.finish()
+    return stream.getvalue()
+
+
+def _recover(path: pathlib.Path) -> None:
+    """What is recovered can be read, and is no more than there is."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        damaged = recover(path, pathlib.Path(folder) / "saved")
+        saved = sum(1 for _ in Bag(pathlib.Path(folder) / "saved").messages())
+        unconfirmed = damaged.damage.unconfirmed if damaged.damage is not None else {}
+        if saved != damaged.summary.message_count + sum(unconfirmed.values()):
+            raise Failure(f"{saved} messages are saved of {damaged.summary.message_count} and {unconfirmed}")
+
+
+def _follow(path: pathlib.Path) -> None:
+    """Read a file on while it grows."""
+    content = path.read_bytes()
+    path.write_bytes(b"")
+    file = GrowingFile(path)
+    for end in range(0, len(content) + 1, max(1, len(content) // 7)):
+        path.write_bytes(content[:end])
+        file.read_on()
+
+
+def _click(data: bytes, _: pathlib.Path) -> None:
+    clicked = ClickedPoints(Lens(640, 480, np.array(((500.0, 0, 320), (0, 500, 240), (0, 0, 1))), np.zeros(5)))
+    clicked.take(data)
+    to_json(clicked.figures())
+
+
+def _edit(data: bytes, _: pathlib.Path) -> None:
+    with_values(data.decode("utf-8", "replace"), "pusher", {"line_origin": [0.1, 0.2]})
+
+
+@functools.cache
+def _input() -> pathlib.Path:
+    """A CSV of data points that stays as long as this process."""
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="pushfric-fuzz-"))
+    atexit.register(shutil.rmtree, folder)
+    path = folder / "data.csv"
+    path.write_bytes(_csv())
+    return path
+
+
+def _results() -> bytes:
+    """What an earlier run has kept."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        estimate_many([_input()], Choices(OBJECT_NAME), pathlib.Path(folder), 1, None, lambda line: None)
+        return (pathlib.Path(folder) / RESULTS).read_bytes()
+
+
+def _go_on(data: bytes, folder: pathlib.Path) -> None:
+    """Go on where an earlier run stopped, whatever its results look like now."""
+    out = folder / "many"
+    out.mkdir(exist_ok=True)
+    (out / RESULTS).write_bytes(data)
+    lines = estimate_many([_input()], Choices(OBJECT_NAME), out, 1, None, lambda line: None)
+    if "traceback" in lines[0]:
+        raise Failure(lines[0]["traceback"])
+    write_table(lines, out)
+
+
+def _questions() -> list[bytes]:
+    """Requests of both kinds; the first byte says which."""
+    point, normal = Point(x=0.0, y=-0.032), Vector3(y=-1.0)
+    moved = PredictPush.Request(contact_points=[point], contact_normals=[normal], tip_velocities=[Vector3(y=1.0)])
+    turned = StablePushes.Request(
+        contact_points=[point], contact_normals=[normal], half_widths=[0.01], centers_of_rotation=[Point(x=0.1)], turns=[1]
+    )
+    return [b"\0" + serialize_message(moved), b"\1" + serialize_message(turned)]
+
+
+@functools.cache
+def _friction() -> FrictionModel:
+    estimator = Estimator(load_object(OBJECT_NAME).support_points)
+    for observation in _observations():
+        estimate = estimator.add(observation)
+    return friction_model(estimate)
+
+
+def _answer(data: bytes, _: pathlib.Path) -> None:
+    kind = PredictPush.Request if data[:1] != b"\1" else StablePushes.Request
+    try:
+        request = deserialize_message(data[1:], kind)
+    except RuntimeError:  # the middleware's: such a request never reaches a node
+        return
+    if kind is PredictPush.Request:
+        predictions_to_msg(predict(_friction(), *pushes_from_msg(request)), PredictPush.Response())
+    else:
+        stability_to_msg(stability(_friction(), *turns_from_msg(request)), StablePushes.Response())
+
+
+def _domain(data: bytes, _: pathlib.Path) -> None:
+    text = data.replace(b"\0", b"").decode("utf-8", "replace")  # no variable of an environment holds a NUL
+    before = os.environ.get("ROS_DOMAIN_ID")
+    os.environ["ROS_DOMAIN_ID"] = text
+    try:
+        domain()
+    finally:
+        if before is None:
+            del os.environ["ROS_DOMAIN_ID"]
+        else:
+            os.environ["ROS_DOMAIN_ID"] = before
+
+
+HOST = b"Host: 127.0.0.1:8080\r\n"
+
+UPGRADE = (
+    b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
+)
+
+VISITS = [
+    b"GET / HTTP/1.1\r\n" + HOST + b"Origin: http://127.0.0.1:8080\r\n\r\n",
+    b"POST /exclude/3?token=a%20b HTTP/1.1\r\n" + HOST + b"Authorization: Bearer abc\r\nContent-Length: 2\r\n\r\n{}",
+    b"POST /keep/2147483647 HTTP/1.1\r\nHost: [::1]:80\r\nTransfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
+    b"GET /live?token=x HTTP/1.1\r\n" + HOST + UPGRADE + b'\r\n\x81\x8f\0\0\0\0{"looks": false}\x88\x80\0\0\0\0',
+]
+"""What visitors of the live view send, up to the bytes of their WebSocket messages."""
+
+
+@functools.cache
+def _view() -> tuple[Server, list[str]]:
+    """A live view, and what it has logged."""
+    logged: list[str] = []
+
+    class Kept(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            logged.append(record.getMessage() + str(record.exc_info or ""))
+
+    for name in ("tornado.application", "asyncio"):
+        logging.getLogger(name).addHandler(Kept())
+        logging.getLogger(name).propagate = False
+
+    def carried_out(request: Request) -> None:
+        if request.push is not None:
+            ExcludePush.Request(push_id=request.push)
+        request.answer(Answer(True, ""))
+
+    server = Server(ViewConfig(port=0), carried_out, lambda looking: None)
+    atexit.register(server.close)
+    return server, logged
+
+
+def _visit(data: bytes, _: pathlib.Path) -> None:
+    """Whatever a visitor sends, the server logs no failure, and serves the next one."""
+    server, logged = _view()
+    place = urlsplit(server.url)
+    for sent in (data, b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"):
+        with socket.create_connection((place.hostname, place.port), timeout=SLOW) as visitor:
+            received = b""
+            with contextlib.suppress(ConnectionError):
+                visitor.sendall(sent[:LONGEST_CONVERSATION])
+                if sent is data:
+                    select.select([visitor], [], [], 0.05)  # it may wait for more
+                    visitor.shutdown(socket.SHUT_WR)
+                while part := visitor.recv(65536):
+                    received += part
+    if logged:
+        raise Failure(f"the live view has logged: {logged.pop()[:300]}")
+    if not received.startswith(b"HTTP/1.1 200"):
+        raise Failure(f"the live view answers {received[:60]!r}")

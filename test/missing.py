@@ -1,0 +1,44 @@
+"""The command line where some modules are missing, and the extras that bring them."""
+
+import configparser
+import pathlib
+import re
+import subprocess
+import sys
+from collections.abc import Iterable
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+
+WITHOUT = """
+import sys
+
+class Missing:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] in MODULES:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Missing())
+from pushfric_core.__main__ import main
+main()
+"""
+
+
+def pushfric_without(modules: Iterable[str], *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command line, in the project's folder, as if these modules were not installed."""
+    program = WITHOUT.replace("MODULES", repr(tuple(modules)))
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=ROOT, check=False)
+
+
+def options(package: str) -> configparser.ConfigParser:
+    """What the setup.cfg of a package says."""
+    parser = configparser.ConfigParser()
+    parser.read(ROOT / "src" / package / "setup.cfg")
+    return parser
+
+
+def extras(package: str) -> tuple[dict[str, list[str]], list[str]]:
+    """The requirements of each extra, and the extras that a robot cell needs."""
+    found = {extra: text.split() for extra, text in options(package)["options.extras_require"].items()}
+    (bundle,) = found.pop("all", [""])
+    return found, re.findall(r"[\w-]+", bundle.partition("[")[2])

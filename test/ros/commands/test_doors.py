@@ -1,0 +1,320 @@
+"""One answer by every door: Python, the command with a CSV, a bag or a model, and the live node, to the last bit."""
+
+import csv
+import json
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Vector3
+from problems import observations_of
+from rclpy.parameter import Parameter
+from typer.testing import CliRunner
+
+from pushfric_core import Estimator, HalfPlanes, Recognizer, convex_quartic, named_ellipsoid, next_pushes, predict, stability
+from pushfric_core.bags import stablepush, zhou2015
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.cdr import encoder
+from pushfric_core.commands.cli import app
+from pushfric_core.estimation.region import RegionConfig, line_of_motion
+from pushfric_core.files.model_file import load_model
+from pushfric_core.files.object_file import OBJECT_FILE, load_object, save_object
+from pushfric_core.files.observation_file import OPTIONAL, REQUIRED, read_observations
+from pushfric_core.files.pushes_file import MOVED, TURNED, EdgePushes, PointPushes
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.mechanics.surface_models import surface_samples
+from pushfric_core.report.report import to_json
+from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, LimitSurface, Observation, Recognition
+from pushfric_msgs.srv import PredictPush, StablePushes
+from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
+from pushfric_ros.nodes.estimator import EstimatorNode
+
+POINT_LOGS = ("30_90_30_30_30_90__exp_08_11_30.txt", "30_90_30_30_30_90__exp_08_11_50_mixed.txt")
+TWO_FINGERS = "30_90_30_30_30_90"
+
+
+class Case(NamedTuple):
+    """What was seen of an object, and what is asked about it."""
+
+    observations: list
+    folder: object  # of the object's file
+    moved: PointPushes
+    turned: EdgePushes
+    held: np.ndarray | None = None  # (k,) whether the pushes of `turned` held the real object
+
+
+def simulated(name, count, seed):
+    def case(folder, _):
+        known, rng = TABLE_1[name], np.random.default_rng(seed)
+        save_object(load_object(name), folder / OBJECT_FILE)
+        data = observations_of(known.outline, known.support, known.mu_c, count, rng)
+        edges, k = rng.integers(4, size=40), 40
+        points = known.outline.vertices[edges] + rng.uniform(0.1, 0.9, (k, 1)) * known.outline.edges[edges]
+        normals, centers = known.outline.normals[edges], rng.uniform(-0.5, 0.5, (k, 2))
+        moved = PointPushes(points, normals, -0.02 * normals + rng.uniform(-0.03, 0.03, (k, 2)))
+        turned = EdgePushes(points, normals, rng.uniform(0, 0.02, k), centers, rng.choice((-1.0, 1.0), k))
+        return Case(data, folder, moved, turned)
+
+    return case
+
+
+def points_of(observations):
+    """The pushes of data points, to be predicted."""
+    names = ("contact_point", "contact_normal", "tip_velocity")
+    return PointPushes(*(np.array([getattr(one, name) for one in observations]) for name in names))
+
+
+def with_point(number):
+    def case(folder, real_pushes):
+        logs = zhou2015.read_push_points(real_pushes / "push_points.csv")
+        zhou2015.write_bag(folder / "imported", TWO_FINGERS, logs[POINT_LOGS[number]])
+        two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
+        asked = points_of(logs[POINT_LOGS[1 - number]])
+        return Case(logs[POINT_LOGS[number]], folder / "imported", asked, two.pushes, two.stable)
+
+    return case
+
+
+def with_two_fingers(folder, real_pushes):
+    """Fitted to the stable pushes, which are intervals; asked about all of them."""
+    two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
+    imported = {
+        one.object: one.bag for one in stablepush.import_stable_pushes(real_pushes / "stable_pushes.csv", folder / "in")
+    }
+    data = [stablepush._observation(two, index) for index in np.flatnonzero(two.stable).tolist()[::3]]
+    asked = points_of(zhou2015.read_push_points(real_pushes / "push_points.csv")[POINT_LOGS[0]])
+    return Case(data, imported[TWO_FINGERS], asked, two.pushes)
+
+
+CASES = {
+    "simulated": simulated("wood_rect3", 14, 12),
+    "few": simulated("delrin_square3", 6, 4),  # one sample is left, which is not the optimum
+    "real points": with_point(0),
+    "real points, mixed": with_point(1),
+    "real fingers": with_two_fingers,
+}
+
+
+@pytest.fixture(params=CASES)
+def case(request, tmp_path):
+    real_pushes = request.getfixturevalue("real_pushes") if "real" in request.param else None
+    found = CASES[request.param](tmp_path, real_pushes)
+    write_csv(tmp_path / "data.csv", (*REQUIRED, *OPTIONAL), [
+        (*one.contact_point, *one.contact_normal, *one.twist, one.push_id, one.half_width,
+         *(one.force or ("", "")), *(one.tip_velocity or ("", "")))
+        for one in found.observations
+    ])  # fmt: skip
+    write_csv(tmp_path / "moved.csv", MOVED, np.column_stack(found.moved).tolist())
+    write_csv(tmp_path / "turned.csv", TURNED, np.column_stack(found.turned).tolist())
+    model = load_object(str(found.folder / OBJECT_FILE))
+    data = read_observations(tmp_path / "data.csv", model.outline)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
+        encode = encoder("pushfric_msgs/msg/Observation")
+        for number, one in enumerate(data):
+            writer.write("/cell/observation", number, encode(observation_to_msg(one, model.name)))
+    save_object(model, tmp_path / "bag" / OBJECT_FILE)
+    return found._replace(observations=data), model, tmp_path
+
+
+def write_csv(path, columns, rows):
+    with path.open("w", newline="") as stream:
+        csv.writer(stream).writerows((columns, *rows))
+
+
+def plain(figures):
+    """The same figures as JSON has them."""
+    return json.loads(to_json(figures))
+
+
+def by_python(case, model):
+    """The answers of pushfric_core, question by question."""
+    estimator = Estimator(model.support_points)
+    recognizer, half_planes = Recognizer(model.hypotheses) if model.hypotheses else None, HalfPlanes(model.outline, MARGIN)
+    estimate = estimator.add(case.observations)
+    for one in estimator.observations:
+        half_planes.add(line_of_motion(one))
+        ranking = recognizer.add(one) if recognizer else None
+    friction = friction_model(estimate)
+    moved, held, region = predict(friction, *case.moved), stability(friction, *case.turned), half_planes.region()
+    ellipsoid, (wrenches, _) = named_ellipsoid(friction.support), surface_samples(friction.support)
+    answers = {
+        "estimate": {
+            "objective": estimate.solution.objective,
+            "w": estimate.w.tolist(),
+            "center_of_friction": estimate.center_of_friction.tolist(),
+            "confidence": estimate.confidence,
+            "mu_c": [estimate.mu_c_p90, estimate.mu_c.value, estimate.mu_c.low],
+            "data_points": estimate.data_points,
+            "use": estimator.verdict(estimate).use,
+            "rejected": [one.push_id for one in estimator.rejected],
+        },
+        "predict": [moved.twists.tolist(), [mode.value for mode in moved.modes], moved.spread.tolist(), moved.forces.tolist()],
+        "stable": [held.stable.tolist(), held.margins.tolist(), held.probabilities.tolist()],
+        "region": {"area": region.area, "center_of_friction": region.center.tolist(), "polygon": region.corners.tolist()},
+        "next push": [[*one.push, one.expected_area] for one in next_pushes(half_planes)],
+        "limit surface": [
+            ellipsoid.m_max,
+            *ellipsoid.center,
+            *convex_quartic(friction.support).coefficients,
+            *wrenches.ravel(),
+        ],
+    }
+    if recognizer:
+        answers["recognize"] = [[one.name, one.fit_error, one.ratio] for one in ranking.hypotheses]
+    return plain(answers)
+
+
+def said(*arguments):
+    run = CliRunner().invoke(app, [*map(str, arguments), "--json"], catch_exceptions=False)
+    assert run.exit_code == 0, run.output
+    return json.loads(run.stdout)
+
+
+def planned(source, folder, *options):
+    """What the commands for planners answer."""
+    moved = said("predict", source, "--pushes", folder / "moved.csv", *options)
+    held = said("stable", source, "--pushes", folder / "turned.csv", *options)
+    return {
+        "predict": [[row[key] for row in moved] for key in ("twist", "mode", "spread", "force")],
+        "stable": [[row[key] for row in held] for key in ("stable", "margin", "probability")],
+    }
+
+
+def by_command(source, model, folder, *options):
+    """The answers of the commands to a CSV or a bag."""
+    estimate, region = said("estimate", source, *options), said("region", source, *options)
+    answers = planned(source, folder, *options) | {
+        "estimate": {key: estimate.get(key) for key in ("objective", "w", "center_of_friction", "confidence", "data_points")}
+        | {"mu_c": [estimate["mu_c"]["p90"], estimate["mu_c"]["value"], estimate["mu_c"]["interval"][0]]}
+        | {"use": estimate["verdict"]["use"], "rejected": [one["push"] for one in estimate["rejected"]]},
+        "region": {key: region[key] for key in ("area", "center_of_friction", "polygon")},
+        "next push": [[one[key] for key in ("edge", "offset", "angle", "expected_area")] for one in region["next_pushes"]],
+    }
+    if model.hypotheses:
+        ranking = said("recognize", source, *options)["hypotheses"]
+        answers["recognize"] = [[one[key] for key in ("name", "fit_error", "ratio")] for one in ranking]
+    return answers
+
+
+def by_model(path, folder):
+    """The answers of the commands to a model, and of the model in Python."""
+    friction = load_model(path)[0].friction()
+    ellipsoid, (wrenches, _) = named_ellipsoid(friction.support), surface_samples(friction.support)
+    quartic = convex_quartic(friction.support).coefficients
+    return plain(planned(path, folder) | {"limit surface": [ellipsoid.m_max, *ellipsoid.center, *quartic, *wrenches.ravel()]})
+
+
+def by_node(ros, case, model):
+    """The answers of the live node; the corners of a region come as float32."""
+    node = ros.node("planner", namespace="/cell")
+    given = {"object": str(case.folder / OBJECT_FILE), "source": "observations"}
+    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]))
+    last, count = {}, len(case.observations)
+    for kind, topic in TOPICS.items():
+        node.create_subscription(kind, topic, lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
+    out = node.create_publisher(Observation, "observation", RELIABLE)
+    ros.wait_for(out.get_subscription_count, what="the estimator")
+    for number, one in enumerate(case.observations, 1):  # without durations, stamps only say which data point is the last
+        out.publish(observation_to_msg(replace(one, stamp=number), model.name))
+    wanted = set(TOPICS) - (set() if model.hypotheses else {Recognition})
+
+    def complete():
+        return all(kind in last and last[kind].header.stamp.nanosec == count for kind in wanted)
+
+    ros.wait_for(complete, what="answers from all data points")
+
+    def ask(kind, name, **parts):
+        client = node.create_client(kind, f"estimator/{name}")
+        ros.wait_for(client.service_is_ready, what=name)
+        answer = client.call_async(kind.Request(**parts))
+        ros.wait_for(answer.done, what=f"the answer of {name}")
+        assert answer.result().success, answer.result().message
+        assert answer.result().data_points == count
+        return answer.result()
+
+    def contacts(pushes):
+        points, normals = pushes.contact_points.tolist(), pushes.contact_normals.tolist()
+        vectors = [Vector3(x=x, y=y) for x, y in normals]
+        return {"contact_points": [Point(x=x, y=y) for x, y in points], "contact_normals": vectors}
+
+    velocities = [Vector3(x=x, y=y) for x, y in case.moved.tip_velocities.tolist()]
+    moved = ask(PredictPush, "predict_push", **contacts(case.moved), tip_velocities=velocities)
+    held = ask(
+        StablePushes,
+        "stable_pushes",
+        **contacts(case.turned),
+        half_widths=case.turned.half_widths.tolist(),
+        centers_of_rotation=[Point(x=x, y=y) for x, y in case.turned.centers.tolist()],
+        turns=[int(turn) for turn in case.turned.turns],
+    )
+    estimate, region, surface = last[FrictionEstimate], last[CenterOfFrictionRegion], last[LimitSurface]
+    modes = {number: mode.value for mode, number in MODE_TO_MSG.items()}
+    answers = {
+        "estimate": {
+            "objective": estimate.objective,
+            "w": list(estimate.support_friction.weights),
+            "center_of_friction": [estimate.center_of_friction.x, estimate.center_of_friction.y],
+            "confidence": next(iter(estimate.confidence), None),
+            "mu_c": [estimate.contact_friction.p90, none_if_nan(estimate.mu_c[0].value), estimate.mu_c[0].low],
+            "data_points": estimate.data_points,
+            "use": not estimate.reasons,
+            "rejected": [one.push_id for one in estimate.rejected],
+        },
+        "predict": [
+            [[t.linear.x, t.linear.y, t.angular.z] for t in moved.twists],
+            [modes[mode] for mode in moved.modes],
+            list(moved.spreads),
+            [[f.x, f.y] for f in moved.forces],
+        ],
+        "stable": [list(held.stable), list(held.margins), list(held.probabilities)],
+        "region": {
+            "area": region.area,
+            "center_of_friction": [region.center_of_friction.x, region.center_of_friction.y],
+            "polygon": [[corner.x, corner.y] for corner in region.polygon.polygon.points],
+        },
+        "next push": [[one.edge, one.offset, one.angle, one.expected_area] for one in region.next_pushes],
+        "limit surface": [
+            *(surface.m_max, surface.center.x, surface.center.y, *surface.quartic),
+            *(number for one in surface.wrenches for number in (one.force.x, one.force.y, one.torque.z)),
+        ],
+    }
+    if model.hypotheses:
+        answers["recognize"] = [[one.name, one.fit_error, one.ratio] for one in last[Recognition].hypotheses]
+    return plain(answers)
+
+
+MARGIN = RegionConfig().region_margin
+TOPICS = {
+    FrictionEstimate: "friction_estimate",
+    CenterOfFrictionRegion: "center_of_friction_region",
+    LimitSurface: "limit_surface",
+    Recognition: "recognition",
+}
+
+
+def none_if_nan(value):
+    return None if np.isnan(value) else value
+
+
+def test_every_door_gives_the_same_answers(case, ros):
+    asked, model, folder = case
+    expected = by_python(asked, model)
+    of_object = "--object", asked.folder / OBJECT_FILE
+    assert by_command(folder / "data.csv", model, folder, *of_object) == without(expected, "limit surface")
+    assert by_command(folder / "bag", model, folder) == without(expected, "limit surface")
+    said("estimate", folder / "bag", "--save", folder / "model.yaml")
+    answers = by_model(folder / "model.yaml", folder)
+    assert answers == {question: expected[question] for question in answers}
+    if asked.held is not None:
+        found = np.array(answers["stable"][0])
+        assert (found[asked.held].mean() + (~found[~asked.held]).mean()) / 2 > 0.8
+    expected["region"]["polygon"] = np.float32(expected["region"]["polygon"]).astype(float).tolist()
+    assert by_node(ros, asked, model) == expected
+
+
+def without(answers, question):
+    return {name: answer for name, answer in answers.items() if name != question}

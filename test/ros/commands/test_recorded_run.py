@@ -1,0 +1,69 @@
+"""How a run went, from its bag alone."""
+
+import contextlib
+import pathlib
+import types
+
+import pytest
+from rich.console import Console
+
+from pushfric_core.bags.bag import Bag
+from pushfric_msgs.msg import FrictionEstimate, PlanProgress
+from pushfric_ros.commands import watch
+from pushfric_ros.commands.recorded_run import failures
+from pushfric_ros.graph.supervisor import Ended
+
+DEMO = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
+
+
+def test_a_run_whose_plan_bag_and_estimate_agree_has_not_failed():
+    assert failures(DEMO, "/cell") == []
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("aborted", 2, "2 of 14 pushes were aborted"),
+        ("phase", PlanProgress.PHASE_PUSHING, "the plan is not finished: it stood at push 14"),
+        ("push_id", 77, "no observation came from push 78"),
+    ],
+)
+def test_what_went_wrong_is_in_the_bag(monkeypatch, field, value, said):
+    read = Bag.deserialize
+
+    def changed(bag, message):
+        msg = read(bag, message)
+        if message.topic == "/cell/plan_progress" and (field != "aborted" or msg.phase == PlanProgress.PHASE_FINISHED):
+            setattr(msg, field, value)
+        return msg
+
+    monkeypatch.setattr(Bag, "deserialize", changed)
+    assert failures(DEMO, "/cell")[0] == said
+
+
+def test_a_bag_without_a_plan_or_no_bag_is_a_failed_run(tmp_path):
+    assert failures(DEMO, "/other") == ["no plan was begun"]
+    (said,) = failures(tmp_path, "/cell")
+    assert said.startswith(f"the bag {tmp_path} does not say how the run went: {tmp_path}: is not a bag")
+
+
+def test_an_estimator_that_goes_on_is_awaited_after_the_end(monkeypatch):
+    """On a busy machine it may be far behind the player, but each of its estimates comes within the patience."""
+    wall = [0.0]
+    monkeypatch.setattr(watch, "time", types.SimpleNamespace(monotonic=lambda: wall[0]))
+    over = types.SimpleNamespace(poll=lambda: Ended(0, "player has finished"))
+    with contextlib.closing(watch.Monitor(Console(quiet=True), "/awaited", "replaying", 1, live=False)) as monitor:
+
+        def spin_once(_: float, last: int = 5) -> None:
+            wall[0] += 0.9 * watch.PATIENCE
+            count = min(last, 1 + monitor.complete)
+            msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=count, pushes=1)
+            msg.contact_friction.histogram = [count]
+            monitor._on_estimate(msg)
+
+        monkeypatch.setattr(monitor._visit, "spin_once", spin_once)
+        assert monitor.watch(over, lambda: monitor.complete == 5).code == 0
+        assert monitor.complete == 5
+        begin = wall[0]
+        monitor.watch(over, lambda: False)  # nothing new comes
+        assert wall[0] - begin < 3 * watch.PATIENCE

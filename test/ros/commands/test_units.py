@@ -1,0 +1,169 @@
+"""Numbers in other units than SI are refused in one line, which asks for the unit in which they would make sense."""
+
+import csv
+import pathlib
+import sys
+
+import pytest
+import yaml
+
+from pushfric_core.commands import cli
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.plausible import FARTHEST, FASTEST, FASTEST_TURN, LARGEST, LONGEST, STRONGEST
+
+OUTLINE = [[-0.06, -0.04], [0.06, -0.04], [0.06, 0.04], [-0.06, 0.04]]
+IN_MM = [[1e3 * x, 1e3 * y] for x, y in OUTLINE]
+CONTACT = {"contact_x": 0.02, "contact_y": -0.04, "normal_x": 0, "normal_y": -1}
+OBSERVATION = CONTACT | {"vx": 0.001, "vy": 0.02, "omega": 0.1, "push_id": 0}
+MOVED = CONTACT | {"tip_vx": 0.001, "tip_vy": 0.02}
+TURNED = CONTACT | {"half_width": 0.01, "cor_x": 0.3, "cor_y": 0.1, "turn": 1}
+CELL = {
+    "object": "object.yaml",
+    "camera": {"calibration": "camera.yaml"},
+    "pusher": {"port": "/dev/none", "line_origin": [0, 0], "line_direction": [0, 1]}
+    | {"tip_radius": 0.003, "stroke": 0.06, "max_speed": 0.1},
+    "plan": {"file": "plan.yaml"},
+}
+
+FILES = {
+    "object.yaml": {"name": "block", "outline": OUTLINE, "support": {"grid": [3, 3]}},
+    "plan.yaml": {"pushes": [{"edge": 0, "offset": 0.02}]},
+    "points.csv": [{"x": x, "y": y} for x, y in OUTLINE],
+    "data.csv": [OBSERVATION, OBSERVATION | {"contact_x": -0.03, "omega": -0.2, "push_id": 1}],
+    "moved.csv": [MOVED],
+    "turned.csv": [TURNED],
+    "cell.yaml": CELL,
+}
+"""Right files, in SI units."""
+
+
+def write(folder, files):
+    for name, content in files.items():
+        with (folder / name).open("w", newline="") as stream:
+            if name.endswith(".yaml"):
+                yaml.safe_dump(content, stream)
+            else:
+                writer = csv.DictWriter(stream, content[0])
+                writer.writeheader()
+                writer.writerows(content)
+
+
+@pytest.fixture
+def ended(tmp_path, monkeypatch, capsys):
+    """A function that runs a command in a folder with these files, and returns its exit code and what it printed to stderr."""
+
+    def run(arguments, files):
+        write(tmp_path, files)
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, capsys.readouterr().err
+
+    return run
+
+
+ESTIMATE = ("estimate", "data.csv", "--object", "object.yaml", "--json")
+PREDICT = ("predict", "data.csv", "--object", "object.yaml", "--pushes", "moved.csv")
+STABLE = ("stable", "data.csv", "--object", "object.yaml", "--pushes", "turned.csv")
+REGION = ("region", "--object", "object.yaml")
+WITH_CELL = ("security", "cell.yaml", "--out", "policy")
+RIGHT = [ESTIMATE, PREDICT, STABLE, REGION, (*ESTIMATE, "--support-points", "points.csv")]
+
+
+def changed(name, **values):
+    content = FILES[name]
+    return {name: [content[0] | values, *content[1:]] if isinstance(content, list) else content | values}
+
+
+def in_cell(section, **values):
+    return {"cell.yaml": CELL | {section: CELL[section] | values}}
+
+
+WRONG = [
+    (REGION, changed("object.yaml", outline=IN_MM), "got 120 x 80 m: are these millimetres?"),
+    (REGION, changed("object.yaml", outline=[[1e2 * x, 1e2 * y] for x, y in OUTLINE]), "got 12 x 8 m: are these millimetres?"),
+    (REGION, changed("object.yaml", outline=[[4 * x for x in one] for one in IN_MM]), "within 100 m, got -240: are these mill"),
+    (
+        ESTIMATE,
+        changed("object.yaml", support={"spacing": 20}),
+        "spacing must lie in (0, 0.12] m, got 20: are these millimetres?",
+    ),
+    (ESTIMATE, changed("object.yaml", support={"grid": [3, 3], "inset": 2}), "inset must lie in [0, 0.04) m"),
+    (ESTIMATE, changed("object.yaml", support={"points": [[30, 20]]}), "got (30, 20) m: are these millimetres?"),
+    (ESTIMATE, changed("object.yaml", height=30), "height: the number must lie within 3 m, got 30: are these millimetres?"),
+    (
+        ESTIMATE,
+        changed("object.yaml", hypotheses=[{"name": "left", "center_of_friction": [-20, 0]}]),
+        "the center_of_friction of left must lie within 0.12 m of the outline, got (-20, 0) m: are these millimetres?",
+    ),
+    (
+        (*ESTIMATE, "--support-points", "points.csv"),
+        {"points.csv": [{"x": x, "y": y} for x, y in IN_MM]},
+        "must lie within 0.12 m of the outline, got (-60, -40) m: are these millimetres?",
+    ),
+    (ESTIMATE, changed("data.csv", contact_x=20, contact_y=-40), "m away: are these millimetres?"),
+    (ESTIMATE, changed("data.csv", contact_x=2, contact_y=-4), "m away: are these centimetres?"),
+    (
+        ESTIMATE,
+        changed("data.csv", vx=1, vy=20),
+        "vx, vy, omega must lie within 10 m/s, got (1.0, 20.0): are these millimetres per second?",
+    ),
+    (ESTIMATE, changed("data.csv", omega=6000), "omega must lie within 1000 rad/s, got 6000: are these degrees per second?"),
+    (PREDICT, changed("moved.csv", tip_vy=20), "tip_vy must lie within 10 m/s, got 20: are these millimetres per second?"),
+    (PREDICT, changed("moved.csv", contact_x=20, contact_y=-40), "m away: are these millimetres?"),
+    (
+        STABLE,
+        changed("turned.csv", half_width=10),
+        "half_width must be at most 0.12 m, the length of the object, got 10: are th",
+    ),
+    (WITH_CELL, in_cell("pusher", line_origin=[0, -150]), "got (0.0, -150.0): are these millimetres?"),
+    (WITH_CELL, in_cell("pusher", stroke=60), "stroke must lie in [0.001, 10.0], got 60.0: are these millimetres?"),
+    (WITH_CELL, in_cell("pusher", tip_radius=3), "tip_radius must lie in [0.0, 0.1], got 3.0: are these millimetres?"),
+    (WITH_CELL, in_cell("pusher", max_speed=100), "got 100.0: are these millimetres per second?"),
+    (WITH_CELL, in_cell("plan", distance=50), "distance must lie in [0.001, 10.0], got 50.0: are these millimetres?"),
+    (WITH_CELL, in_cell("plan", still=500), "still must lie in [0.0, 60.0], got 500.0: are these milliseconds?"),
+    (WITH_CELL, in_cell("plan", angle_tolerance=10), "got 10.0: are these degrees?"),
+    ((*ESTIMATE, "--half-width", 25), {}, "half_width must lie in [0.0, 1.0], got 25.0: are these millimetres?"),
+    ((*ESTIMATE, "--cor-radius", 5), {}, "got 5.0: are these millimetres?"),
+    ((*ESTIMATE, "--refine", 5), {}, "--refine: the spacing of the candidates must lie in (0, 0.12] m, got 5: are these mill"),
+    ((*REGION, "--region-margin", 2), {}, "region_margin must lie in [0.0, 0.1], got 2.0: are these millimetres?"),
+    (("jog", 5), {}, "distance must lie in [-0.5, 0.5] m, got 5: are these millimetres?"),
+    (("jog", "--", -5), {}, "distance must lie in [-0.5, 0.5] m, got -5: are these millimetres?"),
+    (("jog", 0.005, "--speed", 10), {}, "are these millimetres per second?"),
+    (("rehearse", "--port", "/dev/none", "--stroke", 60), {}, "are these millimetres?"),
+    (("rehearse", "--port", "/dev/none", "--stroke", 0.06, "--speed", 20), {}, "are these millimetres per second?"),
+    (("measure", "cell.yaml", "--moved", 200), {}, "are these millimetres?"),
+    (("measure", "cell.yaml", "--height", 30), {}, "are these millimetres?"),
+    (("measure", "cell.yaml", "--speed", 20), {}, "are these millimetres per second?"),
+    (("calibrate", "board", "board.pdf", "--square", 28), {}, "smaller than 1 m, got 28: are these millimetres?"),
+]
+
+
+@pytest.mark.parametrize("arguments", RIGHT, ids=lambda arguments: " ".join(map(str, arguments)))
+def test_the_files_are_right_in_si_units(ended, arguments):
+    assert (ended(arguments, FILES)[0] or 0) < 2  # 1: too few pushes for an estimate to be used
+
+
+@pytest.mark.parametrize(("arguments", "change", "question"), WRONG, ids=lambda one: str(one)[:60])
+def test_other_units_are_refused_with_a_question(ended, arguments, change, question):
+    code, error = ended(arguments, FILES | change)
+    assert code == 2
+    assert question in error.strip().splitlines()[-1]
+
+
+def test_the_document_names_the_bounds():
+    text = " ".join((pathlib.Path(__file__).parents[3] / "docs/files.md").read_text(encoding="utf-8").split())
+    lengths = f"objects longer than {LARGEST:g} m, coordinates beyond {FARTHEST:g} m"
+    speeds = f"speeds beyond {FASTEST:g} m/s and {FASTEST_TURN:g} rad/s, forces beyond {STRONGEST / 1e3:g} kN"
+    assert f"{lengths}, {speeds}, observations that take longer than {LONGEST:g} s" in text
+
+
+def test_a_plan_in_millimetres_is_refused_with_a_question(tmp_path):
+    write(tmp_path, FILES | changed("plan.yaml", pushes=[{"edge": 0, "offset": 20}]))
+    with pytest.raises(
+        InvalidInput, match=r"plan.yaml: pushes.0: offset must lie within 0.06 m .* 20 m: are these millimetres\?"
+    ):
+        load_plan(str(tmp_path / "plan.yaml"), load_object(str(tmp_path / "object.yaml")))
