@@ -80,7 +80,7 @@ def imported(name):
             if isinstance(node, ast.ImportFrom) and not node.level and node.module:
                 names = [node.module]
             found |= {module.partition(".")[0] for module in names}
-    return found - set(sys.stdlib_module_names) - {name, "setuptools"}
+    return found - set(sys.stdlib_module_names) - {name, "setuptools", "Cython"}
 
 
 @pytest.mark.parametrize("name", PYTHON_PACKAGES)
@@ -294,7 +294,6 @@ USERS = {
     "lz4": ["bag", "verify", "bags/rubber_rect4"],
     "matplotlib": ["estimate", "bags/rubber_rect4", "--figure", "OUT.png"],
     "mcap": ["bag", "verify", "bags/rubber_rect4"],
-    "numba": ["estimate", "bags/rubber_rect4"],
     "numpy": ["estimate", "bags/rubber_rect4"],
     "osqp": ["estimate", "bags/rubber_rect4", "--solver", "osqp"],
     "pydantic": ["estimate", "bags/rubber_rect4"],

@@ -1,6 +1,34 @@
 from xml.etree import ElementTree
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
+
+DIRECTIVES = {
+    "annotation_typing": False,  # pivoting.pxd has the types
+    "boundscheck": False,
+    "cdivision": True,
+    "infer_types": True,
+    "initializedcheck": False,
+    "wraparound": False,
+}
+
+
+def compiled() -> list[Extension]:
+    """The solver's inner loop. Without Cython 3 or a compiler it stays Python: the same bits, a hundred times slower."""
+    try:
+        from Cython import __version__
+        from Cython.Build import cythonize
+    except ImportError:
+        return []
+    if int(__version__.partition(".")[0]) < 3:
+        return []
+    solver = Extension(
+        "pushfric_core.solvers.pivoting",
+        ["pushfric_core/solvers/pivoting.py"],
+        extra_compile_args=["-O3", "-g0", "-ffp-contract=off"],  # no fused multiply-add: the same bits on every machine
+        optional=True,
+    )
+    return cythonize([solver], build_dir="build", quiet=True, compiler_directives=DIRECTIVES)
+
 
 setup(
     name="pushfric_core",
@@ -10,10 +38,12 @@ setup(
     maintainer_email="pushfric@users.noreply.github.com",
     license="Apache-2.0",
     packages=find_packages(),
+    ext_modules=compiled(),
     package_data={
         "pushfric_core": ["py.typed"],
         "pushfric_core.bags": ["msg/*.msg"],
         "pushfric_core.paper": ["report.html.j2"],
+        "pushfric_core.solvers": ["pivoting.pxd"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),

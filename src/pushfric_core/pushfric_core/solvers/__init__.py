@@ -6,9 +6,6 @@ All solvers are peers behind `program.Program`; each is loaded when it is first 
 from pushfric_core.errors import SolverUnavailable
 from pushfric_core.solvers.program import Loss, Program, Solver
 
-PACKAGES = ("numba", "osqp")
-"""Packages that solvers need besides numpy and scipy."""
-
 
 def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX, with_scale: bool = False) -> Program:
     """A program over the weights of n support points that has no rows yet.
@@ -20,7 +17,7 @@ def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX,
         with_scale: the rows have one more column, that of the scale; only the simplex solver can handle it.
     Raises:
         ValueError: n < 1, or a scale with another solver.
-        SolverUnavailable: the solver needs a package that is not installed.
+        SolverUnavailable: the solver needs the package osqp, which is not installed.
     """
     name = "least squares" if loss is Loss.L2 else solver.value
     if with_scale and name != Solver.SIMPLEX:
@@ -38,6 +35,6 @@ def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX,
 
         return Simplex(n, with_scale)
     except ModuleNotFoundError as error:
-        if error.name not in PACKAGES:
+        if error.name != "osqp":
             raise
-        raise SolverUnavailable(f"the solver {name} needs the package {error.name}: pip install {error.name}") from error
+        raise SolverUnavailable(f"the solver {name} needs the package osqp: pip install osqp") from error

@@ -7,7 +7,8 @@ import numpy.typing as npt
 
 from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers import pivoting
-from pushfric_core.solvers.pivoting import COUNT, FIT, UPDATES, VIOLATION, Indices, Mask, Rows, State
+from pushfric_core.solvers.pivoting import State
+from pushfric_core.solvers.tableau import FIT, VIOLATION, Conditions, Indices, Mask, Rows
 
 Number = TypeVar("Number", np.float64, np.int64)
 
@@ -34,8 +35,7 @@ class Basis:
         cost = np.zeros((2, 2, self._fixed))
         cost[:, :, 0] = np.inf
         cost[:, 1, 1:] = [[NEGATIVE_PART], [np.inf]]
-        self.state = State(
-            tally=np.array((self._fixed, 0)),
+        conditions = Conditions(
             number=np.full(self._fixed, -1),
             a=np.column_stack((np.arange(n) < weights, np.eye(n))),
             value=np.zeros(self._fixed),
@@ -48,39 +48,45 @@ class Basis:
             x=np.zeros(n),
             dual=np.zeros(n),
         )
+        self.state = State(conditions, self._fixed)
         self._limit = self._fixed + ROOM  # of the count; beyond it, some must be settled
         self._reserve(ROOM)
         self.restart()
 
     @property
+    def conditions(self) -> Conditions:
+        """The arrays that the state consists of."""
+        return self.state.conditions
+
+    @property
     def count(self) -> int:
         """Number of conditions: the fixed ones, and the rows."""
-        return int(self.state.tally[COUNT])
+        return self.state.count
 
     def restart(self) -> None:
         """Start at the vertex at which the last support point bears everything."""
-        state = self.state
-        state.side[state.active] = 1.0
-        state.active[:] = np.delete(np.arange(self._fixed), self._weights)
-        state.side[state.active] = 0.0
+        conditions = self.conditions
+        conditions.side[conditions.active] = 1.0
+        conditions.active[:] = np.delete(np.arange(self._fixed), self._weights)
+        conditions.side[conditions.active] = 0.0
         self.refresh()
 
     def refresh(self) -> None:
         """Compute everything again from the active conditions, or from others if these turn out to depend on each other."""
-        state = self.state
+        conditions = self.conditions
         try:
-            state.inverse[:] = np.linalg.inv(state.a[:, state.active].T)
+            conditions.inverse[:] = np.linalg.inv(conditions.a[:, conditions.active].T)
         except np.linalg.LinAlgError:
             self.restart()
             return
-        state.tally[UPDATES] = 0
-        pivoting.sum_gradients(state)
-        pivoting.locate(state, 0.0)
+        self.state.updates = 0
+        pivoting.sum_gradients(self.state)
+        pivoting.locate(self.state, 0.0)
         self.check()
 
     def check(self) -> None:
         """Start over if the inverse is unusable."""
-        if not abs(self.state.x[: self._weights].sum() - 1) < BROKEN:
+        if not abs(self.conditions.x[: self._weights].sum() - 1) < BROKEN:
             self.restart()
 
     def has_room(self, rows: int) -> bool:
@@ -95,70 +101,70 @@ class Basis:
             rows: all rows.
             settled: (n,) gradient of the settled rows.
         """
-        active = self.state.number[self.state.active]
+        active = self.conditions.number[self.conditions.active]
         self._limit = self._fixed + 2 * len(numbers) + ROOM
-        if self._limit > len(self.state.value):
+        if self._limit > len(self.conditions.value):
             self._reserve(2 * self._limit)
-        state = self.state
-        state.tally[COUNT] = self._fixed
-        pivoting.append(state, numbers, rows)
-        state.active[:] = np.where(active < 0, state.active, self._fixed + np.searchsorted(numbers, active))
-        state.side[state.active] = 0.0
-        state.settled[:] = settled
-        pivoting.sum_gradients(state)
+        conditions = self.conditions
+        self.state.count = self._fixed
+        pivoting.append(self.state, numbers, rows)
+        conditions.active[:] = np.where(active < 0, conditions.active, self._fixed + np.searchsorted(numbers, active))
+        conditions.side[conditions.active] = 0.0
+        conditions.settled[:] = settled
+        pivoting.sum_gradients(self.state)
 
     def free(self, numbers: Indices) -> Mask:
         """Remove the costs of these consecutive rows; return which of them are in the basis."""
-        here = self.state.number[self._fixed : self.count]
+        here = self.conditions.number[self._fixed : self.count]
         first, last = self._fixed + np.searchsorted(here, (numbers[0], numbers[-1] + 1))
         for position in range(first, last):
             pivoting.free(self.state, position)
         pivoting.sum_gradients(self.state)
-        return np.isin(numbers, self.state.number[first:last])
+        return np.isin(numbers, self.conditions.number[first:last])
 
     def forget(self, gradient: Array) -> None:
         """Subtract this part (n,) from the gradient of the settled rows."""
-        self.state.settled[:] -= gradient
-        self.state.gradient[FIT] -= gradient
+        self.conditions.settled[:] -= gradient
+        self.conditions.gradient[FIT] -= gradient
 
     def renumber(self, numbers: Indices) -> None:
         """Give each row a new number: numbers[old]."""
         rows = slice(self._fixed, self.count)
-        self.state.number[rows] = numbers[self.state.number[rows]]
+        self.conditions.number[rows] = numbers[self.conditions.number[rows]]
 
     def sides(self) -> tuple[Indices, Array]:
         """Number and side of every row in the basis."""
         rows = slice(self._fixed, self.count)
-        return self.state.number[rows], self.state.side[rows]
+        return self.conditions.number[rows], self.conditions.side[rows]
 
     def active_rows(self) -> tuple[Indices, Array]:
         """Numbers and multipliers of the active rows."""
-        rows = self.state.active >= self._fixed
-        return self.state.number[self.state.active[rows]], self.state.dual[rows]
+        rows = self.conditions.active >= self._fixed
+        return self.conditions.number[self.conditions.active[rows]], self.conditions.dual[rows]
 
     def contradiction(self, smallest: float) -> Indices:
         """The rows whose multiplier in the least violation is larger than this."""
-        state = self.state
-        y = np.array([pivoting.slope(state.cost[VIOLATION], k, state.side[k]) for k in range(self.count)])
-        y[state.active] = -state.gradient[VIOLATION] @ state.inverse
+        conditions = self.conditions
+        y = np.array([pivoting.slope(self.state, VIOLATION, k, conditions.side[k]) for k in range(self.count)])
+        y[conditions.active] = -conditions.gradient[VIOLATION] @ conditions.inverse
         y[: self._fixed] = 0.0
-        return state.number[np.flatnonzero(np.abs(y) > smallest)]
+        return conditions.number[np.flatnonzero(np.abs(y) > smallest)]
 
     def _reserve(self, rows: int) -> None:
         """Make room for this many rows; the present rows are lost."""
-        state = self.state
-
+        old = self.conditions
         room = 16 * ((self._fixed + rows) // 16) + 24  # not a multiple of a page: a column is read across all rows of `a`
 
-        def resized(old: npt.NDArray[Number]) -> npt.NDArray[Number]:
-            new = np.zeros((*old.shape[:-1], room), old.dtype)
-            new[..., : self._fixed] = old[..., : self._fixed]
+        def resized(array: npt.NDArray[Number]) -> npt.NDArray[Number]:
+            new = np.zeros((*array.shape[:-1], room), array.dtype)
+            new[..., : self._fixed] = array[..., : self._fixed]
             return new
 
-        self.state = state._replace(
-            number=resized(state.number),
-            a=resized(state.a),
-            value=resized(state.value),
-            side=resized(state.side),
-            cost=resized(state.cost),
+        conditions = old._replace(
+            number=resized(old.number),
+            a=resized(old.a),
+            value=resized(old.value),
+            side=resized(old.side),
+            cost=resized(old.cost),
         )
+        self.state = State(conditions, self.state.count, self.state.updates)

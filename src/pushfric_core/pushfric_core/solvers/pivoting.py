@@ -13,30 +13,33 @@ Hard rows, including x_j >= 0, are met lexicographically. First the sum of their
 steps with other costs; then F, with infinite costs for them. If hard rows contradict each other, F is minimised among the x of
 least violation. A new data point changes only g, so that a few exchanges restore optimality.
 
-Numba compiles each function when it is first called, and keeps the result for later runs. It checks only the date of this file
-to see whether the result is still valid, so everything the functions use is defined here or passed to them.
+`pivoting.pxd` declares the types of this module, and Cython compiles both when the package is built. As plain Python, which it
+also is, it gives the same bits, a hundred times slower. So it contains loops over elements where NumPy would take a line, every
+array is contiguous, and no function that runs in a loop allocates one: `State` has room for intermediate results.
 """
 
-import logging
 import math
-from collections.abc import Callable
-from typing import NamedTuple, TypeVar, cast
+from math import inf
 
-import numba
 import numpy as np
-import numpy.typing as npt
-from numba.core import event
 
 from pushfric_core.geometry.planar import Array
-
-Indices = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
-F = TypeVar("F", bound=Callable[..., object])
-
-# Rows are scaled to a largest coefficient in [1/2, 1), so that tolerances on them are absolute.
-
-ZERO = 1e-14
-"""Values this close to zero are rounding; the side of such a row is remembered, not derived from its value."""
+from pushfric_core.solvers.tableau import (
+    ARRIVED,
+    COEFFICIENT,
+    COST,
+    ENDLESS,
+    FIT,
+    INEXACT,
+    LARGEST,
+    LED_OUT,
+    REFRESH,
+    VIOLATION,
+    ZERO,
+    Conditions,
+    Indices,
+    Rows,
+)
 
 PARALLEL = 1e-9
 """A row that changes by less than this along an edge is parallel to it: exchanging it would make B nearly singular."""
@@ -66,153 +69,107 @@ Outside, the rows settled there are taken for linear: F is underestimated, a lit
 is a good start for the next, and without bound in the corners of the simplex, where a descent that believes it would end.
 """
 
-REFRESH = 100
-"""B^-1 is computed again from scratch after this many updates, before their rounding errors show."""
-
-LARGEST = 1e150
-"""No coefficient and no finite cost is larger; a row whose coefficients are all smaller than its inverse is one of zeros."""
-
-VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
 NO_STEP = -1.0  # what `ratio_test` returns without one
-COUNT, UPDATES = 0, 1  # places in State.tally
-ARRIVED, LED_OUT, ENDLESS, INEXACT = 0, 1, 2, 3  # how a walk to an extreme of the level set ends
-COEFFICIENT, COST = -1.0, -2.0  # what `store` finds wrong
+CHANGED = ("value", "side", "gradient", "active", "inverse", "x", "dual")  # conditions that a walk changes
 
 
-class State(NamedTuple):
-    """A basis in arrays, with room for more rows than there are.
+class State:
+    """A basis as the functions of this module see it.
 
-    Conditions are numbered by position: sum w = 1; then x_j >= 0, j = 1..n; then the rows that are not settled.
+    Args:
+        conditions: what it consists of; functions change these arrays.
+        count: number of conditions.
+        updates: of the inverse since it was last computed from scratch.
     """
 
-    tally: Indices  # (2,) number of conditions; updates of the inverse since it was last computed from scratch
-    number: Indices  # (room,) of the row, -1 for the other conditions
-    a: Array  # (n, room) normals, one per column: along an edge all of them are met, component by component
-    value: Array  # (room,) a . x, or shifted from it while a degenerate vertex is left
-    side: Array  # (room,) +1, -1, or 0 while active: explicit, for at zero the value does not tell
-    cost: Array  # (2, 2, room) VIOLATION and FIT; above and below zero
-    settled: Array  # (n,) gradient of F of the settled rows: none of them is violated
-    gradient: Array  # (2, n) of all inactive conditions, per cost; kept up to date, and summed up again with the inverse
-    active: Indices  # (n,) positions; the first is always sum w = 1
-    inverse: Array  # (n, n) B^-1
-    x: Array  # (n,) the present vertex
-    dual: Array  # (n,) multipliers of the active rows, as `bounds` left them
+    def __init__(self, conditions: Conditions, count: int, updates: int = 0) -> None:
+        self.conditions, self.count, self.updates = conditions, count, updates
+        self.number, self.a, self.value, self.side, self.cost, self.settled = conditions[:6]
+        self.gradient, self.active, self.inverse, self.x, self.dual = conditions[6:]
+        n, room = len(conditions.x), len(conditions.value)
+        # room for intermediate results
+        self.direction, self.place, self.moved, self.row, self.residual, self.rates = np.empty((6, n))
+        self.total, self.multipliers, self.correction = np.empty((3, n))
+        self.slopes, self.basis = np.empty((2, 2 * n)), np.empty((n, n))
+        self.change, self.distance, self.speed = np.empty((3, room))
+        self.ahead = np.empty(room, np.int64)
+
+    def __reduce__(self) -> tuple[type["State"], tuple[Conditions, int, int]]:
+        return State, (self.conditions, self.count, self.updates)
 
 
-class CompilationNotice(event.Listener):  # type: ignore[misc]
-    """Says once, as a warning, that functions of this module are being compiled; nothing where all come from the cache."""
+class Ball:
+    """Where the rows settled around its center keep their sides.
 
-    def __init__(self) -> None:
-        self._given = False
+    Args:
+        metric: (n, n) lower triangular: |v| is the length of metric' v.
+        center: (n,).
+        radius: infinite where no row is settled.
+    """
 
-    def on_start(self, started: event.Event) -> None:
-        dispatcher = started.data["dispatcher"]
-        if self._given or dispatcher.py_func.__module__ != __name__:
-            return
-        self._given = True
-        folder = dispatcher.stats.cache_path
-        later = f"later runs load it from {folder}" if folder else "every run does, as no folder for the result is writable"
-        logging.getLogger(__name__).warning("compiling the solver, which takes some 20 seconds; %s", later)
+    def __init__(self, metric: Array, center: Array, radius: float) -> None:
+        self.metric, self.center, self.radius = metric, center, radius
 
-    def on_end(self, ended: event.Event) -> None:
-        pass
-
-
-event.register("numba:compile", CompilationNotice())
-
-
-def compiled(function: F) -> F:
-    try:
-        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
-    except RuntimeError:  # neither here nor in the user's cache can anything be kept: every process compiles for itself
-        return cast(F, numba.njit(error_model="numpy")(function))
-
-
-class Ball(NamedTuple):
-    """Where the rows settled around its center keep their sides."""
-
-    metric: Array  # (n, n) lower triangular: |v| is the length of metric' v
-    center: Array  # (n,)
-    radius: float
-
-
-class Rows(NamedTuple):
-    """Rows in order of arrival, scaled by powers of two to a largest coefficient of the weights in [1/2, 1)."""
-
-    a: Array  # (m, n)
-    cost: Array  # (m, 2) above and below
-    scale: Array  # (m,) what they were divided by; 0 once removed
-    norm: Array  # (m,) |a|*
-    side: Array  # (m,) as last seen: +1, -1, or 0 while active
-    group: Indices  # (m,)
-
-    def part(self, which: slice | npt.NDArray[np.generic]) -> "Rows":
-        a, cost, scale, norm, side, group = self
-        return Rows(a[which], cost[which], scale[which], norm[which], side[which], group[which])
-
-    def with_room(self, room: int) -> "Rows":
-        grown = empty_rows(room, self.a.shape[1])
-        for new, old in zip(grown, self, strict=True):
-            new[: len(old)] = old
-        return grown
-
-
-def empty_rows(room: int, columns: int) -> Rows:
-    scale, norm, side = np.zeros((3, room))
-    return Rows(np.zeros((room, columns)), np.zeros((room, 2)), scale, norm, side, np.zeros(room, np.int64))
+    def __reduce__(self) -> tuple[type["Ball"], tuple[Array, Array, float]]:
+        return Ball, (np.asarray(self.metric), np.asarray(self.center), self.radius)
 
 
 # ---- the conditions
 
 
-@compiled
-def slope(cost: Array, k: int, side: float) -> float:
-    """Derivative of a condition's cost (2, room) on that side; 0 while active, or where the cost is infinite."""
-    derivative = cost[0, k] if side > 0 else -cost[1, k] if side < 0 else 0.0
-    return 0.0 if math.isinf(derivative) else derivative
+def slope(state: State, phase: int, k: int, side: float) -> float:
+    """Derivative of a condition's cost on that side; 0 while active, or where the cost is infinite."""
+    derivative = 0.0
+    if side > 0:
+        derivative = state.cost[phase, 0, k]
+    elif side < 0:
+        derivative = -state.cost[phase, 1, k]
+    return 0.0 if abs(derivative) == inf else derivative
 
 
-@compiled
 def put(state: State, k: int, side: float) -> None:
     """Put a condition on a side, or make it active, and change the gradients accordingly."""
     for phase in range(2):
-        cost = state.cost[phase]
-        change = slope(cost, k, side) - slope(cost, k, state.side[k])
+        change = slope(state, phase, k, side) - slope(state, phase, k, state.side[k])
         if change != 0:
             for j in range(len(state.active)):
                 state.gradient[phase, j] += change * state.a[j, k]
     state.side[k] = side
 
 
-@compiled
 def append(state: State, numbers: Indices, rows: Rows) -> None:
     """Add some of the rows as inactive ones; where its value is zero, a row keeps its side."""
-    for i in numbers:
-        k = state.tally[COUNT]
-        state.tally[COUNT] += 1
-        value = 0.0
-        for j in range(len(state.active)):
-            state.a[j, k] = rows.a[i, j]
-            value += rows.a[i, j] * state.x[j]
-        for sign in range(2):
-            state.cost[FIT, sign, k] = rows.cost[i, sign]
-            state.cost[VIOLATION, sign, k] = 1.0 if math.isinf(rows.cost[i, sign]) else 0.0
-        state.number[k] = i
-        state.value[k] = value
-        state.side[k] = 0.0
-        put(state, k, side_of(value, rows.side[i]))
+    a, cost, side = rows.a, rows.cost, rows.side
+    for p in range(len(numbers)):
+        enter(state, numbers[p], a, cost, side)
 
 
-@compiled
+def enter(state: State, i: int, a: Array, cost: Array, side: Array) -> None:
+    """Add the i-th of these rows."""
+    k = state.count
+    state.count += 1
+    value = 0.0
+    for j in range(len(state.active)):
+        state.a[j, k] = a[i, j]
+        value += a[i, j] * state.x[j]
+    for sign in range(2):
+        state.cost[FIT, sign, k] = cost[i, sign]
+        state.cost[VIOLATION, sign, k] = 1.0 if cost[i, sign] == inf else 0.0
+    state.number[k] = i
+    state.value[k] = value
+    state.side[k] = 0.0
+    put(state, k, side_of(value, side[i]))
+
+
 def free(state: State, k: int) -> None:
     """Take the cost of a condition away."""
     side = state.side[k]
     put(state, k, 0.0)
-    state.cost[:, :, k] = 0.0
+    for phase in range(2):
+        state.cost[phase, 0, k] = state.cost[phase, 1, k] = 0.0
     state.side[k] = side
 
 
-@compiled
 def side_of(value: float, side: float) -> float:
     """The side of a row, read off its value where that is clear; an active row stays so."""
     if side == 0 or abs(value) <= ZERO:
@@ -220,15 +177,13 @@ def side_of(value: float, side: float) -> float:
     return 1.0 if value > 0 else -1.0
 
 
-@compiled
 def sum_gradients(state: State) -> None:
     """Compute both gradients from scratch."""
-    count = state.tally[COUNT]
-    sloping, slopes = np.empty(count, np.int64), np.empty(count)
+    sloping, slopes = state.ahead, state.change
     for phase in range(2):
         size = 0
-        for k in range(count):
-            slopes[size] = slope(state.cost[phase], k, state.side[k])
+        for k in range(state.count):
+            slopes[size] = slope(state, phase, k, state.side[k])
             if slopes[size] != 0:
                 sloping[size] = k
                 size += 1
@@ -242,28 +197,31 @@ def sum_gradients(state: State) -> None:
 # ---- the present vertex
 
 
-@compiled
 def holds(ball: Ball, x: Array, reach: float) -> bool:
     """Whether x lies in the ball with its radius multiplied by this factor."""
-    if math.isinf(ball.radius):
+    if ball.radius == inf:
         return True
-    return norm(transformed(ball.metric, x - ball.center)) <= reach * ball.radius
+    squares = 0.0
+    for i in range(len(x)):
+        component = 0.0
+        for j in range(i, len(x)):
+            component += ball.metric[j, i] * (x[j] - ball.center[j])
+        squares += component * component
+    return math.sqrt(squares) <= reach * ball.radius
 
 
-@compiled
-def transformed(metric: Array, v: Array) -> Array:
+def transform(metric: Array, v: Array, out: Array) -> None:
     """metric' v"""
-    image = np.zeros(len(v))
+    for i in range(len(v)):
+        out[i] = 0.0
     for j in range(len(v)):
         for i in range(j + 1):
-            image[i] += metric[j, i] * v[j]
-    return image
+            out[i] += metric[j, i] * v[j]
 
 
-@compiled
 def evaluate(state: State, direction: Array, out: Array) -> None:
     """a . direction of every condition."""
-    count = state.tally[COUNT]
+    count = state.count
     for k in range(count):
         out[k] = 0.0
     for j in range(len(direction)):
@@ -273,18 +231,18 @@ def evaluate(state: State, direction: Array, out: Array) -> None:
                 out[k] += factor * state.a[j, k]
 
 
-@compiled
 def locate(state: State, tolerance: float) -> bool:
     """Compute x and all values from the active conditions; False if a condition turns out to be on its other side.
 
     Hard rows may be violated by the tolerance before they count as such.
     """
-    n, count = len(state.active), state.tally[COUNT]
+    n, count = len(state.active), state.count
     x = state.x
     for j in range(n):
         x[j] = state.inverse[j, 0]
-    error = np.zeros(n)
+    error = state.residual
     for i in range(n):
+        error[i] = 0.0
         for j in range(n):
             error[i] += state.a[j, state.active[i]] * x[j]
     error[0] -= 1.0
@@ -298,19 +256,18 @@ def locate(state: State, tolerance: float) -> bool:
     for k in range(count):
         wrong = -state.side[k] * state.value[k]
         if wrong > ZERO:
-            hard = math.isinf(state.cost[FIT, 0 if state.value[k] > 0 else 1, k])
+            hard = state.cost[FIT, 0 if state.value[k] > 0 else 1, k] == inf
             if not hard or wrong > tolerance:
                 put(state, k, -state.side[k])
                 consistent = False
     return consistent
 
 
-@compiled
 def violation(state: State) -> float:
     """The largest of a hard condition."""
     largest = 0.0
-    for k in range(1, state.tally[COUNT]):
-        if slope(state.cost[VIOLATION], k, state.side[k]) != 0:
+    for k in range(1, state.count):
+        if slope(state, VIOLATION, k, state.side[k]) != 0:
             largest = max(largest, abs(state.value[k]))
     return largest
 
@@ -318,7 +275,6 @@ def violation(state: State) -> float:
 # ---- pivoting
 
 
-@compiled
 def improve(
     state: State, ball: Ball, weights: int, flat: float, shift: float, tolerance: float
 ) -> tuple[bool, bool, bool, bool, float, float, float]:
@@ -333,8 +289,8 @@ def improve(
         Whether it ends in the ball; whether the hard rows contradict each other; whether rounding left the result consistent;
         whether it meets the hard rows; and its bounds.
     """
-    stays, contradicted, updates = True, False, state.tally[UPDATES]
-    for k in range(1, state.tally[COUNT]):
+    stays, contradicted, consistent, updates = True, False, True, state.updates
+    for k in range(1, state.count):
         if state.side[k] * state.value[k] < -ZERO:  # one that was tolerated
             put(state, k, -state.side[k])
     for phase in range(2):
@@ -348,42 +304,40 @@ def improve(
         consistent = locate(state, tolerance if phase == FIT and not contradicted else 0.0)
         if not stays:
             break
-    if state.tally[UPDATES] > updates:
+    if state.updates > updates:
         sum_gradients(state)  # rounding left by costs that came and went
-    return stays and holds(ball, state.x, 1.0), contradicted, consistent, violation(state) <= tolerance, *bounds(state, weights)
+    stays = stays and holds(ball, state.x, 1.0)
+    objective, lower_bound, smallest = bounds(state, weights)
+    return stays, contradicted, consistent, violation(state) <= tolerance, objective, lower_bound, smallest
 
 
-@compiled
 def meet(state: State) -> None:
     """Ignore the tolerable violations of hard conditions."""
-    for k in range(1, state.tally[COUNT]):
-        if slope(state.cost[VIOLATION], k, state.side[k]) != 0:
+    for k in range(1, state.count):
+        if slope(state, VIOLATION, k, state.side[k]) != 0:
             state.value[k] = 0.0
             put(state, k, -state.side[k])
 
 
-@compiled
 def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shift: float) -> bool:
     """Exchange conditions until no edge descends; if asked to, along edges that leave the violation as it is.
 
     Returns:
         False if it stopped because the edge to follow leads too far out of the ball, or is turned by a settled row.
     """
-    slopes = np.empty((2, 2 * len(state.active)))
-    room = np.empty((3, len(state.value)))
-    ahead = np.empty(len(state.value), np.int64)
-    place = state.x - ball.center
-    if not math.isinf(ball.radius):
-        place = transformed(ball.metric, place)
+    if ball.radius != inf:
+        for j in range(len(state.x)):
+            state.moved[j] = state.x[j] - ball.center[j]
+        transform(ball.metric, state.moved, state.place)
     stalled = 0
-    while state.tally[UPDATES] < REFRESH:
-        edge = choose(state, phase, level, flat, slopes)
+    while state.updates < REFRESH:
+        edge = choose(state, phase, level, flat)
         if edge < 0:
             return True
         firm = phase == FIT and not level
-        step = ratio_test(state, ball, place, edge, phase, firm, slopes[phase, edge], room, ahead)
+        step = ratio_test(state, ball, edge, phase, firm)
         if step == NO_STEP:
-            return math.isinf(ball.radius)  # with no row settled, rounding alone keeps an edge from turning
+            return ball.radius == inf  # with no row settled, rounding alone keeps an edge from turning
         stalled = stalled + 1 if step < TIE else 0
         if stalled == STALLED:
             perturb(state, shift)
@@ -391,15 +345,15 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
     return True
 
 
-@compiled
-def choose(state: State, phase: int, level: bool, flat: float, slopes: Array) -> int:
-    """The edge to follow, or -1 if none descends; and the slopes (2, 2n) of all edges."""
+def choose(state: State, phase: int, level: bool, flat: float) -> int:
+    """The edge to follow, or -1 if none descends; `state.slopes` are then those (2, 2n) of all edges."""
+    slopes = state.slopes
     price(state, phase, slopes[phase])
     flattest = -flat * norm(state.gradient[phase])
     highest = LEVEL * norm(state.gradient[VIOLATION])
     if phase == VIOLATION or level:
         price(state, 1 - phase, slopes[1 - phase])
-    best, edge = math.inf, -1
+    best, edge = inf, -1
     for i in range(slopes.shape[1]):
         if slopes[phase, i] < flattest and not (level and slopes[VIOLATION, i] > highest):
             # the steepest; but of those that lessen the violation, the one that raises F least for it: the dual simplex rule
@@ -409,7 +363,6 @@ def choose(state: State, phase: int, level: bool, flat: float, slopes: Array) ->
     return edge
 
 
-@compiled
 def norm(vector: Array) -> float:
     total = 0.0
     for j in range(len(vector)):
@@ -417,7 +370,6 @@ def norm(vector: Array) -> float:
     return math.sqrt(total)
 
 
-@compiled
 def price(state: State, phase: int, slopes: Array) -> None:
     """The slope of every edge (2n,), upwards and downwards."""
     n = len(state.active)
@@ -433,45 +385,40 @@ def price(state: State, phase: int, slopes: Array) -> None:
         slopes[i] += state.cost[phase, 0, state.active[i]]
 
 
-@compiled
 def rises(state: State, steep: float) -> bool:
     """Whether F rises along every edge by more than this fraction of the largest component of its gradient."""
     n = len(state.active)
-    slopes = np.empty(2 * n)
+    slopes = state.slopes[FIT]
     price(state, FIT, slopes)
     largest = 0.0
     for j in range(n):
         largest = max(largest, abs(state.gradient[FIT, j]))
-    smallest = math.inf
+    smallest = inf
     for i in range(2 * n):
         smallest = min(smallest, slopes[i])
     return smallest > steep * largest
 
 
-@compiled
-def ratio_test(
-    state: State, ball: Ball, place: Array, edge: int, phase: int, firm: bool, initial: float, room: Array, ahead: Indices
-) -> float:
+def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> float:
     """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step.
 
     It is NO_STEP, and nothing has changed, if that condition is too far out of the ball, or if nothing turns the edge.
+    `state.place`, metric' (x - center of the ball), moves along.
 
     Args:
-        place: metric' (x - center of the ball); it is updated.
         firm: hard rows are met and must stay met.
     """
-    n, count = len(state.active), state.tally[COUNT]
+    n, count = len(state.active), state.count
     i = edge % n
     upwards = 1.0 if edge < n else -1.0
-    change, distance, speed = room[0], room[1], room[2]
-    direction = np.empty(n)
+    change, distance, speed, ahead = state.change, state.distance, state.speed, state.ahead
     for j in range(n):
-        direction[j] = upwards * state.inverse[j, i]
-    evaluate(state, direction, change)
+        state.direction[j] = upwards * state.inverse[j, i]
+    evaluate(state, state.direction, change)
     size = 0
     for k in range(count):
         approach = -state.side[k] * change[k]
-        if firm and approach < -PARALLEL and math.isinf(state.cost[FIT, 0 if state.side[k] > 0 else 1, k]):
+        if firm and approach < -PARALLEL and state.cost[FIT, 0 if state.side[k] > 0 else 1, k] == inf:
             # hard on the side it is on, and met: it is zero, and hard on the other side, too
             ahead[size] = k
             speed[size] = -approach
@@ -483,13 +430,14 @@ def ratio_test(
             distance[size] = max(state.side[k] * state.value[k], 0.0) / approach
             size += 1
     # the breakpoints in order of distance, as far as needed
-    crossed, steepness = 0, initial
+    crossed = 0
+    steepness = state.slopes[phase, edge]
     while True:
         if crossed == size:
             # F is bounded below: with no row settled, rounding hides that the last crossed that costs anything turns the edge
             while crossed > 0 and state.cost[phase, 0, ahead[crossed - 1]] + state.cost[phase, 1, ahead[crossed - 1]] == 0:
                 crossed -= 1
-            if crossed == 0 or not math.isinf(ball.radius):
+            if crossed == 0 or ball.radius != inf:
                 return NO_STEP
             crossed -= 1
             nearest = crossed
@@ -502,22 +450,21 @@ def ratio_test(
         steepness += (state.cost[phase, 0, k] + state.cost[phase, 1, k]) * speed[nearest]
         if steepness >= 0:
             break
-        ahead[crossed], ahead[nearest] = k, ahead[crossed]
-        distance[crossed], distance[nearest] = distance[nearest], distance[crossed]
-        speed[crossed], speed[nearest] = speed[nearest], speed[crossed]
+        swap(state, crossed, nearest)
         crossed += 1
     limit = distance[nearest] + TIE
     for p in range(crossed, size):
         if distance[p] <= limit and speed[p] > speed[nearest]:
             nearest = p
     step: float = distance[nearest]
-    if not math.isinf(ball.radius):
-        moved = transformed(ball.metric, direction)
+    if ball.radius != inf:
+        transform(ball.metric, state.direction, state.moved)
         for j in range(n):
-            moved[j] = place[j] + step * moved[j]
-        if norm(moved) > REACH * ball.radius:
+            state.moved[j] = state.place[j] + step * state.moved[j]
+        if norm(state.moved) > REACH * ball.radius:
             return NO_STEP
-        place[:] = moved
+        for j in range(n):
+            state.place[j] = state.moved[j]
     for k in range(count):
         state.value[k] += step * change[k]
     for p in range(crossed):
@@ -530,14 +477,22 @@ def ratio_test(
     return step
 
 
-@compiled
+def swap(state: State, p: int, q: int) -> None:
+    """Let two of the conditions ahead change places."""
+    k, distance, speed = state.ahead[p], state.distance[p], state.speed[p]
+    state.ahead[p], state.distance[p], state.speed[p] = state.ahead[q], state.distance[q], state.speed[q]
+    state.ahead[q], state.distance[q], state.speed[q] = k, distance, speed
+
+
 def exchange(state: State, i: int, entering: int) -> None:
     """Put a condition in the place of the i-th active one."""
     n = len(state.active)
     inverse = state.inverse
     state.active[i] = entering
-    state.tally[UPDATES] += 1
-    row = np.zeros(n)
+    state.updates += 1
+    row = state.row
+    for p in range(n):
+        row[p] = 0.0
     for j in range(n):
         factor = state.a[j, entering]
         for p in range(n):
@@ -551,10 +506,9 @@ def exchange(state: State, i: int, entering: int) -> None:
         inverse[j, i] = column
 
 
-@compiled
 def perturb(state: State, shift: float) -> None:
     """Move the conditions that are nearly zero away from zero, each by another amount, so that edges have a length."""
-    for k in range(state.tally[COUNT]):
+    for k in range(state.count):
         if state.side[k] * state.value[k] < shift:
             state.value[k] += state.side[k] * shift * (1.0 + k * GOLDEN % 1.0)
 
@@ -562,7 +516,6 @@ def perturb(state: State, shift: float) -> None:
 # ---- how far the objective leaves it free
 
 
-@compiled
 def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, weights: int) -> int:
     """Walk from the optimum to the x of largest tilt . x among those with F(x) <= level: a parametric simplex method.
 
@@ -578,16 +531,12 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
         of the ball; ENDLESS if the limit was reached.
     """
     n = len(state.active)
-    slopes = np.empty(2 * n)
-    rates = np.empty(n)
-    direction = np.empty(n)
-    change = np.empty(len(state.value))
-    x = state.x
+    slopes, rates, direction, change, x = state.slopes[FIT], state.rates, state.direction, state.change, state.x
     f = 0.0
     for j in range(n):
         f += state.settled[j] * x[j]
-    for k in range(state.tally[COUNT]):
-        f += state.value[k] * slope(state.cost[FIT], k, np.sign(state.value[k]))
+    for k in range(state.count):
+        f += state.value[k] * slope(state, FIT, k, state.value[k])
     stalled = 0
     for _ in range(limit):
         price(state, FIT, slopes)
@@ -597,7 +546,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
             if tilt[j] != 0:
                 for i in range(n):
                     rates[i] += tilt[j] * state.inverse[j, i]
-        best, edge = math.inf, -1
+        best, edge = inf, -1
         for i in range(1, n):
             if rates[i] > PARALLEL:
                 merit, candidate = slopes[i] / rates[i], i
@@ -610,15 +559,15 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
         if edge < 0:
             if not holds(ball, x, 1.0):
                 return LED_OUT
-            return ARRIVED if falls_short(tilt, x, weights, np.max(tilt[:weights])) <= SHORT else INEXACT
+            return ARRIVED if falls_short(tilt, x, weights, greatest(tilt, weights)) <= SHORT else INEXACT
         steepness = max(slopes[edge], 0.0)
         i = edge % n
         upwards = 1.0 if edge < n else -1.0
         for j in range(n):
             direction[j] = upwards * state.inverse[j, i]
         evaluate(state, direction, change)
-        step, speed, entering = math.inf, 0.0, -1
-        for k in range(state.tally[COUNT]):
+        step, speed, entering = inf, 0.0, -1
+        for k in range(state.count):
             approach = -state.side[k] * change[k]
             if approach > PARALLEL and state.cost[FIT, 0, k] + state.cost[FIT, 1, k] > 0:
                 distance = max(state.side[k] * state.value[k], 0.0) / approach
@@ -627,7 +576,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
         end = steepness > 0 and f + steepness * step >= level
         if end:
             step = max(0.0, (level - f) / steepness)
-        if math.isinf(step):
+        if step == inf:
             return LED_OUT
         f += steepness * step
         for j in range(n):
@@ -636,7 +585,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
             return LED_OUT
         if end:
             return ARRIVED if proven(state, tilt, level, edge, weights) else INEXACT
-        for k in range(state.tally[COUNT]):
+        for k in range(state.count):
             state.value[k] += step * change[k]
         put(state, state.active[i], upwards)
         put(state, entering, 0.0)
@@ -649,7 +598,6 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
     return ENDLESS
 
 
-@compiled
 def proven(state: State, tilt: Array, level: float, edge: int, weights: int) -> bool:
     """Compute x, where an edge reaches the level, once more without the rounding of the walk; and whether it is proven that no
     x with F(x) <= level has a larger tilt . x.
@@ -659,7 +607,7 @@ def proven(state: State, tilt: Array, level: float, edge: int, weights: int) -> 
     """
     n, x = len(state.active), state.x
     i = edge % n
-    basis, direction = np.empty((n, n)), np.empty(n)
+    basis, direction = state.basis, state.direction
     for j in range(n):
         for p in range(n):
             basis[p, j] = state.a[j, state.active[p]]
@@ -672,8 +620,8 @@ def proven(state: State, tilt: Array, level: float, edge: int, weights: int) -> 
         slope_along += state.gradient[FIT, j] * direction[j]
         rate_along += tilt[j] * direction[j]
         f += state.settled[j] * x[j]
-    for k in range(state.tally[COUNT]):
-        f += state.value[k] * slope(state.cost[FIT], k, np.sign(state.value[k]))
+    for k in range(state.count):
+        f += state.value[k] * slope(state, FIT, k, state.value[k])
     if not (slope_along > 0 and rate_along > 0):
         return False
     step, rate = max(0.0, (level - f) / slope_along), slope_along / rate_along
@@ -687,7 +635,6 @@ def proven(state: State, tilt: Array, level: float, edge: int, weights: int) -> 
     return falls_short(tilt, x, weights, (level - lower_bound) / rate) <= SHORT
 
 
-@compiled
 def solve_basis(state: State, basis: Array, i: int, value: float, solution: Array) -> None:
     """The x at which the i-th active condition has this value and the others zero, without the rounding of the inverse.
 
@@ -698,7 +645,7 @@ def solve_basis(state: State, basis: Array, i: int, value: float, solution: Arra
     n = len(solution)
     for j in range(n):
         solution[j] = value * state.inverse[j, i]
-    residual = np.empty(n)
+    residual = state.residual
     for _ in range(2):
         largest = 0.0
         for p in range(n):
@@ -713,16 +660,25 @@ def solve_basis(state: State, basis: Array, i: int, value: float, solution: Arra
                 solution[j] += state.inverse[j, p] * residual[p]
 
 
-@compiled
 def falls_short(tilt: Array, x: Array, weights: int, bound: float) -> float:
     """By how much tilt . x is below a bound, as a share of the range of the tilt over the weights."""
     reached = 0.0
     for j in range(len(x)):
         reached += tilt[j] * x[j]
-    return (bound - reached) / (np.max(tilt[:weights]) - np.min(tilt[:weights]) + TIE)
+    least: float = tilt[0]
+    for j in range(1, weights):
+        least = min(least, tilt[j])
+    return (bound - reached) / (greatest(tilt, weights) - least + TIE)
 
 
-@compiled
+def greatest(tilt: Array, weights: int) -> float:
+    """The largest component that belongs to a weight."""
+    largest: float = tilt[0]
+    for j in range(1, weights):
+        largest = max(largest, tilt[j])
+    return largest
+
+
 def stretch_each(
     state: State, ball: Ball, tilts: Array, level: float, limit: int, found: Array, first: int, weights: int
 ) -> tuple[int, int]:
@@ -737,42 +693,43 @@ def stretch_each(
     Returns:
         The number of the tilt whose walk did not arrive, k if all did; and how the last walk ended.
     """
+    conditions = state.conditions
+    walker = State(conditions._replace(**{name: getattr(conditions, name).copy() for name in CHANGED}), state.count)
     for t in range(first, len(tilts)):
-        walker = State(
-            state.tally.copy(),
-            state.number,
-            state.a,
-            state.value.copy(),
-            state.side.copy(),
-            state.cost,
-            state.settled,
-            state.gradient.copy(),
-            state.active.copy(),
-            state.inverse.copy(),
-            state.x.copy(),
-            state.dual.copy(),
-        )
+        copy_vertex(state, walker)
         end = stretch(walker, ball, tilts[t], level, limit, weights)
         if end != ARRIVED:
             return t, end
-        found[t] = walker.x
+        for j in range(len(walker.x)):
+            found[t, j] = walker.x[j]
     return len(tilts), ARRIVED
+
+
+def copy_vertex(state: State, walker: State) -> None:
+    """Put a walker, which shares the conditions themselves, where the state is."""
+    walker.count, walker.updates = state.count, state.updates
+    walker.value[:] = state.value
+    walker.side[:] = state.side
+    walker.gradient[:] = state.gradient
+    walker.active[:] = state.active
+    walker.inverse[:] = state.inverse
+    walker.x[:] = state.x
 
 
 # ---- the certificate
 
 
-@compiled
 def bounds(state: State, weights: int) -> tuple[float, float, float]:
     """F(x), a bound below it from the multipliers, and the least x_j."""
-    n, count = len(state.active), state.tally[COUNT]
+    n, count = len(state.active), state.count
     objective = 0.0
     for j in range(n):
         objective += state.settled[j] * state.x[j]
     for k in range(count):
-        objective += state.value[k] * slope(state.cost[FIT], k, np.sign(state.value[k]))
-    total, y, correction = np.empty(n), np.zeros(n), np.empty(n)
+        objective += state.value[k] * slope(state, FIT, k, state.value[k])
+    total, y, correction = state.total, state.multipliers, state.correction
     for j in range(n):
+        y[j] = 0.0
         total[j] = state.gradient[FIT, j]
     for _ in range(2):  # the second time for the rounding of the first
         for i in range(n):
@@ -790,18 +747,17 @@ def bounds(state: State, weights: int) -> tuple[float, float, float]:
     for j in range(n):
         total[j] = state.gradient[FIT, j]
     add_active(state, state.dual, total)
-    lower_bound = math.inf
+    lower_bound = inf
     for j in range(weights):
         lower_bound = min(lower_bound, total[j])
     if weights < n and total[weights] < 0:
         lower_bound += total[weights] * largest_scale(state, objective)
-    smallest = math.inf
+    smallest = inf
     for j in range(n):
         smallest = min(smallest, state.x[j])
     return objective, lower_bound, smallest
 
 
-@compiled
 def add_active(state: State, multipliers: Array, total: Array) -> None:
     """total += multipliers B"""
     for i in range(len(multipliers)):
@@ -810,19 +766,19 @@ def add_active(state: State, multipliers: Array, total: Array) -> None:
                 total[j] += multipliers[i] * state.a[j, state.active[i]]
 
 
-@compiled
 def largest_scale(state: State, objective: float) -> float:
     """A bound on the scale of any x that is as good: see `program.largest_scale`. From the unsettled rows alone."""
     n = len(state.active)
-    bound, steepness, constant = math.inf, 0.0, objective
-    for k in range(n + 1, state.tally[COUNT]):
+    bound, steepness, constant = inf, 0.0, objective
+    for k in range(n + 1, state.count):
         b = state.a[n - 1, k]
         if b != 0:
             cost = state.cost[FIT, 0 if b > 0 else 1, k]
-            relief = -math.inf
+            against = -1.0 if b > 0 else 1.0
+            relief = -inf
             for j in range(n - 1):
-                relief = max(relief, -np.sign(b) * state.a[j, k])
-            if math.isinf(cost):
+                relief = max(relief, against * state.a[j, k])
+            if cost == inf:
                 bound = min(bound, relief / abs(b))
             else:
                 steepness += cost * abs(b)
@@ -833,7 +789,6 @@ def largest_scale(state: State, objective: float) -> float:
 # ---- the rows
 
 
-@compiled
 def receive(
     state: State, rows: Rows, first: int, group: int, a: Array, above: Array, below: Array, weights: int, unsettled: bool
 ) -> float:
@@ -843,72 +798,85 @@ def receive(
     """
     worst = store(rows, first, group, a, above, below, weights)
     if unsettled and worst >= 0:
-        append(state, np.arange(first, first + len(a)), rows)
+        row_a, row_cost, row_side = rows.a, rows.cost, rows.side
+        for i in range(first, first + len(a)):
+            enter(state, i, row_a, row_cost, row_side)
     return worst
 
 
-@compiled
 def store(rows: Rows, first: int, group: int, a: Array, above: Array, below: Array, weights: int) -> float:
     """Put the rows a (m, n) of a group from `first` on, scaled in place by powers of two, which is exact.
 
     Returns:
         The most that weights alone make them cost; COEFFICIENT or COST where one of these cannot be used.
     """
+    row_a, cost, scale, side, groups = rows.a, rows.cost, rows.scale, rows.side, rows.group
+    columns = a.shape[1]
     worst = 0.0
     for p in range(len(a)):
         i = first + p
         largest = 0.0
-        for j in range(a.shape[1]):
+        for j in range(columns):
             if not abs(a[p, j]) <= LARGEST:
                 return COEFFICIENT
             if j < weights:
                 largest = max(largest, abs(a[p, j]))
         if largest < 1 / LARGEST:
             largest = 0.0
-        peak = largest if largest > 0 else abs(a[p, -1])  # that of the scale, if there is one
+        peak = largest if largest > 0 else abs(a[p, columns - 1])  # that of the scale, if there is one
         if peak < 1 / LARGEST:
             peak = 0.0
-        rows.group[i] = group
-        rows.scale[i] = 2.0 ** math.frexp(peak)[1]
-        for j in range(a.shape[1]):
-            rows.a[i, j] = a[p, j] / rows.scale[i] if peak > 0 else 0.0
-        rows.cost[i, 0], rows.cost[i, 1] = above[p], below[p]
+        groups[i] = group
+        scale[i] = power_above(peak)
+        for j in range(columns):
+            row_a[i, j] = a[p, j] / scale[i] if peak > 0 else 0.0
+        cost[i, 0], cost[i, 1] = above[p], below[p]
         highest = 0.0
         for sign in range(2):
-            if not (0 <= rows.cost[i, sign] <= LARGEST or rows.cost[i, sign] == math.inf):
+            if not (0 <= cost[i, sign] <= LARGEST or cost[i, sign] == inf):
                 return COST
             # a row of zeros costs nothing, and no x violates it
-            rows.cost[i, sign] = rows.cost[i, sign] * rows.scale[i] if peak > 0 else 0.0
-            if rows.cost[i, sign] < math.inf:
-                highest = max(highest, rows.cost[i, sign])
-        rows.side[i] = 1.0 if rows.cost[i, 0] <= rows.cost[i, 1] else -1.0
-        worst += highest * largest / rows.scale[i]
+            cost[i, sign] = cost[i, sign] * scale[i] if peak > 0 else 0.0
+            if cost[i, sign] < inf:
+                highest = max(highest, cost[i, sign])
+        side[i] = 1.0 if cost[i, 0] <= cost[i, 1] else -1.0
+        worst += highest * largest / scale[i]
     return worst
 
 
-@compiled
+def power_above(peak: float) -> float:
+    """The least power of two that is larger; 1 for zero."""
+    power = 1.0
+    while power <= peak:
+        power *= 2
+    while peak > 0 and power > 2 * peak:
+        power /= 2
+    return power
+
+
 def rank(numbers: Indices, x: Array, rows: Rows, distance: Array) -> None:
     """How far from x the nearest point is where each of some rows may be on another side; updates their sides."""
+    a, cost, norms, sides = rows.a, rows.cost, rows.norm, rows.side
     for p in range(len(numbers)):
         i = numbers[p]
         value = 0.0
         for j in range(len(x)):
-            value += rows.a[i, j] * x[j]
-        side = rows.side[i] = side_of(value, rows.side[i])
-        if side == 0 or math.isinf(rows.cost[i, 0 if side > 0 else 1]):
+            value += a[i, j] * x[j]
+        side = sides[i] = side_of(value, sides[i])
+        if side == 0 or cost[i, 0 if side > 0 else 1] == inf:
             distance[p] = 0.0  # active rows and hard rows on their hard side are never settled
-        elif rows.cost[i, 0] == 0 and rows.cost[i, 1] == 0:
-            distance[p] = math.inf  # rows without cost, removed ones among them, always are
+        elif cost[i, 0] == 0 and cost[i, 1] == 0:
+            distance[p] = inf  # rows without cost, removed ones among them, always are
         else:
-            distance[p] = abs(value) / rows.norm[i]
+            distance[p] = abs(value) / norms[i]
 
 
-@compiled
 def add_gradients(numbers: Indices, rows: Rows, total: Array) -> None:
     """Add the gradients of these rows' costs on their sides, finite ones."""
+    a, cost, side = rows.a, rows.cost, rows.side
     for p in range(len(numbers)):
         i = numbers[p]
-        derivative = rows.cost[i, 0] if rows.side[i] > 0 else -rows.cost[i, 1]
-        if not math.isinf(derivative):
+        derivative = cost[i, 0] if side[i] > 0 else -cost[i, 1]
+        if abs(derivative) != inf:
             for j in range(len(total)):
-                total[j] += derivative * rows.a[i, j]
+                total[j] += derivative * a[i, j]

@@ -11,6 +11,7 @@ leaves unsettled, and so on. So all rows are looked at seldom: the cost of a dat
 """
 
 import copy
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -19,20 +20,7 @@ from pushfric_core.geometry.planar import Array
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.basis import Basis
-from pushfric_core.solvers.pivoting import (
-    COEFFICIENT,
-    COST,
-    COUNT,
-    INEXACT,
-    LARGEST,
-    LED_OUT,
-    REFRESH,
-    UPDATES,
-    ZERO,
-    Ball,
-    Indices,
-    Rows,
-)
+from pushfric_core.solvers.pivoting import Ball
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,
     NOISELESS,
@@ -44,6 +32,7 @@ from pushfric_core.solvers.program import (
     certify,
     finite,
 )
+from pushfric_core.solvers.tableau import COEFFICIENT, COST, INEXACT, LARGEST, LED_OUT, REFRESH, ZERO, Indices, Rows, empty_rows
 from pushfric_core.solvers.tie_break import nearest_uniform
 
 OWN_GAP = RELATIVE_GAP / 2
@@ -96,6 +85,11 @@ WIDENINGS = 8
 STEEP = 1e-9
 """An edge along which F rises by less than this fraction of its gradient counts as level."""
 
+if pivoting.__file__.endswith(".py"):
+    logging.getLogger(__name__).warning(
+        "the solver is not compiled, and a hundred times slower: install a C compiler and Cython 3, then pushfric_core again"
+    )
+
 
 class _Shell(NamedTuple):
     """A ball around the close one, and the rows that it settles or leaves to smaller ones."""
@@ -123,7 +117,7 @@ class Simplex:
         self._n, self._columns = n, n + with_scale
         self._close_size = CLOSE + CLOSE_PER_COLUMN * self._columns
         self._far_size = FAR * self._close_size
-        self._rows = pivoting.empty_rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
+        self._rows = empty_rows(self._close_size, self._columns)  # in order of arrival, the first _count in use
         self._count = self._removed = 0
         self._groups = Groups()
         self._scaled = 0  # number of rows that contain the scale
@@ -135,7 +129,7 @@ class Simplex:
         self._metric: Array = np.eye(self._columns)  # |v| is the length of metric' v
         self._whitening: Array = self._metric  # the inverse of metric'
         self._metric_count = self._measured = 0  # rows there were when it was chosen; rows whose |a|* is known
-        self._close = Ball(self._metric, self._basis.state.x.copy(), np.inf)  # its unsettled rows are those of the basis
+        self._close = Ball(self._metric, self._basis.conditions.x.copy(), np.inf)  # its unsettled rows are those of the basis
         self._shells: list[_Shell] = []  # the larger balls, the largest first
 
     def add(self, added: ConstraintRows) -> None:
@@ -300,7 +294,7 @@ class Simplex:
     def _stretch(self, tilts: Array, level: float, found: Array, first: int) -> tuple[int, int]:
         """As `pivoting.stretch_each`, within the present ball."""
         state = self._basis.state
-        limit = SHORTEST_CAP + int(state.tally[COUNT])
+        limit = SHORTEST_CAP + state.count
         return pivoting.stretch_each(state, self._close, tilts, level, limit, found, first, self._n)
 
     def _clone(self) -> "Simplex":
@@ -329,7 +323,7 @@ class Simplex:
 
     def unique(self) -> bool:
         """Whether the last optimum is certainly the only one: from its vertex F rises along every edge, and not just barely."""
-        return pivoting.rises(self._basis.state, STEEP)
+        return bool(pivoting.rises(self._basis.state, STEEP))
 
     def rows(self) -> ConstraintRows:
         """The present rows, in order of arrival; O(M)."""
@@ -342,7 +336,7 @@ class Simplex:
         """The last optimum, judged from scratch by `program.certify`; O(M)."""
         return certify(
             self.rows(),
-            self._basis.state.x[: self._n],
+            self._basis.conditions.x[: self._n],
             self.multipliers(),
             self._scale() if self._columns > self._n else None,
         )
@@ -367,7 +361,7 @@ class Simplex:
         return self._optimise(FLAT[0])
 
     def _scale(self) -> float:
-        return float(self._basis.state.x[self._n]) if self._scaled else 0.0
+        return float(self._basis.conditions.x[self._n]) if self._scaled else 0.0
 
     def _optimise(self, flat: float) -> Optimum:
         """Lexicographic descent, until x is optimal for the unsettled rows and no other was settled wrongly."""
@@ -377,7 +371,7 @@ class Simplex:
             state = self._basis.state
             result = pivoting.improve(state, self._close, self._n, flat, SHIFT * 0.1**effort, VIOLATED)
             stays, self._infeasible, consistent, feasible, objective, lower_bound, smallest = result
-            if state.tally[UPDATES] >= REFRESH:
+            if state.updates >= REFRESH:
                 self._basis.refresh()
                 inversions += 1
                 continue
@@ -392,7 +386,7 @@ class Simplex:
             effort += 1
         self._strained = effort > 1
         if proven:
-            w = state.x[: self._n].copy()
+            w = self._basis.conditions.x[: self._n].copy()
             w.setflags(write=False)
             return Optimum(w, self._scale(), objective, lower_bound, gap, Status.OPTIMAL)
         self._basis.check()
@@ -407,7 +401,7 @@ class Simplex:
         Each effort doubles the balls, so that a descent that leads out of them again and again ends with all rows unsettled.
         """
         self._remember_sides()
-        x = self._basis.state.x.copy()
+        x = self._basis.conditions.x.copy()
         close = self._close_size << effort
         sizes = self._shell_sizes(close)
         kept = 0 if self._measure() else self._shells_around(x, sizes)
@@ -485,7 +479,7 @@ class Simplex:
 
 
 def _plain(array: Array) -> Array:
-    """As the compiled functions know arrays: for any other kind each would be compiled once more."""
+    """As the compiled functions take arrays."""
     return array if array.flags.carray and array.dtype == np.float64 else np.array(array, np.float64, order="C")
 
 
