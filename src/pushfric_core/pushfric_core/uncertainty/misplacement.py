@@ -13,7 +13,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import fdtrc
 
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, velocity_at
@@ -231,6 +230,8 @@ class _ClusteredFit:
         freedom = float(told.sum() ** 2 / max(told @ told, np.finfo(float).tiny)) - self._p
         if freedom < 1:
             return False
+        from scipy.special import fdtrc  # takes as long to load as the rest of the estimator, and most runs get by without it
+
         excess = float(lengths @ np.linalg.pinv(covariance, hermitian=True) @ lengths) / self._lengths
         return bool(fdtrc(self._lengths, freedom, excess) < CHANCE)
 

@@ -10,6 +10,7 @@ import contextlib
 import ctypes
 import gc
 import importlib
+import inspect
 import json
 import os
 import pathlib
@@ -41,6 +42,9 @@ PRELOADED = (
 It must start no threads. The one exception is LTTng's, if rclpy is built with it: they wait for a tracing daemon, and hold no
 lock that a node takes.
 """
+
+MESSAGES = ("pushfric_msgs.msg", "pushfric_msgs.srv", "diagnostic_msgs.msg", "rcl_interfaces.msg", "rcl_interfaces.srv")
+"""Packages whose types nearly every node uses, with those that they contain."""
 
 LONGEST = 1 << 16
 """Largest size of a request or report [bytes]."""
@@ -226,10 +230,22 @@ def main() -> None:
     gc.disable()
     for name in sys.argv[2:-1]:
         importlib.import_module(name)
+    _do_once()
     gc.freeze()  # a collection would write to every object, and so copy the memory that nodes share
     with socket.socket(fileno=int(sys.argv[1])) as commands:
         request, output = _serve(commands)
     _run_node(output, **request)
+
+
+def _do_once() -> None:
+    """What rclpy does late, in each process: load the C side of message types, and index all modules for the first log line."""
+    from rclpy.type_support import check_for_type_support
+
+    for name in MESSAGES:
+        for message in vars(importlib.import_module(name)).values():
+            if isinstance(message, type):
+                check_for_type_support(message)
+    inspect.getmodule(sys._getframe())
 
 
 def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:
