@@ -1,5 +1,6 @@
 """The files that a forge and citation tools read: they match their schemas, and run what this repository has."""
 
+import ast
 import pathlib
 import re
 import subprocess
@@ -31,9 +32,17 @@ def test_every_file_is_checked():
     assert {str(path.relative_to(ROOT)) for path in (ROOT / ".github").rglob("*.yml")} == {*SCHEMAS} - {"CITATION.cff"}
 
 
+def script_of(name: str):
+    """A constant of the script `pushfric`."""
+    (value,) = re.findall(rf"^{name} = (.*)$", (ROOT / "pushfric").read_text(), re.MULTILINE)
+    return ast.literal_eval(value.partition("  #")[0])
+
+
 def test_the_workflow_runs_ci_with_each_distribution():
     jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
-    assert jobs["wheels"]["container"] == "ubuntu:24.04"
+    pythons = [tuple(map(int, text.split("."))) for text in jobs["wheels"]["strategy"]["matrix"]["python"]]
+    assert (pythons[0], pythons[-1]) == script_of("PYTHONS")
+    assert jobs["wheels"]["strategy"]["matrix"]["distro"] == list(script_of("DISTROS"))
     assert jobs["ros"]["strategy"]["matrix"]["distro"] == ["jazzy", "kilted"]
     for job in jobs.values():
         commands = "\n".join(step.get("run", "") for step in job["steps"])
@@ -83,7 +92,5 @@ def test_the_container_files_run_what_the_docs_say(name):
 
 
 def test_the_container_without_ros_has_every_system_package():
-    text = (ROOT / "pushfric").read_text()
-    (packages,) = re.findall(r"^SYSTEM_PACKAGES = (\{.*\})", text, re.MULTILINE)
     (run,) = [one for what, one in instructions(ROOT / "containers/wheels.Dockerfile") if what == "RUN" and "apt-get" in one]
-    assert set(yaml.safe_load(packages).values()) <= set(run.split())
+    assert set(script_of("SYSTEM_PACKAGES").values()) <= set(run.split())

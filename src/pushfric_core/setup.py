@@ -2,6 +2,11 @@ from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
 
+DESCRIPTION = """\
+Where the support friction of a pushed object lies, its centre of friction, and the friction at the contact, from pushes: the
+method of Lynch, "Estimating the Friction Parameters of Pushed Objects" (IROS 1993), with its uncertainty. It needs no ROS.
+"""
+
 DIRECTIVES = {
     "annotation_typing": False,  # pivoting.pxd has the types
     "boundscheck": False,
@@ -33,6 +38,11 @@ def compiled() -> list[Extension]:
 setup(
     name="pushfric_core",
     version=ElementTree.parse("package.xml").findtext("version"),  # written there alone
+    python_requires=">=3.11",
+    long_description=DESCRIPTION,
+    long_description_content_type="text/markdown",
+    url="https://github.com/pushfric/pushfric",
+    classifiers=["Programming Language :: Python :: 3", "Topic :: Scientific/Engineering"],
     description="Friction parameters of pushed objects: estimation, prediction, bags, cameras and pushers, without ROS.",
     maintainer="pushfric maintainers",
     maintainer_email="pushfric@users.noreply.github.com",

@@ -43,6 +43,7 @@ NOT_RUN = {
     "./pushfric estimate runs/my_box": "the tutorial's run; test_simulated_runs.py makes it and goes on from it",
     "./pushfric predict my_box.yaml": "the same",
     "rosdep": "the network",
+    "uv pip compile": "the network; test_dependencies.py compares the result with the pins",
     "python3 -m pip install": "the network; test_forge_files.py compares it with the workflow's",
     "colcon build": "minutes; ./pushfric runs it",
     "docker": "a container tool; test_forge_files.py reads the files",

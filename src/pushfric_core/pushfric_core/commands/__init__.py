@@ -17,6 +17,9 @@ SECTIONS = {
         "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",
         "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",
     },
+    "Installation": {
+        "licences": "List the packages that pushfric needs, as installed, with their versions and licences.",
+    },
 }
 """The sections of the list of commands: each command's name and the first paragraph of its help; its function's docstring
 adds to that."""
