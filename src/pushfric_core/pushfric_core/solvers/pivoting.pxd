@@ -11,7 +11,7 @@ cdef int VIOLATION, FIT, ARRIVED, LED_OUT, ENDLESS, INEXACT, REFRESH, STALLED
 cdef class State:
     cdef readonly object conditions
     cdef public Py_ssize_t count, updates
-    cdef int64_t[::1] number, active, ahead
+    cdef int64_t[::1] number, active, ahead, nonzero
     cdef double[:, ::1] a, gradient, inverse, slopes, basis
     cdef double[:, :, ::1] cost
     cdef double[::1] value, side, settled, x, dual
@@ -42,7 +42,7 @@ cpdef void free(State state, Py_ssize_t k) noexcept
 
 cdef double side_of(double value, double side) noexcept
 
-@cython.locals(sloping=int64_t[::1], slopes=double[::1], total=double, size=Py_ssize_t)
+@cython.locals(a=double[:, ::1], sloping=int64_t[::1], slopes=double[::1], total=double, size=Py_ssize_t)
 cpdef void sum_gradients(State state) noexcept
 
 
@@ -53,7 +53,10 @@ cpdef bint holds(Ball ball, double[::1] x, double reach) noexcept
 
 cdef void transform(double[:, ::1] metric, double[::1] v, double[::1] out) noexcept
 
-@cython.locals(factor=double)
+@cython.locals(
+    a=double[:, ::1], nonzero=int64_t[::1], size=Py_ssize_t, whole=Py_ssize_t, j=Py_ssize_t, j_2=Py_ssize_t, j_3=Py_ssize_t,
+    j_4=Py_ssize_t, d=double, d_2=double, d_3=double, d_4=double,
+)
 cdef void evaluate(State state, double[::1] direction, double[::1] out) noexcept
 
 @cython.locals(x=double[::1], error=double[::1], wrong=double, consistent=bint, hard=bint)
@@ -95,7 +98,7 @@ cdef double ratio_test(State state, Ball ball, Py_ssize_t edge, int phase, bint 
 @cython.locals(k=int64_t, distance=double, speed=double)
 cdef void swap(State state, Py_ssize_t p, Py_ssize_t q) noexcept
 
-@cython.locals(inverse=double[:, ::1], row=double[::1], factor=double, pivot=double, column=double)
+@cython.locals(a=double[:, ::1], inverse=double[:, ::1], row=double[::1], factor=double, pivot=double, column=double)
 cdef void exchange(State state, Py_ssize_t i, Py_ssize_t entering) noexcept
 
 cdef void perturb(State state, double shift) noexcept
@@ -107,6 +110,7 @@ cdef void perturb(State state, double shift) noexcept
     slopes=double[::1], rates=double[::1], direction=double[::1], change=double[::1], x=double[::1], f=double, best=double,
     merit=double, steepness=double, upwards=double, step=double, speed=double, approach=double, distance=double,
     edge=Py_ssize_t, candidate=Py_ssize_t, entering=Py_ssize_t, end=bint,
+    side=double[::1], value=double[::1], cost=double[:, :, ::1], inverse=double[:, ::1],
 )
 cdef int stretch(State state, Ball ball, double[::1] tilt, double level, Py_ssize_t limit, int weights) noexcept
 

@@ -92,7 +92,7 @@ class State:
         self.total, self.multipliers, self.correction = np.empty((3, n))
         self.slopes, self.basis = np.empty((2, 2 * n)), np.empty((n, n))
         self.change, self.distance, self.speed = np.empty((3, room))
-        self.ahead = np.empty(room, np.int64)
+        self.ahead, self.nonzero = np.empty(room, np.int64), np.empty(n, np.int64)
 
     def __reduce__(self) -> tuple[type["State"], tuple[Conditions, int, int]]:
         return State, (self.conditions, self.count, self.updates)
@@ -179,7 +179,7 @@ def side_of(value: float, side: float) -> float:
 
 def sum_gradients(state: State) -> None:
     """Compute both gradients from scratch."""
-    sloping, slopes = state.ahead, state.change
+    sloping, slopes, a = state.ahead, state.change, state.a
     for phase in range(2):
         size = 0
         for k in range(state.count):
@@ -190,7 +190,7 @@ def sum_gradients(state: State) -> None:
         for j in range(len(state.active)):
             total = state.settled[j] if phase == FIT else 0.0
             for p in range(size):
-                total += slopes[p] * state.a[j, sloping[p]]
+                total += slopes[p] * a[j, sloping[p]]
             state.gradient[phase, j] = total
 
 
@@ -220,15 +220,26 @@ def transform(metric: Array, v: Array, out: Array) -> None:
 
 
 def evaluate(state: State, direction: Array, out: Array) -> None:
-    """a . direction of every condition."""
-    count = state.count
+    """a . direction of every condition. Walks spend half of their time here, hence four components in one pass."""
+    count, a, nonzero = state.count, state.a, state.nonzero
+    size = 0
+    for j in range(len(direction)):
+        if direction[j] != 0:
+            nonzero[size] = j
+            size += 1
     for k in range(count):
         out[k] = 0.0
-    for j in range(len(direction)):
-        factor = direction[j]
-        if factor != 0:
-            for k in range(count):
-                out[k] += factor * state.a[j, k]
+    whole = size - size % 4
+    for p in range(0, whole, 4):
+        j, j_2, j_3, j_4 = nonzero[p], nonzero[p + 1], nonzero[p + 2], nonzero[p + 3]
+        d, d_2, d_3, d_4 = direction[j], direction[j_2], direction[j_3], direction[j_4]
+        for k in range(count):
+            out[k] = out[k] + d * a[j, k] + d_2 * a[j_2, k] + d_3 * a[j_3, k] + d_4 * a[j_4, k]
+    for p in range(whole, size):
+        j = nonzero[p]
+        d = direction[j]
+        for k in range(count):
+            out[k] += d * a[j, k]
 
 
 def locate(state: State, tolerance: float) -> bool:
@@ -487,14 +498,14 @@ def swap(state: State, p: int, q: int) -> None:
 def exchange(state: State, i: int, entering: int) -> None:
     """Put a condition in the place of the i-th active one."""
     n = len(state.active)
-    inverse = state.inverse
+    inverse, a = state.inverse, state.a
     state.active[i] = entering
     state.updates += 1
     row = state.row
     for p in range(n):
         row[p] = 0.0
     for j in range(n):
-        factor = state.a[j, entering]
+        factor = a[j, entering]
         for p in range(n):
             row[p] += factor * inverse[j, p]
     pivot = row[i]
@@ -532,11 +543,12 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
     """
     n = len(state.active)
     slopes, rates, direction, change, x = state.slopes[FIT], state.rates, state.direction, state.change, state.x
+    side, value, cost, inverse = state.side, state.value, state.cost, state.inverse
     f = 0.0
     for j in range(n):
         f += state.settled[j] * x[j]
     for k in range(state.count):
-        f += state.value[k] * slope(state, FIT, k, state.value[k])
+        f += value[k] * slope(state, FIT, k, value[k])
     stalled = 0
     for _ in range(limit):
         price(state, FIT, slopes)
@@ -545,7 +557,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
         for j in range(n):
             if tilt[j] != 0:
                 for i in range(n):
-                    rates[i] += tilt[j] * state.inverse[j, i]
+                    rates[i] += tilt[j] * inverse[j, i]
         best, edge = inf, -1
         for i in range(1, n):
             if rates[i] > PARALLEL:
@@ -564,13 +576,13 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
         i = edge % n
         upwards = 1.0 if edge < n else -1.0
         for j in range(n):
-            direction[j] = upwards * state.inverse[j, i]
+            direction[j] = upwards * inverse[j, i]
         evaluate(state, direction, change)
         step, speed, entering = inf, 0.0, -1
         for k in range(state.count):
-            approach = -state.side[k] * change[k]
-            if approach > PARALLEL and state.cost[FIT, 0, k] + state.cost[FIT, 1, k] > 0:
-                distance = max(state.side[k] * state.value[k], 0.0) / approach
+            approach = -side[k] * change[k]
+            if approach > PARALLEL and cost[FIT, 0, k] + cost[FIT, 1, k] > 0:
+                distance = max(side[k] * value[k], 0.0) / approach
                 if distance < step - TIE or (distance <= step + TIE and approach > speed):
                     step, speed, entering = distance, approach, k
         end = steepness > 0 and f + steepness * step >= level
@@ -586,10 +598,10 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
         if end:
             return ARRIVED if proven(state, tilt, level, edge, weights) else INEXACT
         for k in range(state.count):
-            state.value[k] += step * change[k]
+            value[k] += step * change[k]
         put(state, state.active[i], upwards)
         put(state, entering, 0.0)
-        state.value[entering] = 0.0
+        value[entering] = 0.0
         exchange(state, i, entering)
         stalled = stalled + 1 if step < TIE else 0
         if stalled == STALLED:
