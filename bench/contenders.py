@@ -23,7 +23,7 @@ from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers.program import Status
 from pushfric_core.solvers.simplex import Simplex
 
-PATIENCE = 120.0
+SOLVE_TIMEOUT = 120.0
 """Solvers give up after this wall-clock time [s]. It is this long because a busy machine gives them only part of it."""
 
 EXACT = 1e-9
@@ -37,7 +37,7 @@ class NoOptimum(Exception):
 
 
 class OutOfTime(Exception):
-    """A solve took longer than PATIENCE."""
+    """A solve took longer than SOLVE_TIMEOUT."""
 
 
 class Contender(Protocol):
@@ -99,7 +99,7 @@ class _Highs(ABC):
 
     def load(self, groups: Groups) -> None:
         self._add(groups)
-        self._highs.setOptionValue("time_limit", PATIENCE)
+        self._highs.setOptionValue("time_limit", SOLVE_TIMEOUT)
         self._highs.run()
         self.objective()
         self._highs.setOptionValue("time_limit", math.inf)
@@ -221,7 +221,7 @@ class LinprogDual(_FromScratch):
 
 
 def _linprog(costs: Array, **program) -> float:
-    options = {"time_limit": PATIENCE, "primal_feasibility_tolerance": EXACT, "dual_feasibility_tolerance": EXACT}
+    options = {"time_limit": SOLVE_TIMEOUT, "primal_feasibility_tolerance": EXACT, "dual_feasibility_tolerance": EXACT}
     result = optimize.linprog(costs, method="highs", options=options, **program)
     if result.status == 1:
         raise OutOfTime
@@ -272,7 +272,7 @@ class Osqp:
         costs[0] = -1.0
         matrix = sparse.csc_matrix((self._values, rows_of, starts), shape=(n + width, 1 + width))
         none = sparse.csc_matrix((1 + width, 1 + width))
-        self._solver.setup(none, costs, matrix, self._lower, self._upper, verbose=False, time_limit=PATIENCE)
+        self._solver.setup(none, costs, matrix, self._lower, self._upper, verbose=False, time_limit=SOLVE_TIMEOUT)
         self._solve()
 
     def update(self, rows: ConstraintRows) -> None:

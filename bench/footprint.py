@@ -36,7 +36,7 @@ DEMO_BAG = ROOT / "bags" / OBJECT
 WATCHED = 8.0
 """How long the memory of the demo is sampled, from the first pose [s]; the largest total counts."""
 
-PATIENCE = 60.0
+EVENT_TIMEOUT = 60.0
 """How long nodes may take to appear and to end [s]."""
 
 ROUNDS = 5
@@ -147,7 +147,7 @@ def _started_demo(watched: float) -> tuple[float, list[dict[str, float]]]:
         started = time.time_ns()
         arguments = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", f"{folder}/bag"]
         demo = stack.enter_context(running(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + EVENT_TIMEOUT
         while time.monotonic() < deadline:
             here.spin_once(0.1)
             if demo.poll() is not None:
@@ -156,9 +156,9 @@ def _started_demo(watched: float) -> tuple[float, list[dict[str, float]]]:
                 deadline = min(deadline, time.monotonic() + watched) if not samples else deadline
                 samples.append(_memory_of_family(demo.pid))
         if not samples:
-            raise RuntimeError(f"no pose within {PATIENCE:g} s")
+            raise RuntimeError(f"no pose within {EVENT_TIMEOUT:g} s")
         demo.send_signal(signal.SIGINT)
-        demo.communicate(timeout=PATIENCE)
+        demo.communicate(timeout=EVENT_TIMEOUT)
     return (poses[0] - started) / 1e9, samples
 
 
@@ -179,10 +179,10 @@ def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
             if not names or spec.name in names
         }
         awaited = {f"{graph.NAMESPACE}/{node}" for node in processes}
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + EVENT_TIMEOUT
         while not up >= awaited:
             if time.monotonic() > deadline:
-                raise RuntimeError(f"no report of {', '.join(sorted(awaited - up))} within {PATIENCE:g} s")
+                raise RuntimeError(f"no report of {', '.join(sorted(awaited - up))} within {EVENT_TIMEOUT:g} s")
             here.spin_once(0.1)
         if busy:
             for _ in range(2 * (os.cpu_count() or 1)):
@@ -195,7 +195,7 @@ def _interrupt(processes: Mapping[str, "subprocess.Popen[str]"]) -> tuple[float,
     begin = time.monotonic()
     for process in processes.values():
         process.send_signal(signal.SIGINT)
-    codes = {name: process.wait(PATIENCE) for name, process in processes.items()}
+    codes = {name: process.wait(EVENT_TIMEOUT) for name, process in processes.items()}
     return time.monotonic() - begin, codes
 
 

@@ -29,7 +29,7 @@ WIDTH, HEIGHT = 640, 480
 TOPIC = "/bench/image_raw"
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
-PATIENCE = 20.0
+RECORDING_TIMEOUT = 20.0
 """Longest time that the recorder may take to appear, and to end [s]."""
 
 STEPS = 1
@@ -58,7 +58,7 @@ def _record_images() -> Figures:
             published = json.loads(publisher.stdout)
             before = cpu_of_ended_children()
             recorder.terminate()
-            recorder.wait(PATIENCE)
+            recorder.wait(RECORDING_TIMEOUT)
         cpu_seconds = cpu_of_ended_children() - before
         summary = Bag(folder / "bag").summary
         return {
@@ -79,7 +79,7 @@ def _publish_images(seconds: float) -> Figures:
     # more images than fit into one chunk of the bag; otherwise the compression would find each of them twice
     pictures = [array.array("B", rng.bytes(HEIGHT * WIDTH * 3)) for _ in range(8)]
     image = Image(height=HEIGHT, width=WIDTH, encoding="bgr8", step=3 * WIDTH)
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + RECORDING_TIMEOUT
     while not output.get_subscription_count():
         if time.monotonic() > deadline:
             raise RuntimeError("the recorder did not appear")

@@ -16,7 +16,7 @@ NODES = ("tracker", "actuator", "estimator", "experiment", "recorder", "player",
 PROCESSES = {"pushfric_ros.graph.fork_server": "fork_server", **{f"{node}_node": node for node in NODES}}
 """What the command lines of a run's processes contain, and the names of those processes here."""
 
-PATIENCE = 300.0
+RUN_TIMEOUT = 300.0
 """How much CPU time a run may use before an awaited event, or before the next line that it prints [s]."""
 
 STANDSTILL = 600.0
@@ -99,7 +99,7 @@ class CellRun:
         """Wait until a predicate holds, for as long as the run makes progress, however slow the machine is.
 
         Raises:
-            DidNotHappen: the run has used PATIENCE, or stood still for STANDSTILL, and printed nothing meanwhile.
+            DidNotHappen: the run has used RUN_TIMEOUT, or stood still for STANDSTILL, and printed nothing meanwhile.
         """
         printed, spent, since, looked = len(self._lines), self._cpu_time(), time.monotonic(), time.monotonic()
         begin = spent
@@ -112,7 +112,7 @@ class CellRun:
                 printed, begin, spent, since = len(self._lines), now, now, looked
             elif now - spent > 1.0:
                 spent, since = now, looked
-            if now - begin > PATIENCE or looked - since > STANDSTILL:
+            if now - begin > RUN_TIMEOUT or looked - since > STANDSTILL:
                 used = f"{now - begin:.0f} s of CPU time and {looked - since:.0f} s without any"
                 raise DidNotHappen(f"{what} did not come within {used}, only: {self.output}")
 

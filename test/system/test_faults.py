@@ -48,7 +48,7 @@ for line in range({lines}):
 
 
 def test_a_row_waits_for_a_run_that_makes_progress_and_for_no_other(tmp_path, monkeypatch):
-    monkeypatch.setattr("faults.cell_run.PATIENCE", 2.0)
+    monkeypatch.setattr("faults.cell_run.RUN_TIMEOUT", 2.0)
     with CellRun([sys.executable, "-c", BUSY.format(lines=8)], tmp_path) as run:
         run.wait_for_output("line 7")
         assert run.wait_for_end() == 0

@@ -63,8 +63,8 @@ class Listening(SimulatedGrbl):
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
     """Allow for a machine that is busy with other tests."""
-    for waits in (discovery, camera):
-        monkeypatch.setattr(waits, "PATIENCE", 60.0)
+    monkeypatch.setattr(discovery, "ANSWER_TIMEOUT", 60.0)
+    monkeypatch.setattr(camera, "FRAME_TIMEOUT", 60.0)
 
 
 def pusher(**changes) -> PusherConfig:
@@ -257,7 +257,7 @@ def test_a_folder_that_may_not_be_written_to_fails(monkeypatch, tmp_path):
 
 def test_without_discovery_no_other_process_answers(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    monkeypatch.setattr(discovery, "PATIENCE", 0.5)
+    monkeypatch.setattr(discovery, "ANSWER_TIMEOUT", 0.5)
     check = discovery.check_discovery()
     assert check.level is FAILED
     assert check.finding.startswith("another process did not answer within 0.5 s on domain")
@@ -370,7 +370,7 @@ def test_a_topic_of_no_pictures_is_refused(ros):
 
 
 def test_a_topic_that_nobody_publishes_gives_no_frames(monkeypatch):
-    monkeypatch.setattr(camera, "PATIENCE", 0.2)
+    monkeypatch.setattr(camera, "FRAME_TIMEOUT", 0.2)
     assert camera.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None) == ([], 0, 0)
 
 

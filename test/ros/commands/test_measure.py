@@ -208,7 +208,7 @@ def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
 
 
 def test_a_topic_without_frames_says_so(monkeypatch):
-    monkeypatch.setattr(frames, "PATIENCE", 0.2)
+    monkeypatch.setattr(frames, "FRAME_TIMEOUT", 0.2)
     with (
         frames.frames_from("topic", "/nobody") as source,
         pytest.raises(InvalidInput, match="no frames from /nobody/image_raw"),

@@ -55,7 +55,7 @@ def test_an_estimator_that_goes_on_is_awaited_after_the_end(monkeypatch):
     with contextlib.closing(watch.Monitor(Console(quiet=True), "/awaited", "replaying", 1, live=False)) as monitor:
 
         def spin_once(_: float, last: int = 5) -> None:
-            wall[0] += 0.9 * watch.PATIENCE
+            wall[0] += 0.9 * watch.PROGRESS_TIMEOUT
             count = min(last, 1 + monitor.complete)
             msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=count, pushes=1)
             msg.contact_friction.histogram = [count]
@@ -66,4 +66,4 @@ def test_an_estimator_that_goes_on_is_awaited_after_the_end(monkeypatch):
         assert monitor.complete == 5
         begin = wall[0]
         monitor.watch(over, lambda: False)  # nothing new comes
-        assert wall[0] - begin < 3 * watch.PATIENCE
+        assert wall[0] - begin < 3 * watch.PROGRESS_TIMEOUT

@@ -99,7 +99,7 @@ def test_in_a_simulated_cell_nobody_is_given_up_as_soon_as_in_a_real_one(tmp_pat
     specs = graph.simulated_cell(demo_cell("rubber_rect4", tmp_path), "bag", seed=0, speed=5.0)
     given = {name: value for spec in specs for name, value in spec.parameters.items()}
     patience = ("lost_object", "lost_result", "owner_timeout", "requires_timeout", "silence")
-    assert {name: given[name] for name in patience} == dict.fromkeys(patience, graph.PATIENCE)
+    assert {name: given[name] for name in patience} == dict.fromkeys(patience, graph.LEAST_TIMEOUT)
 
 
 def test_the_nodes_are_told_who_may_reach_them(monkeypatch, tmp_path):

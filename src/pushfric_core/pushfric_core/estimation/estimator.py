@@ -13,7 +13,7 @@ from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.verdict import InputCheck, Verdict
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
-from pushfric_core.geometry.support import FreeRadii, check_points, support_forces
+from pushfric_core.geometry.support import COR_SHARE, FreeRadii, check_points, support_forces
 from pushfric_core.program.constraint_rows import stack
 from pushfric_core.program.constraints import (
     Cone,
@@ -45,9 +45,6 @@ TERMS: dict[str, Callable[["EstimatorConfig"], Constraint]] = {
 
 FORCE_TERMS = ("force", "force_angle")
 """The terms that need a measured force; a data point without one adds no row for them."""
-
-COR_SHARE = 0.55
-"""How far the centre of rotation moves in a step, as a fraction of the support's size; see docs/estimation.md."""
 
 ABLE = "auto: with the solver simplex and the loss l1, which it needs"
 """When a setting that is None is on, as its description says it."""

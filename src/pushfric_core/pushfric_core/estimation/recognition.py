@@ -18,7 +18,7 @@ from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 
-TINY = 1e-9
+FREEDOM = 1e-9
 """Freedom of the one support that stands for a known w, so that a motion about it is not refused [m]; no row uses it."""
 
 EXACT = 1e-9
@@ -94,7 +94,7 @@ def _estimator(hypothesis: Hypothesis, config: EstimatorConfig) -> Estimator:
     terms = replace(config, nonnegative_force=False).constraints
     free = free_radii(support.points, config)
     known = tuple(_Known(term, support.points, support.weights, free) for term in terms)
-    return Estimator([support.center_of_friction], replace(config, terms=known, nonnegative_force=False, cor_radius=TINY))
+    return Estimator([support.center_of_friction], replace(config, terms=known, nonnegative_force=False, cor_radius=FREEDOM))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.misplacement import ContactCheck
 from pushfric_core.uncertainty.screening import Change, Rejected
-from pushfric_core.uncertainty.spread import FEWEST_PUSHES
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
@@ -38,6 +37,9 @@ ABOUT_ORIGIN = 0.15
 
 TURNED = math.radians(50)
 """Friction keeps each force within the friction cone, so the mean force is turned by no more than this from the motion."""
+
+FEWEST_FORCES = 4
+"""With fewer measured forces, nothing is concluded from their directions."""
 
 SCATTERED = 0.5
 """The mean unit vector of the forces, relative to the motion, is longer than this if their frame is right."""
@@ -171,7 +173,7 @@ class InputCheck:
                 f"the contact moves away from the pusher in {self._receding} of {self._count} data points: vx, vy, omega must "
                 "be the velocity of the object-frame origin, in the object frame"
             )
-        if self._forces >= FEWEST_PUSHES and not wrong_motion:
+        if self._forces >= FEWEST_FORCES and not wrong_motion:
             mean = self._turn / self._forces
             turn = math.degrees(cmath.phase(mean))
             if abs(mean) < SCATTERED:

@@ -12,6 +12,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+LEAST_DIVISOR = 1e-300
+"""Keeps a division by zero defined where its quotient is not used, or multiplied by zero."""
+
 
 class Pose(NamedTuple):
     """Where a frame lies in another: its origin (x, y) [m] and orientation theta [rad].

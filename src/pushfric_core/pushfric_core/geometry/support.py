@@ -91,6 +91,9 @@ class FreeRadii(NamedTuple):
     partly: float  # beyond this its friction opposes its velocity
 
 
+COR_SHARE = 0.55
+"""How far the centre of rotation moves in a step, as a fraction of the support's size; see docs/estimation.md."""
+
 NOT_FREE = FreeRadii(0.0, 0.0)
 """The radii of the paper, where a support exactly on the centre of rotation makes the data point useless."""
 

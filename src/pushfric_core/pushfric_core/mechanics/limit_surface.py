@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import Array, Indices, Twist, Wrench, as_array, cross, frozen, left_of
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, Twist, Wrench, as_array, cross, frozen, left_of
 from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.damped_newton import Step, minimized
 from pushfric_core.records import comparable
@@ -34,9 +34,6 @@ RIM = 1e-9
 
 RIDGE = 1e-12
 """Part of the identity in Newton's matrix, which is singular if supports on one line all move across it."""
-
-TINY = 1e-300
-"""Keeps a division by zero defined whose quotient is multiplied by zero."""
 
 ACROSS_CONE = 65
 """Number of directions of the force across each friction cone."""
@@ -197,7 +194,7 @@ class LimitSurface:
             omega = 1 / float(weights @ distances)
             vx, vy = (-omega * left_of(point)).tolist()
             # the facet leaves open this support's own force, which has no arm
-            forces = left_of(arms) * (weights / np.maximum(distances, TINY))[:, None]
+            forces = left_of(arms) * (weights / np.maximum(distances, LEAST_DIVISOR))[:, None]
             fx, fy = forces.sum(axis=0).tolist()
             facets.append(Facet(point, Twist(vx, vy, omega), Wrench(fx, fy, float(cross(points, forces).sum())), float(weight)))
         return facets
@@ -440,7 +437,7 @@ def _distances(points: Array, curve: Array) -> Array:
     if not len(edges):
         return np.asarray(np.linalg.norm(points - curve, axis=1))
     offsets = points[:, None] - starts
-    squares = np.maximum(np.sum(edges**2, axis=1), TINY)
+    squares = np.maximum(np.sum(edges**2, axis=1), LEAST_DIVISOR)
     along = np.clip(np.sum(offsets * edges, axis=2) / squares, 0.0, 1.0)
     return np.asarray(np.linalg.norm(offsets - along[..., None] * edges, axis=2).min(axis=1))
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pushfric_core.errors import SolverFailed
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import Array, Indices, as_array, cross, left_of
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, as_array, cross, left_of
 from pushfric_core.geometry.support import check_points
 from pushfric_core.mechanics.damped_newton import Step, minimized
 from pushfric_core.mechanics.simulation import ITERATIONS, STILL, ContactMode
@@ -35,9 +35,6 @@ NARROW = 1e-12
 
 SUM = 1e-6
 """The sum of weights may differ from 1 by this much."""
-
-TINY = 1e-300
-"""Keeps a division defined whose divisor may be zero; the quotient is then not used."""
 
 
 @comparable
@@ -276,7 +273,7 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
     squares = np.sum(arms**2, axis=2)
     works = np.asarray(cross(arms, velocities[:, None]))  # v . (-y, x) of each arm
     # at these rotations, each support by itself moves slowest
-    own = np.where((squares > 0) & (weights > 0), -works / np.maximum(squares, TINY), np.nan)
+    own = np.where((squares > 0) & (weights > 0), -works / np.maximum(squares, LEAST_DIVISOR), np.nan)
     with np.errstate(all="ignore"):
         low = np.fmin.reduce(own, axis=1, initial=np.nan)
         high = np.fmax.reduce(own, axis=1, initial=np.nan)
@@ -298,7 +295,7 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
         above = moment > 0
         high[going] = np.where(above, omegas[going], high[going])
         low[going] = np.where(above, low[going], omegas[going])
-        newton = omegas[going] - moment / np.maximum(stiffness, TINY)
+        newton = omegas[going] - moment / np.maximum(stiffness, LEAST_DIVISOR)
         usable = (newton > low[going]) & (newton < high[going])
         # near a support that almost stands still, Newton's steps are short and hardly shrink
         usable &= np.abs(newton - omegas[going]) <= last[going] / 2

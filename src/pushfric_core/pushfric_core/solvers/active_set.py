@@ -31,7 +31,7 @@ PROXIMITY = 1e-6
 PIVOTS = 30
 """Cap on the exchanges of active conditions."""
 
-PATIENCE = 3
+FRUITLESS = 3
 """Number of exchanges of all wrong conditions that may fail to reduce their number; afterwards, one is exchanged at a time."""
 
 ROUNDS = 20
@@ -119,7 +119,7 @@ def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Ma
     """
     n, equal = len(start), len(hard.equal)
     free, active = free.copy(), active.copy()
-    fewest, patience = 2 * (n + len(active)), PATIENCE
+    fewest, patience = 2 * (n + len(active)), FRUITLESS
     for _ in range(PIVOTS):
         if not free.any():
             free[:] = True
@@ -139,7 +139,7 @@ def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Ma
             reaction = dual[1 : 1 + equal] @ hard.equal + np.maximum(multipliers, 0.0) @ hard.low
             return Minimum(w, reaction) if hard.allows(w) else None
         if count < fewest:
-            fewest, patience = count, PATIENCE
+            fewest, patience = count, FRUITLESS
         elif patience:
             patience -= 1
         else:

@@ -5,10 +5,10 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.pivoting import State
-from pushfric_core.solvers.tableau import FIT, VIOLATION, Conditions, Indices, Mask, Rows
+from pushfric_core.solvers.tableau import FIT, VIOLATION, Conditions, Mask, Rows
 
 Number = TypeVar("Number", np.float64, np.int64)
 

@@ -23,7 +23,7 @@ from math import inf
 
 import numpy as np
 
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.solvers.tableau import (
     ARRIVED,
     COEFFICIENT,
@@ -37,7 +37,6 @@ from pushfric_core.solvers.tableau import (
     VIOLATION,
     ZERO,
     Conditions,
-    Indices,
     Rows,
 )
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.basis import Basis
@@ -32,7 +32,7 @@ from pushfric_core.solvers.program import (
     certify,
     finite,
 )
-from pushfric_core.solvers.tableau import COEFFICIENT, COST, INEXACT, LARGEST, LED_OUT, REFRESH, ZERO, Indices, Rows, empty_rows
+from pushfric_core.solvers.tableau import COEFFICIENT, COST, INEXACT, LARGEST, LED_OUT, REFRESH, ZERO, Rows, empty_rows
 from pushfric_core.solvers.tie_break import nearest_uniform
 
 OWN_GAP = RELATIVE_GAP / 2

@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, Indices
 
-Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # Rows are scaled to a largest coefficient in [1/2, 1), so that tolerances on them are absolute.

@@ -15,7 +15,7 @@ UNIT = 1e-3
 """The length of a contact normal may differ from 1 by this much, because text files round."""
 
 
-TINY = 1e-100
+SLOWEST = 1e-100
 """The largest component of a twist lies between this and its inverse; beyond, the computation would under- or overflow."""
 
 PUSH_IDS = 2**31
@@ -100,9 +100,9 @@ class Observation:
                 raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
         check_within("half_width", (self.half_width,), LARGEST, "m")
         check_within("duration", (self.duration,), LONGEST, "s")
-        if any(self.twist) and not TINY < max(map(abs, self.twist)) < 1 / TINY:
+        if any(self.twist) and not SLOWEST < max(map(abs, self.twist)) < 1 / SLOWEST:
             raise ValueError(
-                f"the twist must have a size between {TINY:g} and {1 / TINY:g}, got {tuple(map(float, self.twist))}"
+                f"the twist must have a size between {SLOWEST:g} and {1 / SLOWEST:g}, got {tuple(map(float, self.twist))}"
             )
         if not any(self.twist):
             raise UninformativePush("the twist of a data point must not be zero: the object did not move")

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import Array, Indices, velocity_at
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, velocity_at
 from pushfric_core.geometry.support import SupportForces
 from pushfric_core.records import comparable
 from pushfric_core.trajectories.observation import Observation
@@ -37,9 +37,6 @@ LEAST_ERROR = 1e-3
 
 CONFIDENT = 1.645
 """Standard deviations on either side that hold 90 % of a normal distribution."""
-
-TINY = 1e-300
-"""Keeps the division by a force of zero defined; its quotient is not used."""
 
 
 @comparable
@@ -72,7 +69,7 @@ def lower_bounds(forces: ContactForces, weights: Array) -> Array:
         bounds = np.where(normal > 0, along / normal, math.inf)
     if free.any():
         known = np.hypot(along, normal)
-        turn = np.where(free < known, np.arcsin(np.minimum(free, known) / np.maximum(known, TINY)), math.pi)
+        turn = np.where(free < known, np.arcsin(np.minimum(free, known) / np.maximum(known, LEAST_DIVISOR)), math.pi)
         eta = np.maximum(np.arctan2(along, normal) - turn, 0.0)
         bounds = np.where(free > 0, np.where(eta < math.pi / 2, np.tan(eta), math.inf), bounds)
     return np.asarray(bounds)
@@ -234,7 +231,7 @@ def _cone_rows(
     """
     known = np.flatnonzero(np.isfinite(directions))
     known = known[np.argsort(tip.push[known], kind="stable")]
-    determined = np.maximum(1 - forces.free[known], TINY)
+    determined = np.maximum(1 - forces.free[known], LEAST_DIVISOR)
     normal, along = (forces.normal[known] / determined) @ weights.T, (forces.along[known] / determined) @ weights.T
     tolerance, direction = tip.tolerance, directions[known]
     share = np.where(normal > LEAST_NORMAL, 1 / (1 + ((forces.free[known] @ weights.T) / tolerance) ** 2), 0.0)

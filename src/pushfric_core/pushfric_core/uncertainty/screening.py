@@ -20,14 +20,14 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.planar import Array, Indices, left_of, rotation, velocity_at, wrap
-from pushfric_core.geometry.support import FreeRadii, support_forces
+from pushfric_core.geometry.support import COR_SHARE, FreeRadii, support_forces
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.program.row_table import RowTable
 from pushfric_core.solvers import empty_program
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.contact_friction import tip_at
 
-FEWEST_PUSHES = 6
+FEWEST_COMPARED = 6
 """With fewer pushes, none is said to be unlike the others."""
 
 NORMAL = 1.4826
@@ -47,9 +47,6 @@ CONTRADICTS = 8.0
 
 HEAVY = 5.0
 """... and by this many times what one in ten of the others is wrong by: the errors of some supports have heavy tails."""
-
-OPEN = 0.55
-"""A support nearer to the centre of rotation than this share of the support's size has an open direction, as in `Estimator`."""
 
 USUAL = 0.03
 """Share of the support's size by which moments are usually wrong: beyond it, what is open lowers the weight of a data point."""
@@ -82,8 +79,8 @@ MISMATCH, JUMP, POSES, SPAN, WEIGHT, MOMENTS = range(6)
 """Columns of the table: what was measured of a data point, its time since the one before it in units of its duration,
 its weight in the fit, and, from the last on, the row of its moment."""
 
-TINY = 1e-9
-"""Keeps the direction of a wholly free support defined; its weight is next to nothing."""
+RIDGE = 1e-9
+"""Keeps sums over supports that bear next to nothing, and the direction of a wholly free support, defined."""
 
 SMALLEST = 1e-200
 """Keeps the division by a determinant of zero defined: data points without slopes ask for no shift."""
@@ -122,7 +119,7 @@ class Screening:
     def __init__(self, points: Array) -> None:
         self._points, self._middle = points, points.mean(axis=0)
         self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1)))) or 1.0
-        self._radii = FreeRadii(0.0, OPEN * self._radius)
+        self._radii = FreeRadii(0.0, COR_SHARE * self._radius)
         self._pushes: list[int] = []  # in order of arrival
         self._places: dict[int, int] = {}  # of each push among them
         self._table = RowTable(MOMENTS + len(points))  # each row belongs to the place of its push
@@ -151,7 +148,7 @@ class Screening:
         self._last = observation, motion
         forces = support_forces(self._points, observation.twist, self._radii)
         arms = left_of(self._points - observation.contact_point)
-        moments = np.einsum("ij,ij->i", arms, forces.directions / np.maximum(1 - forces.free, TINY)[:, None])
+        moments = np.einsum("ij,ij->i", arms, forces.directions / np.maximum(1 - forces.free, RIDGE)[:, None])
         # a force anywhere in a disc: half the radius is its standard deviation along any direction. All supports count alike:
         # with the w of the fit, the weight of an observation would depend on those before it
         doubt = float(np.mean(np.hypot(arms[:, 0], arms[:, 1]) * forces.free)) / 2
@@ -171,7 +168,7 @@ class Screening:
 
     def look(self) -> dict[int, str]:
         """Compare the pushes: the bad ones, and which of REASONS shows it. Also looks for a change of the object."""
-        if len(self._pushes) < FEWEST_PUSHES:
+        if len(self._pushes) < FEWEST_COMPARED:
             return {}
         pushes, place = np.array(self._pushes), self._table.groups
         found = self._badly_measured(pushes, place)
@@ -214,7 +211,7 @@ class Screening:
         """The pushes that the others contradict: each is compared with a fit without it."""
         since = len(pushes) if self._change is None else int(np.flatnonzero(pushes == self._change.since)[0])
         inside = np.array([push_id not in self._bad for push_id in pushes.tolist()])
-        if inside.sum() < FEWEST_PUSHES:
+        if inside.sum() < FEWEST_COMPARED:
             return {}
         found: dict[int, str] = {}
         limit = CONTRADICTS * _wider(int(inside.sum()))
@@ -335,14 +332,14 @@ def _shifts_that_fit(errors: Array, slopes: Array, weights: Array, parts: npt.ND
     """The d (s, 2) of the least sum of weights * |errors + slopes d| over each of s parts (s, m): least squares, reweighted."""
     d: Array = np.zeros((len(parts), 2))
     counted = parts * weights
-    smallest = 0.1 * (parts @ np.abs(errors)) / parts.sum(axis=1) + TINY
+    smallest = 0.1 * (parts @ np.abs(errors)) / parts.sum(axis=1) + RIDGE
     (x, y), products = slopes.T, slopes * errors[:, None]
     squares = np.column_stack((x * x, x * y, y * y))
     for _ in range(STEPS):
         share = counted / np.maximum(np.abs(errors + d @ slopes.T), smallest[:, None])
         xx, xy, yy = (share @ squares).T
         bx, by = (share @ products).T
-        ridge = TINY * (xx + yy)
+        ridge = RIDGE * (xx + yy)
         xx, yy = xx + ridge, yy + ridge
         determinant = np.maximum(xx * yy - xy * xy, SMALLEST)
         d = -np.column_stack((yy * bx - xy * by, xx * by - xy * bx)) / determinant[:, None]

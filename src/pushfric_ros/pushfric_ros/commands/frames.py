@@ -18,7 +18,7 @@ from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
 ACCEPTED_WITH_TOPICS = f"{ACCEPTED}; or {' or '.join(TOPICS)}, for a camera whose driver is a node"
 """What a source may be."""
 
-PATIENCE = 10.0
+FRAME_TIMEOUT = 10.0
 """How long to wait for the next frame of a topic [s]."""
 
 
@@ -90,14 +90,14 @@ class TopicFrames:
             InvalidInput: no frame comes, or a frame is not a picture.
         """
         assert self._here is not None
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + FRAME_TIMEOUT
         while time.monotonic() < deadline:
             self._here.spin_once(0.1)
             if self._problem is not None:
                 raise InvalidInput(f"{self.name}: {self._problem}")
             if self._frames:
                 yield self._frames.popleft()
-                deadline = time.monotonic() + PATIENCE
+                deadline = time.monotonic() + FRAME_TIMEOUT
         raise InvalidInput(f"no frames from {self.name}: does its driver run, in this namespace?")
 
     def forget(self) -> None:

@@ -23,7 +23,7 @@ from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.node_kit.visit import Visit
 from pushfric_ros.nodes.monitor import MonitorNode
 
-PATIENCE = 10.0
+PROGRESS_TIMEOUT = 10.0
 """After the end of a run, its last estimate is awaited; the wait ends if the estimator makes no progress for this long [s]."""
 
 PROMPTING = (PlanProgress.PHASE_WAITING, PlanProgress.PHASE_PLACING, PlanProgress.PHASE_ALARM)
@@ -143,10 +143,10 @@ class Monitor:
                 view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
-                    ended, deadline = now, time.monotonic() + PATIENCE
+                    ended, deadline = now, time.monotonic() + PROGRESS_TIMEOUT
                 seen = (self._visit.node.settled if self._catches_up() else progress[0]), self.complete
                 if seen != progress:
-                    progress, deadline = seen, time.monotonic() + PATIENCE
+                    progress, deadline = seen, time.monotonic() + PROGRESS_TIMEOUT
         if not self._live and self.estimate is not None:
             self._console.print(line_of(self.estimate))
         if ended.code == 0 and self.next_push is not None:

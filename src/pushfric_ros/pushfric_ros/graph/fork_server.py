@@ -52,7 +52,7 @@ LONGEST = 1 << 16
 ROOM = 512
 """The name of a process is written over the arguments that it was started with, so these must be this long [bytes]."""
 
-PATIENCE = 2.0
+END_TIMEOUT = 2.0
 """How long the server may take to end after its last request [s]."""
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -181,7 +181,7 @@ class ForkServer:
         self._socket.close()
         self.gone = True
         try:
-            self._server.wait(PATIENCE)
+            self._server.wait(END_TIMEOUT)
         except subprocess.TimeoutExpired:
             self._server.kill()
             self._server.wait()

@@ -25,7 +25,7 @@ CLOCK = "/clock"
 COMMAND_LINE = "command_line"
 """Last part of the enclave of the commands that watch, stop and reset a running cell."""
 
-PATIENCE = 10.0
+LEAST_TIMEOUT = 10.0
 """Least time after which a simulated object counts as lost, and a node or the controller as silent, in wall time [s]."""
 
 
@@ -171,16 +171,16 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
         raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
     simulation = {"port_link": file.driver.port, "poll_rate": file.pusher.poll_rate, "seed": seed, "speed": speed}
     # at a multiple of real time, a busy machine alone can make the object unseen and the controller silent
-    late = PATIENCE * speed  # of simulated time, by the stamps of a busy machine
+    late = LEAST_TIMEOUT * speed  # of simulated time, by the stamps of a busy machine
     plan = replace(
         file.plan,
-        lost_object=max(file.plan.lost_object, PATIENCE),
-        lost_result=max(file.plan.lost_result, PATIENCE),
+        lost_object=max(file.plan.lost_object, LEAST_TIMEOUT),
+        lost_result=max(file.plan.lost_result, LEAST_TIMEOUT),
         clock_tolerance=max(file.plan.clock_tolerance, late),
         follow_tolerance=max(file.plan.follow_tolerance, late * file.plan.speed),
     )
-    driver = replace(file.driver, axis="X", real_time_factor=speed, silence=max(file.driver.silence, PATIENCE))
-    slow = {name: max(getattr(file.pusher, name), PATIENCE) for name in ("owner_timeout", "requires_timeout")}
+    driver = replace(file.driver, axis="X", real_time_factor=speed, silence=max(file.driver.silence, LEAST_TIMEOUT))
+    slow = {name: max(getattr(file.pusher, name), LEAST_TIMEOUT) for name in ("owner_timeout", "requires_timeout")}
     # a simulated pusher does not outlive its run; it has no home switch, no force sensor and nobody with an enabling switch
     pusher = replace(file.pusher, memory="", home=False, max_force=0.0, enable_timeout=0.0, **slow)
     patient = replace(file, plan=plan, pusher=pusher, driver=driver)

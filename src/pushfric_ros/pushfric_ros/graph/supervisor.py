@@ -20,7 +20,7 @@ from pushfric_ros.graph.graph import PACKAGE, NodeSpec, enclave
 from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.node_kit.lock import lock
 
-PATIENCE = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
+ENDING = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 """The signals that end a process, and how long to wait after each [s]; SIGINT would print a traceback."""
 
 RESPAWN_DELAY = 1.0
@@ -182,7 +182,7 @@ class Supervisor:
 
 def _end(processes: Sequence[NodeProcess]) -> None:
     """End processes: ask each first, and kill it as a last resort."""
-    for number, seconds in PATIENCE:
+    for number, seconds in ENDING:
         alive = [process for process in processes if process.running]
         for process in alive:
             with contextlib.suppress(ProcessLookupError):

@@ -27,7 +27,7 @@ from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.node_kit.visit import SERVING_NOTHING
 
-PATIENCE = 5.0
+ANSWER_TIMEOUT = 5.0
 """How long the actuator may take to answer [s]."""
 
 
@@ -143,7 +143,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
             handle = self._future(client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned))), "no answer to the jog")
             if not handle.accepted:
                 raise NoAnswer(f"the actuator refuses: {self.health()['message']}")
-            seconds = abs(distance) / speed * 4 + PATIENCE
+            seconds = abs(distance) / speed * 4 + ANSWER_TIMEOUT
             result = self._future(handle.get_result_async(), "the jog does not end", seconds).result
         finally:
             heartbeat.end()
@@ -157,7 +157,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
         return future.result()
 
     def _wait(self, condition: Callable[[], object], otherwise: str, seconds: float | None = None) -> None:
-        deadline = time.monotonic() + (PATIENCE if seconds is None else seconds)
+        deadline = time.monotonic() + (ANSWER_TIMEOUT if seconds is None else seconds)
         while not condition():
             if time.monotonic() > deadline:
                 raise NoAnswer(otherwise)

@@ -38,7 +38,7 @@ MID_PUSH = 0.3  # of a push
 SAME = 2e-5  # positions that differ by no more are the same [m]
 LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
-PATIENCE = 60.0  # how long an event may take on a busy machine [s]
+EVENT_TIMEOUT = 60.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
 
@@ -201,7 +201,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         else:
             time.sleep(seconds)
 
-    def wait(self, condition: Callable[[], object], what: str, seconds: float = PATIENCE) -> None:
+    def wait(self, condition: Callable[[], object], what: str, seconds: float = EVENT_TIMEOUT) -> None:
         """Wait until a condition holds.
 
         Raises:
@@ -222,7 +222,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             NotRehearsed: the pusher has left its stroke.
         """
         until = time.monotonic() + seconds
-        self.wait(lambda: time.monotonic() > until, "the end of a pause", seconds + PATIENCE)
+        self.wait(lambda: time.monotonic() > until, "the end of a pause", seconds + EVENT_TIMEOUT)
 
     def along(self) -> float:
         """Where the pusher is, as last heard, from where the rehearsal began [m]."""
@@ -458,7 +458,7 @@ def pusher_position(pusher: Grbl) -> float:
         NotRehearsed: the controller reports no position.
     """
     pusher.ask(0)
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + EVENT_TIMEOUT
     while (report := pusher.poll()) is None:
         if time.monotonic() > deadline:
             raise NotRehearsed("the controller reports no position")

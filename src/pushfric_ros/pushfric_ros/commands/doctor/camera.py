@@ -22,7 +22,7 @@ from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS
 
-PATIENCE = 5.0
+FRAME_TIMEOUT = 5.0
 """How long to wait for the first frame [s]."""
 
 FRAMES, WATCHED = 20, 3.0
@@ -73,7 +73,7 @@ def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> 
     arrived = threading.Event()
     device = Device(entry.source, size, time.time_ns, arrived.set)
     frames: list[Frame] = []
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + FRAME_TIMEOUT
     device.start()
     try:
         while len(frames) < FRAMES and time.monotonic() < deadline and (device.is_alive() or device.frames):
@@ -109,7 +109,7 @@ def _watch_topic(source: str, namespace: str) -> Watched:
 
     with visit("doctor", namespace) as here:
         subscription = here.node.create_subscription(message_type(source), TOPICS[source], take, IMAGE_QUEUE)
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + FRAME_TIMEOUT
         while len(frames) < FRAMES and not problems and time.monotonic() < deadline:
             here.spin_once(0.1)
             if len(frames) == 1:

@@ -16,7 +16,7 @@ from pushfric_ros.node_kit.visit import visit
 LAST_DOMAIN = 101
 """Higher ROS domains use ephemeral ports, which Linux may give to any program."""
 
-PATIENCE = 5.0
+ANSWER_TIMEOUT = 5.0
 """How long to wait for another process [s]."""
 
 DDS_GROUP = "239.255.0.1"
@@ -32,11 +32,11 @@ def check_discovery() -> Check:
     if not text.isdecimal() or int(text) > LAST_DOMAIN:
         finding, advice = f"ROS_DOMAIN_ID is {text!r}", f"set it to a number from 0 to {LAST_DOMAIN}, the same in all terminals"
         return Check("discovery", Level.FAILED, finding, advice)
-    seconds = round_trip(PATIENCE)
+    seconds = round_trip(ANSWER_TIMEOUT)
     where = f"on domain {int(text)}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
     if seconds is None:
         advice = "check ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF), firewall rules for UDP 7400 and up, and free space in /dev/shm"
-        return Check("discovery", Level.FAILED, f"another process did not answer within {PATIENCE:g} s {where}", advice)
+        return Check("discovery", Level.FAILED, f"another process did not answer within {ANSWER_TIMEOUT:g} s {where}", advice)
     return Check("discovery", Level.OK, f"another process answered after {seconds:.1f} s {where}")
 
 
