@@ -228,17 +228,17 @@ def main() -> None:
     # of threads, as Python 3.12 does: see PRELOADED
     warnings.filterwarnings("ignore", category=DeprecationWarning, module=__name__)
     gc.disable()
-    for name in sys.argv[2:-1]:
-        importlib.import_module(name)
-    _do_once()
+    preload(sys.argv[2:-1])
     gc.freeze()  # a collection would write to every object, and so copy the memory that nodes share
     with socket.socket(fileno=int(sys.argv[1])) as commands:
         request, output = _serve(commands)
     _run_node(output, **request)
 
 
-def _do_once() -> None:
-    """What rclpy does late, in each process: load the C side of message types, and index all modules for the first log line."""
+def preload(modules: Sequence[str]) -> None:
+    """Import modules, and do now what rclpy does late: load the C side of messages, index modules for the first log line."""
+    for name in modules:
+        importlib.import_module(name)
     from rclpy.type_support import check_for_type_support
 
     for name in MESSAGES:
