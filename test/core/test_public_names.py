@@ -62,7 +62,7 @@ def test_the_example_of_the_readme_runs(capsys):
     estimate = known["estimate"]
     assert estimate.center_of_friction == pytest.approx((0.013, 0.003), abs=5e-4)
     assert estimate.confidence == pytest.approx(0.0056, abs=5e-4)
-    assert str(estimate.center_of_friction) in capsys.readouterr().out
+    assert capsys.readouterr().out == f"{estimate}\n"
 
 
 def test_an_unknown_name_is_an_error():

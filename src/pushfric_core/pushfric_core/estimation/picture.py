@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerPatch
 from matplotlib.patches import Ellipse
 
 from pushfric_core.geometry.outline import Outline
@@ -92,8 +93,9 @@ def draw(axes: Any, estimate: "Estimate") -> Any:
 
 
 def legend(axes: Any) -> None:
-    """A legend below the axes."""
+    """A legend below the axes, whose keys have the shape of what they name."""
     axes.legend(
+        handler_map={Ellipse: HandlerPatch(_ellipse_key)},
         loc="upper center",
         bbox_to_anchor=(0.5, -0.14),
         ncols=5,
@@ -102,6 +104,11 @@ def legend(axes: Any) -> None:
         handletextpad=0.2,
         markerscale=0.5,
     )
+
+
+def _ellipse_key(*, xdescent: float, ydescent: float, width: float, height: float, **_: Any) -> Ellipse:
+    """An ellipse that fills its place in the legend."""
+    return Ellipse((width / 2 - xdescent, height / 2 - ydescent), width, height)
 
 
 def as_html(estimate: "Estimate") -> str:
