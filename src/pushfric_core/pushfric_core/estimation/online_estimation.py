@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+from shapely import Polygon
+
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import Estimator
@@ -36,6 +38,7 @@ class OnlineEstimation:
         self._outline, self._margin = outline, margin
         self._estimator, self._recognizer, self._refuse = estimator, recognizer, refuse
         self._half_planes = HalfPlanes(outline, margin)
+        self._ranked: tuple[Polygon, list[RankedPush]] | None = None  # the next pushes, and the region that they narrow
         self._left_out: set[int] = set()  # pushes that the region does not use
         self._unranked: set[int] = set()  # pushes that the ranking does not use
         self.estimate: Estimate | None = None
@@ -123,7 +126,10 @@ class OnlineEstimation:
 
     def next_pushes(self) -> list[RankedPush]:
         """The pushes that are expected to shrink the region most, best first."""
-        return next_pushes(self._half_planes)
+        region = self._half_planes.polygon
+        if self._ranked is None or self._ranked[0] is not region:
+            self._ranked = region, next_pushes(self._half_planes)
+        return self._ranked[1]
 
     def _rejected(self) -> set[int]:
         return {one.push_id for one in self._estimator.rejected}

@@ -208,7 +208,9 @@ class HalfPlanes:
     def add(self, half_planes: Iterable[HalfPlane]) -> Region:
         """Take the half-planes of an observation; once they contradict the others, the region stays empty."""
         for half_plane in half_planes:
-            self._polygon = cut(self._polygon, half_plane.widened(self.margin))
+            widened = half_plane.widened(self.margin)
+            if not _holds(self._polygon, widened):
+                self._polygon = cut(self._polygon, widened)
             depths = self._corners @ as_array(half_plane.normal) - half_plane.offset
             self._rows.append(ConstraintRows(depths[None], np.zeros(1), np.ones(1)))
         return self.region()
@@ -226,6 +228,11 @@ class HalfPlanes:
         self._rows.clear()
         optimum = self._program.solve()
         return Region(shapely.Polygon(), optimum.w @ self._corners, optimum.objective, optimum.status)
+
+
+def _holds(polygon: shapely.Polygon, half_plane: HalfPlane) -> bool:
+    """Whether a half-plane holds all of a polygon: most observations of a push leave the region as it is."""
+    return bool((shapely.get_coordinates(polygon) @ as_array(half_plane.normal) >= half_plane.offset - SLACK).all())
 
 
 def cut(polygons: Any, half_plane: HalfPlane) -> Any:
