@@ -10,7 +10,6 @@ import contextlib
 import ctypes
 import gc
 import importlib
-import inspect
 import json
 import os
 import pathlib
@@ -42,9 +41,6 @@ PRELOADED = (
 It must start no threads. The one exception is LTTng's, if rclpy is built with it: they wait for a tracing daemon, and hold no
 lock that a node takes.
 """
-
-MESSAGES = ("pushfric_msgs.msg", "pushfric_msgs.srv", "diagnostic_msgs.msg", "rcl_interfaces.msg", "rcl_interfaces.srv")
-"""Packages whose types nearly every node uses, with those that they contain."""
 
 LONGEST = 1 << 16
 """Largest size of a request or report [bytes]."""
@@ -236,16 +232,12 @@ def main() -> None:
 
 
 def preload(modules: Sequence[str]) -> None:
-    """Import modules, and do now what rclpy does late: load the C side of messages, index modules for the first log line."""
+    """Import modules, and all that nodes load late."""
     for name in modules:
         importlib.import_module(name)
-    from rclpy.type_support import check_for_type_support
+    from pushfric_ros.node_kit.process import load_early  # not above: it loads rclpy
 
-    for name in MESSAGES:
-        for message in vars(importlib.import_module(name)).values():
-            if isinstance(message, type):
-                check_for_type_support(message)
-    inspect.getmodule(sys._getframe())
+    load_early()
 
 
 def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:

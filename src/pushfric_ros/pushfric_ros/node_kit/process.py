@@ -3,6 +3,7 @@
 import atexit
 import contextlib
 import gc
+import inspect
 import math
 import os
 import signal
@@ -11,13 +12,19 @@ import time
 from collections.abc import Callable
 from typing import NoReturn
 
+import diagnostic_msgs.msg
+import rcl_interfaces.msg
+import rcl_interfaces.srv
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.type_support import check_for_type_support
 
+import pushfric_msgs.msg
+import pushfric_msgs.srv
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.node_kit.lock import node_lock
 from pushfric_ros.node_kit.network import configured
@@ -41,6 +48,15 @@ without using the CPU, the second time [s].
 Fast DDS may spin for ever if it is destroyed while it learns of the end of another process (eProsima/Fast-DDS#6513), and it
 keeps Python from running meanwhile. A healthy end takes 0.2 s of CPU time, but on a busy machine many times longer.
 """
+
+
+def load_early() -> None:
+    """Do now what rclpy does late, in each process: load the C side of messages, and index modules for the first log line."""
+    for package in (pushfric_msgs.msg, pushfric_msgs.srv, diagnostic_msgs.msg, rcl_interfaces.msg, rcl_interfaces.srv):
+        for message in vars(package).values():
+            if isinstance(message, type):
+                check_for_type_support(message)
+    inspect.getmodule(sys._getframe())
 
 
 def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = False) -> NoReturn:
