@@ -35,7 +35,7 @@ autodoc_member_order, autodoc_typehints, autodoc_class_signature = "bysource", "
 python_use_unqualified_type_names, add_module_names = True, False
 autodoc_typehints_description_target = "documented"
 smartquotes = False
-html_static_path, html_css_files = ["print.css"], ["print.css"]
+html_static_path, html_css_files, html_js_files = ["site.css", "copy.js"], ["site.css"], ["copy.js"]
 
 
 def setup(app):

@@ -23,7 +23,7 @@ DOCUMENT = pathlib.Path(__file__).resolve().parents[1] / "docs/reliability.md"
 HEAD = """\
 # What faults do to a run
 
-Written by `./pushfric faults`; do not edit. Each row is a fault that is done to a running cell, with real processes, a
+Written by `./pushfric faults`; do not edit. Each row is a fault caused in a running cell, with real processes, a
 simulated camera and a simulated controller: what must follow, and what did. In every case, no process may be left, no traceback
 printed, the bag must be readable or refused in one line, and a run that ends with 0 must have the same estimate as its bag. The
 faults of the pusher are in [safety.md](safety.md), those of files in [files.md](files.md). `n of m` counts the tries in which

@@ -3,6 +3,7 @@
 import functools
 import inspect
 import pathlib
+import textwrap
 
 import pushfric_core
 
@@ -12,7 +13,7 @@ HEAD = """\
 # The public names of pushfric_core
 
 Made from the docstrings by `python3 test/core/test_api_document.py`; the tests compare. `help(pushfric_core.Estimator)` and the
-sources tell the rest: shapes, units, frames and errors of every argument. All of these are imported as in
+sources have the rest: shapes, units, frames and errors of every argument. All of these are imported as in
 `from pushfric_core import Estimator, Observation, Twist`.
 
 From a bag to a prediction; a CSV of one's own needs `object=`, too:
@@ -48,15 +49,19 @@ def document():
 
 
 def entry(name, public):
-    lines = [f"`{name}{parameters(public)}`: {summary(name, public)}"]
+    lines = [wrapped(f"`{name}{parameters(public)}`: {summary(name, public)}")]
     if inspect.isclass(public):
         members = [(member, value) for member, value in vars(public).items() if not member.startswith("_")]
         for member, value in members:
             attribute = isinstance(value, property | functools.cached_property)
             if attribute or inspect.isfunction(value) or isinstance(value, classmethod):
                 shown = "" if attribute else parameters(getattr(public, member))
-                lines += [f"- `.{member}{shown}`: {summary(member, getattr(public, member))}"]
+                lines += [wrapped(f"- `.{member}{shown}`: {summary(member, getattr(public, member))}", indent="  ")]
     return [lines[0], ""] + lines[1:] if len(lines) > 1 else lines
+
+
+def wrapped(paragraph, indent=""):
+    return textwrap.fill(paragraph, 120, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def parameters(public):

@@ -79,3 +79,25 @@ def test_nothing_is_loaded_from_elsewhere(site):
     assert [address for address in loaded.addresses if re.match(r"(https?:)?//", address)] == []
     styles = "".join(style.read_text() for style in site.glob("_static/**/*.css"))
     assert re.findall(r"url\(['\"]?https?:[^)]*", styles) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "copied"),
+    [
+        ("pushes", "sh", "./pushfric estimate bags/rubber_rect4 --grid 9 5\n"),
+        (
+            "tutorial",
+            "console",
+            "./pushfric estimate runs/my_box --save my_box.yaml\n./pushfric predict my_box.yaml --pushes pushes.csv",
+        ),
+    ],
+)
+def test_a_button_copies_a_block_and_of_a_session_the_commands(site, browser, name, kind, copied):
+    with contextlib.closing(browser.new_context(permissions=["clipboard-read", "clipboard-write"])) as context:
+        page = context.new_page()
+        page.goto((site / f"{name}.html").as_uri())
+        button = page.locator(f".highlight-{kind} button").last
+        button.hover()
+        button.click()
+        page.wait_for_function("button => button.textContent === 'Copied'", arg=button.element_handle())
+        assert page.evaluate("navigator.clipboard.readText()") == copied

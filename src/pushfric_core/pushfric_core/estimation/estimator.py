@@ -64,12 +64,12 @@ class EstimatorConfig:
         [0.5, 0.5]
     """
 
-    terms: tuple[str | Constraint, ...] = setting(("moment",), f"what the fit error is made of, any of: {', '.join(TERMS)}")
-    half_width: float = setting(0.0, "half the contact interval of data points without their own [m] (eqs 5 and 6)", 0.0, 1.0)
+    terms: tuple[str | Constraint, ...] = setting(("moment",), f"terms of the fit error, any of: {', '.join(TERMS)}")
+    half_width: float = setting(0.0, "half the contact interval of observations without their own [m] (eqs 5 and 6)", 0.0, 1.0)
     cor_radius: float | None = setting(
         None,
-        "supports this near the centre of rotation may push any way [m]; 0: none, as in the paper; auto: the nearer, the "
-        f"freer, within {COR_SHARE:g} of the rms distance of the support points from their middle",
+        "supports within this radius of the centre of rotation have a free friction direction [m]; 0: none, as in the paper; "
+        f"auto: by degrees, within {COR_SHARE:g} of the rms distance of the support points from their middle",
         0.0,
         1.0,
     )
@@ -94,11 +94,11 @@ class EstimatorConfig:
         Solver.SIMPLEX, "simplex: exact; osqp: approximate, for comparison; the loss l2 has its own solver"
     )
     tie_break: bool | None = setting(
-        None, f"of equally good w, take the one nearest to equal weights; {ABLE}, and without the term force"
+        None, f"if several w are equally good, take the w nearest to equal weights; {ABLE}, and without the term force"
     )
-    confidence: bool | None = setting(None, f"compute how far p_CF can be trusted; {ABLE}")
+    confidence: bool | None = setting(None, f"compute the uncertainty of p_CF; {ABLE}")
     screening: bool | None = setting(
-        None, f"leave pushes out that are unlike the others, and look for a change of the object; {ABLE}"
+        None, f"outlier rejection: leave out pushes that are unlike the rest, and look for a change of the object; {ABLE}"
     )
 
     def __post_init__(self) -> None:

@@ -34,7 +34,7 @@ class RegionConfig:
     """How far the half-planes from measured data points are trusted."""
 
     region_margin: float = setting(
-        0.002, "the region of p_CF allows data points to err by this much [m]; 0: as in the paper", 0.0, 0.1
+        0.002, "margin of the half-planes that bound the region of p_CF [m]; 0: as in the paper", 0.0, 0.1
     )
 
     def __post_init__(self) -> None:

@@ -25,9 +25,9 @@ START_TOPIC = "estimation_start"
 class PushesConfig:
     """What is known about single pushes."""
 
-    exclude_pushes: tuple[int, ...] = setting((), "pushes whose data points are left out from the start")
+    exclude_pushes: tuple[int, ...] = setting((), "pushes that are excluded from the start")
     slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
-    keep_pushes: tuple[int, ...] = setting((), "pushes that are kept, even if they are unlike the others")
+    keep_pushes: tuple[int, ...] = setting((), "pushes that outlier rejection keeps")
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class EstimatorSettings:
     excluded: tuple[int, ...] = ()  # ids of pushes whose data points are left out
     region: RegionConfig = field(default_factory=RegionConfig)
     slipping: tuple[int, ...] = ()  # ids of pushes whose contact is known to slip
-    kept: tuple[int, ...] = ()  # ids of pushes that are kept, even if they are unlike the others
+    kept: tuple[int, ...] = ()  # ids of pushes that outlier rejection keeps
 
     PARTS: ClassVar = (EstimatorConfig, TrajectoryConfig, RegionConfig, PushesConfig)
     """The dataclasses whose fields are the parameters."""

@@ -63,7 +63,7 @@ class Moment(Constraint):
     The rows are moments about the contact [m, unit force].
 
     Args:
-        half_width: half the contact interval of data points without their own [m].
+        half_width: half the contact interval of observations without their own [m].
     """
 
     half_width: float = 0.0

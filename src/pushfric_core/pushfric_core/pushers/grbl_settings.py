@@ -18,7 +18,9 @@ class GrblSettings:
         0.25, "motion sent ahead: if nothing more is sent, the pusher goes on for this long and then brakes [s]", 0.1, 1.0
     )
     silence: float = setting(0.2, "a controller that says nothing for this long while it moves is stopped [s]", 0.05, 60.0)
-    real_time_factor: float = setting(1.0, "seconds of a simulated controller in one of real time; 1: a real one", 0.01, 100.0)
+    real_time_factor: float = setting(
+        1.0, "speed of a simulated controller as a multiple of real time; 1: a real controller", 0.01, 100.0
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)

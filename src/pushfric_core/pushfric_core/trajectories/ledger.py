@@ -42,7 +42,7 @@ REASONS = {
     NO_PARTNER: "there is no pusher state on both sides; a wrench: no observation was made at its time",
     AHEAD: "its stamp lies ahead of those that follow it, or far ahead and none follows",
     OUT_OF_ORDER: "its stamp lies before that of an earlier message",
-    REPEATED: "it has the stamp of the message before it, and tells nothing new",
+    REPEATED: "it has the stamp of the message before it, and adds nothing new",
     REFUSED: "its values are impossible, or say nothing",
     FOREIGN: "it belongs to another cell",
     UNCONFIRMED: "no checksum confirms it",

@@ -109,7 +109,7 @@ class TipConfig:
 class TipNodeConfig:
     """What a node that follows a tip goes on from. From the graph."""
 
-    bag: str = setting("", "folder of the run's bag, whose pushes a node counts on that is started again; empty: none")
+    bag: str = setting("", "folder of the run's bag, from which a restarted node continues the numbers of pushes; empty: none")
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class ExperimentConfig:
 
     start: int = setting(1, "number of the first push, to continue an interrupted plan", 1, 2**31)
     lifeless: float = setting(
-        1.0, "no push begins while an awaited node has shown no sign of life for this long: `requires_timeout` [s]", 0.1, 60.0
+        1.0, "no push begins if the last heartbeat of an awaited node is older than this; as requires_timeout [s]", 0.1, 60.0
     )
     attended: bool = setting(True, "somebody is there to end an alarm of the pusher; otherwise it ends the run")
 
@@ -143,7 +143,7 @@ class PlanConfig:
     speed: float = setting(0.02, "speed of a push [m/s]", 0.0001, 1.0)
     gap: float = setting(0.005, "distance from the resting tip to the object when it is placed [m]", 0.0, 0.1)
     position_tolerance: float = setting(0.01, "greatest distance of the placed object from its place [m]", 0.0, 1.0)
-    angle_tolerance: float = setting(0.2, "greatest angle of the placed object from the one wanted [rad]", 0.0, math.pi)
+    angle_tolerance: float = setting(0.2, "greatest error of the placed object's angle [rad]", 0.0, math.pi)
     still: float = setting(0.5, "the object must lie still for this long [s]", 0.0, 60.0)
     still_distance: float = setting(
         0.0005, "an object lies still if it moves by less than this [m] and turns by less than this over 10 cm", 0.0, 0.1
@@ -214,7 +214,7 @@ class RecordingConfig:
 
     bag: str = setting(REQUIRED, "folder of the bag, new or empty")
     object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
-    model: str = setting("", "copied into the bag's folder: path of the model that the estimator goes on from")
+    model: str = setting("", "path of the model that the estimator starts with; copied into the bag's folder")
 
     def __post_init__(self) -> None:
         if not self.bag:
@@ -291,7 +291,7 @@ class ModelConfig:
     """The model to go on from, and the one to keep. Section `estimator`."""
 
     model: str = setting(
-        "", "path of a model of the object (estimate --save), whose data points come first; empty: none", path=True
+        "", "path of a model of the object (estimate --save), whose observations come first; empty: none", path=True
     )
     save: str = setting("", "path of the model (.yaml) that the estimator writes at its end; empty: none")
 
@@ -301,9 +301,9 @@ class EstimatorNodeConfig:
     """Where the data points come from. From the graph."""
 
     source: DataPointSource = setting(
-        DataPointSource.POSES, "poses: data points from object_pose and pusher_state; observations: from that topic"
+        DataPointSource.POSES, "poses: observations from object_pose and pusher_state; observations: from that topic"
     )
-    bag: str = setting("", "folder of the run's bag, from which an estimator goes on that is started again; empty: none")
+    bag: str = setting("", "folder of the run's bag, from which a restarted estimator resumes; empty: none")
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import inspect
 import pathlib
 import tempfile
+import textwrap
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -25,7 +26,8 @@ COMMAND = "python -m pushfric_ros.commands.interface_docs > docs/interfaces.md"
 HEAD = f"""\
 # Interfaces of every node
 
-Written by `{COMMAND}`; do not edit. [graph.md](graph.md) explains what the nodes and topics are for.
+Written by `{COMMAND}`; do not edit.
+[graph.md](graph.md) explains the nodes and topics.
 
 Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only: they are set when a node
 starts, and one that is *required* has no default. The lists leave out what every ROS 2 node has (`use_sim_time`,
@@ -137,12 +139,18 @@ def section(described: Description) -> str:
     keys = {(key, default, what) for rows in cell_docs.sections().values() for key, _, default, _, what in rows}
     of_cell = [key for key, _, default, _, what in settings if (key, default, what) in keys]
     own = [row for row in settings if row[0] not in of_cell]
-    parts = [f"## {described.node}\n\n{described.summary}\n", table(("", "name", "type", "QoS", "when"), topics)]
+    parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n", table(("", "name", "type", "QoS", "when"), topics)]
     if of_cell:
-        parts.append(f"Parameters that [cell.md](cell.md#all-keys) describes as keys of a cell's file: {', '.join(of_cell)}.\n")
+        keys_of_cell = f"Parameters that [cell.md](cell.md#all-keys) describes as keys of a cell's file: {', '.join(of_cell)}."
+        parts.append(f"{wrapped(keys_of_cell)}\n")
     if own:
         parts.append(table(("parameter", "type", "default", "range", "what"), own))
     return "\n".join(parts)
+
+
+def wrapped(paragraph: str) -> str:
+    """A paragraph in lines of at most 120 columns."""
+    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def span(setting: Setting) -> str:

@@ -67,7 +67,7 @@ class SimulatedCellConfig:
     """How the simulated camera and controller take the place of real ones."""
 
     calibration: str = setting(REQUIRED, "path of the camera's calibration YAML")
-    port_link: str = setting("", "path at which the controller's serial port appears; empty: the controller is a real one")
+    port_link: str = setting("", "path at which the controller's serial port appears; empty: a real controller")
     poll_rate: float = setting(20.0, "how often the actuator asks for the position [Hz]", 1.0, 100.0)
     object_height: float = setting(0.0, "of the outline over the table [m]; 0: as the object's file says", 0.0, 1.0)
 
