@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pushfric_core.trajectories.observation import Observation as Observation
     from pushfric_core.trajectories.observations import Observations as Observations
     from pushfric_core.offline.inputs import Recording as Recording, load as load
+    from pushfric_core.formats.export import export as export
     from pushfric_core.geometry.outline import Outline as Outline, Touch as Touch
     from pushfric_core.geometry.planar import Pose as Pose, Twist as Twist, Wrench as Wrench
     from pushfric_core.mechanics.prediction import (
@@ -77,6 +78,7 @@ _MODULES = {  # the same as above: a test compares them
     "trajectories.observation": ["Observation"],
     "trajectories.observations": ["Observations"],
     "offline.inputs": ["Recording", "load"],
+    "formats.export": ["export"],
     "geometry.outline": ["Outline", "Touch"],
     "geometry.planar": ["Pose", "Twist", "Wrench"],
     "mechanics.prediction": [

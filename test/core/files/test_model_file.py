@@ -81,7 +81,7 @@ def test_all_that_a_data_point_brings_is_kept(tmp_path):
     ("change", "expected"),
     [
         ({"w": [1.0]}, "expected w of 21 weights with sum 1, got 1"),
-        ({"format": 2}, "format: expected at most 1, got 2"),
+        ({"format": 2}, "expected a model of format 1, got format 2"),
         ({"misfit": -1}, "misfit: expected at least 0"),
         ({"ensemble": [{"w": [1.0], "mu_c": 0.3, "weight": 1.0}]}, r"expected ensemble.0.w of 21 weights"),
         (

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.model_file import ModelFile, load_model, save_model
+from pushfric_core.formats.export import FORMATS
 
 ROOT = pathlib.Path(__file__).parents[3]
 TEXT = (ROOT / "docs/planning.md").read_text()
@@ -54,7 +55,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_the_commands_run_and_print_the_documented_keys(folder):
-    lines = [said(command) for command in COMMANDS[1:]]
+    lines = [said(command) for command in COMMANDS[1:7]]
     motions, turns = json.loads(lines[1]), json.loads(lines[3])
     assert [list(motion) for motion in motions] == [documented("## Where will it go")] * 3
     assert list(turns[0]) == documented("## Which pushes hold")
@@ -68,6 +69,18 @@ def test_the_commands_run_and_print_the_documented_keys(folder):
     assert [hypothesis["name"] for hypothesis in ranking["hypotheses"]] == ["four_feet", "left"]
     assert ranking["hypotheses"][1]["ratio"] > 3
     assert lines[4].splitlines()[-1] == "best: four_feet"
+
+
+def test_the_exported_files_have_the_documented_keys(folder):
+    said(COMMANDS[7])
+    said(COMMANDS[8])
+    assert (folder / "rubber_rect4.xml").read_text().splitlines()[2].endswith("verdict: may be used")
+    assert list(json.loads((folder / "rubber_rect4.json").read_text())) == documented("### The keys of the JSON")
+
+
+def test_the_table_by_goal_names_every_format():
+    table = TEXT.split("## I plan with")[1].split("\n## ")[0]
+    assert set(re.findall(r"--to ([\w-]+)", table)) == set(FORMATS)
 
 
 def test_the_fit_error_of_a_model_is_that_of_its_estimate(folder):

@@ -1,15 +1,14 @@
-"""Shared by the commands `predict` and `stable`: a model from a file, or from the data points of a bag or a CSV."""
+"""Shared by the commands `predict`, `stable` and `export`: a model from a file, or from the data points of a bag or a CSV."""
 
 import pathlib
 from collections.abc import Callable
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import typer
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.model_file import SUFFIXES, load_model
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.mechanics.prediction import FrictionModel, friction_model
+from pushfric_core.files.model_file import SUFFIXES, ModelFile, load_model
+from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.offline.estimation import Choices, estimate_from
 
 ModelArgument = Annotated[
@@ -18,15 +17,10 @@ ModelArgument = Annotated[
 ]
 
 
-class Known(NamedTuple):
-    """What is known of an object."""
-
-    outline: Outline
-    friction: FrictionModel
-
-
-def known(source: pathlib.Path, object_name: str, namespace: str | None, warn: Callable[[str], None]) -> Known:
-    """The model in a file, or estimated from the data points of a bag or a CSV with the recorded settings.
+def known(
+    source: pathlib.Path, object_name: str, namespace: str | None, warn: Callable[[str], None]
+) -> tuple[ModelFile, ObjectModel]:
+    """The model in a file with its object, or estimated from the data points of a bag or a CSV with the recorded settings.
 
     Args:
         source: the file or the bag.
@@ -39,9 +33,8 @@ def known(source: pathlib.Path, object_name: str, namespace: str | None, warn: C
     if source.suffix in SUFFIXES:
         if object_name:
             raise InvalidInput(f"{source}: a model has its own object; give --object only with a bag or a CSV")
-        file, model = load_model(source)
-        return Known(model.outline, file.friction())
+        return load_model(source)
     estimation = estimate_from(source, Choices(object_name, namespace=namespace), warn)
     if estimation.result.contradiction is not None:
         raise InvalidInput(f"{source}: {estimation.result.contradiction}")
-    return Known(estimation.model.outline, friction_model(estimation.result))
+    return estimation.to_model(), estimation.model

@@ -28,8 +28,8 @@ def predict(
     json: JsonOption = None,
 ) -> None:
     """The spread is an angle: 90 % of measured twists lie within it of the predicted one."""
-    outline, friction = known(model, object_name, namespace, warn)
-    found = predicted(friction, *read_point_pushes(pushes, outline))
+    file, pushed = known(model, object_name, namespace, warn)
+    found = predicted(file.friction(), *read_point_pushes(pushes, pushed.outline))
     rows = [
         {"twist": twist.tolist(), "mode": mode.value, "spread": float(spread), "force": force.tolist()}
         for twist, mode, spread, force in zip(found.twists, found.modes, found.spread, found.forces, strict=True)

@@ -27,8 +27,8 @@ def stable(
     json: JsonOption = None,
 ) -> None:
     """The margin is the least wrench that would make the object slip, as a share of the support friction."""
-    outline, friction = known(model, object_name, namespace, warn)
-    found = stability(friction, *read_edge_pushes(pushes, outline))
+    file, pushed = known(model, object_name, namespace, warn)
+    found = stability(file.friction(), *read_edge_pushes(pushes, pushed.outline))
     rows = [
         {"stable": bool(holds), "margin": float(margin), "probability": float(probability)}
         for holds, margin, probability in zip(*found, strict=True)

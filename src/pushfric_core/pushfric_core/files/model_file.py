@@ -15,7 +15,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.file_errors import as_named_here
+from pushfric_core.files.file_errors import as_named_here, shortened
 from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml, within
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.planar import Array, Pose, Twist
@@ -23,6 +23,7 @@ from pushfric_core.mechanics.prediction import FrictionModel, friction_model
 from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
+from pushfric_core.wording import observations_of
 
 SUFFIXES = (".yaml", ".yml")
 FORMAT = 1
@@ -76,13 +77,14 @@ class MadeFile(Strict):
     pushes: Annotated[int, pydantic.Field(ge=1)]
     fit_error: Positive  # optimum of the program [m times unit force]; with the loss l2 squared
     status: str
+    verdict: tuple[str, ...] | None = None  # why the estimate must not be used; empty: it may be used; None: not known
     settings: dict[str, Any] = pydantic.Field(default_factory=dict)  # the estimator's, by name of its parameters
 
 
 class ModelFile(Strict):
     """The file. w, mu_c, misfit and ensemble follow from the data points; they stand here for readers that only predict."""
 
-    format: Annotated[int, pydantic.Field(ge=FORMAT, le=FORMAT)] = FORMAT
+    format: int = FORMAT
     object: ObjectFile  # with the support points that the weights belong to
     w: Annotated[list[Share], pydantic.Field(min_length=1)]
     center_of_friction: Point  # p_CF [m]
@@ -96,6 +98,14 @@ class ModelFile(Strict):
     made: MadeFile
     versions: dict[str, str] = pydantic.Field(default_factory=dict)
     data_points: tuple[DataPointFile, ...] = ()
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _of_this_version(cls, content: Any) -> Any:
+        # before the keys, which may be others in another version
+        if isinstance(content, dict) and content.get("format", FORMAT) != FORMAT:
+            raise ValueError(f"expected a model of format {FORMAT}, got format {shortened(content['format'])}")
+        return content
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> "ModelFile":
@@ -116,6 +126,13 @@ class ModelFile(Strict):
             return FrictionModel(points, np.array((self.w,)), np.array((self.mu_c.value,)), np.ones(1), self.misfit)
         w, mu_c, share = ([getattr(sample, name) for sample in self.ensemble] for name in ("w", "mu_c", "weight"))
         return FrictionModel(points, np.array(w), np.array(mu_c), np.array(share), self.misfit)
+
+    @property
+    def rests_on(self) -> str:
+        """What the model was made from, and whether it may be used, in words."""
+        made = self.made
+        verdict = "no verdict" if made.verdict is None else "; ".join(made.verdict) or "may be used"
+        return f"{self.object.name}: {observations_of(made.data_points, made.pushes)} from {made.source}; verdict: {verdict}"
 
     def observations(self) -> list[Observation]:
         """The data points that the model was made from, in order."""
@@ -155,6 +172,7 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
         pushes=estimate.pushes,
         fit_error=estimate.solution.objective,
         status=estimate.status.value,
+        verdict=estimate.verdict.reasons,
         settings=settings.parameters(),
     )
     return ModelFile(

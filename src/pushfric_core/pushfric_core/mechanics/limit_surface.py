@@ -171,7 +171,25 @@ class LimitSurface:
             ValueError: the wrench is zero or not finite.
             SolverFailed: the motion was not found.
         """
-        return Twist(*self._twists(_checked("wrench", wrench)[None])[0].tolist())
+        return Twist(*self.twists(_checked("wrench", wrench)[None])[0].tolist())
+
+    def twists(self, wrenches: Array) -> Array:
+        """The `twist` (s, 3) of wrenches (s, 3), none of them zero. Raises SolverFailed as `twist`."""
+        turns = np.array([facet.twist for facet in self.facets])
+        centers = np.array([facet.center[:2] for facet in self.facets])
+        radii = np.array([facet.radius for facet in self.facets])
+        work = wrenches @ turns.T
+        # the wrench where its ray meets the plane of a facet, or of the opposite one
+        with np.errstate(divide="ignore", invalid="ignore"):
+            open_forces = wrenches[:, None, :2] / work[:, :, None] - centers
+            beyond = np.hypot(open_forces[..., 0], open_forces[..., 1]) / radii
+        beyond[work == 0] = np.inf
+        facet = np.argmin(beyond, axis=1)
+        each = np.arange(len(wrenches))
+        twists = turns[facet] * np.sign(work[each, facet])[:, None]
+        curved = beyond[each, facet] >= 1 - RIM
+        twists[curved] = self._least_dissipation(wrenches[curved] @ self._scaling.T) @ self._scaling
+        return np.asarray(twists)
 
     def load(self, wrench: Wrench) -> float:
         """The wrench as a multiple of the wrench on the surface in its direction: the object slides at 1, and rests below.
@@ -269,7 +287,7 @@ class LimitSurface:
         angles = np.linspace(-cone, cone, ACROSS_CONE if mu_c > 0 else 1)[:, None]
         forces = -np.cos(angles) * normals[:, None] + np.sin(angles) * tangent(normals)[:, None]
         wrenches = np.concatenate((forces, cross(points[:, None], forces)[..., None]), axis=2)
-        twists = self._twists(wrenches.reshape(-1, 3)).reshape(wrenches.shape)
+        twists = self.twists(wrenches.reshape(-1, 3)).reshape(wrenches.shape)
         return Reachable(wrenches / np.sum(wrenches * twists, axis=2, keepdims=True), twists)
 
     def _chords(self, normal: Array) -> list[Array]:
@@ -288,25 +306,7 @@ class LimitSurface:
 
     def _loads(self, wrenches: Array) -> Array:
         """The `load` (s,) of wrenches (s, 3): on the surface, W . V is the dissipation."""
-        return np.asarray(np.sum(wrenches * self._twists(wrenches), axis=1))
-
-    def _twists(self, wrenches: Array) -> Array:
-        """The `twist` (s, 3) of wrenches (s, 3)."""
-        turns = np.array([facet.twist for facet in self.facets])
-        centers = np.array([facet.center[:2] for facet in self.facets])
-        radii = np.array([facet.radius for facet in self.facets])
-        work = wrenches @ turns.T
-        # the wrench where its ray meets the plane of a facet, or of the opposite one
-        with np.errstate(divide="ignore", invalid="ignore"):
-            open_forces = wrenches[:, None, :2] / work[:, :, None] - centers
-            beyond = np.hypot(open_forces[..., 0], open_forces[..., 1]) / radii
-        beyond[work == 0] = np.inf
-        facet = np.argmin(beyond, axis=1)
-        each = np.arange(len(wrenches))
-        twists = turns[facet] * np.sign(work[each, facet])[:, None]
-        curved = beyond[each, facet] >= 1 - RIM
-        twists[curved] = self._least_dissipation(wrenches[curved] @ self._scaling.T) @ self._scaling
-        return np.asarray(twists)
+        return np.asarray(np.sum(wrenches * self.twists(wrenches), axis=1))
 
     def _least_dissipation(self, wrenches: Array) -> Array:
         """The twists (s, 3), of unit dissipation, that minimise h on W . V = 1, in scaled units; no support stands still.

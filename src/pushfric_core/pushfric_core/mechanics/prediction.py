@@ -94,6 +94,18 @@ class FrictionModel:
         mean = self.share @ self.w
         return Support(self.support_points, mean / mean.sum())
 
+    def drawn(self, count: int) -> "list[FrictionModel]":
+        """Models of a single sample each, in proportion to the weights: those at evenly spaced quantiles, always the same.
+
+        Raises:
+            ValueError: count < 1.
+        """
+        if count < 1:
+            raise ValueError(f"count must be at least 1, got {count}")
+        levels = (np.arange(count) + 0.5) / count
+        rows = np.minimum(np.searchsorted(np.cumsum(self.share), levels), len(self.w) - 1)
+        return [FrictionModel(self.support_points, self.w[[k]], self.mu_c[[k]], np.ones(1), self.misfit) for k in rows]
+
     @property
     def with_mean(self) -> tuple[Array, Array]:
         """w (s + 1, n) and mu_c (s + 1,) of the samples, the last ones of their mean; of a single sample, only its own."""

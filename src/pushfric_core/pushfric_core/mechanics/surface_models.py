@@ -159,6 +159,17 @@ def quartic_error(quartic: Quartic, support: Support) -> SurfaceError:
     return _error(loads, _gradients(wrenches) @ quartic.coefficients, twists, scaling)
 
 
+def support_error(other: Support, support: Support) -> SurfaceError:
+    """Error of the limit surface of another support compared with that of this one.
+
+    Raises:
+        ValueError: a single point bears all the weight of one of them.
+    """
+    wrenches, twists, scaling = _samples(support)
+    found = LimitSurface(other).twists(wrenches)
+    return _error(np.sum(wrenches * found, axis=1), found, twists, scaling)
+
+
 def surface_samples(support: Support) -> tuple[Array, Array]:
     """Wrenches (s, 3) on the exact surface, about the object-frame origin, and the motions (s, 3) there, of unit dissipation.
 

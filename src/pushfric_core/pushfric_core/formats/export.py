@@ -1,0 +1,69 @@
+"""Export of a friction model: to a simulator, a planner, or a program of one's own."""
+
+from collections.abc import Callable
+
+from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS, Body, load_of
+from pushfric_core.formats.mjcf import mjcf
+from pushfric_core.formats.planners import json, nmpc, planning_through_contact, pusher_slider
+from pushfric_core.formats.sdf import drake, sdf
+from pushfric_core.formats.urdf import urdf
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.mechanics.prediction import FrictionModel
+
+FORMATS: dict[str, Callable[[Body], dict[str, str]]] = {
+    "mjcf": mjcf,
+    "sdf": sdf,
+    "urdf": urdf,
+    "drake": drake,
+    "json": json,
+    "planning-through-contact": planning_through_contact,
+    "pusher-slider": pusher_slider,
+    "nmpc": nmpc,
+}
+
+
+def export(
+    model: FrictionModel,
+    outline: Outline,
+    to: str,
+    *,
+    name: str = "object",
+    mass: float | None = None,
+    table_friction: float | None = None,
+    total_friction: float | None = None,
+    gravity: float = GRAVITY,
+    height: float = HEIGHT,
+    pusher_radius: float = PUSHER_RADIUS,
+    rests_on: str = "made by pushfric_core.export",
+) -> dict[str, str]:
+    """The files of an object: the text of each by its name. They belong in one folder, the first one names the others.
+
+    The support becomes a few feet, each with its share of the mass on a vertical slide of its own, so that its normal force is
+    exact. Of the ensemble, simulators get the mean; export each of `model.drawn(n)` to randomise the object.
+
+    Args:
+        model: of the object.
+        outline: object frame.
+        to: mjcf, sdf, urdf, drake, json, planning-through-contact, pusher-slider or nmpc.
+        name: of the object.
+        mass: [kg]; None: from the total friction, or 1 kg.
+        table_friction: coefficient of the table; None: from mass and total friction, or 0.35.
+        total_friction: measured support friction of the translating object [N].
+        gravity: [m/s^2].
+        height: of the object [m].
+        pusher_radius: of the round tip [m].
+        rests_on: first line of the comment on top of each file.
+    Raises:
+        ValueError: an unknown format, or figures that make no sense.
+
+    Example:
+        >>> from pushfric_core import TABLE_1, FrictionModel, export
+        >>> known = TABLE_1["wood_rect4"]
+        >>> files = export(FrictionModel.of(known.support, known.mu_c), known.outline, "mjcf", name="wood", mass=0.3)
+        >>> list(files)
+        ['wood.xml']
+    """
+    if to not in FORMATS:
+        raise ValueError(f"expected one of the formats {', '.join(FORMATS)}, got {to!r}")
+    load = load_of(mass, table_friction, gravity, total_friction)
+    return FORMATS[to](Body(name, outline, model, load, height, pusher_radius, rests_on))

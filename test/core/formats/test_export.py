@@ -1,0 +1,254 @@
+"""What an exported file says, read by other programs' readers."""
+
+import json
+import os
+import re
+import stat
+import xml.etree.ElementTree as ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+import shapely
+import yaml
+import yourdfpy
+from exported import OBJECTS
+from typer.testing import CliRunner
+from urdf_parser_py.urdf import URDF
+
+from pushfric_core import FrictionModel, Support, export, named_ellipsoid
+from pushfric_core.commands.cli import app
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
+from pushfric_core.files.object_file import load_object
+from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, Body, load_of
+from pushfric_core.formats.export import FORMATS
+from pushfric_core.formats.feet import ENOUGH, few_feet
+from pushfric_core.geometry.planar import Twist
+from pushfric_core.trajectories.observation import Observation
+
+LOAD = load_of(0.3, 0.25, GRAVITY, None)
+
+
+def exported(name, to, **options):
+    outline, model = OBJECTS[name]
+    return export(model, outline, to, name=name, mass=0.3, table_friction=0.25, **options)
+
+
+def written(folder, files):
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    return folder / next(iter(files))
+
+
+@pytest.mark.parametrize("name", ["delrin_rect_center", "delrin_rect_right", "ell"])
+def test_a_few_feet_slide_like_the_support(name):
+    support = OBJECTS[name][1].support
+    feet = few_feet(support)
+    assert len(feet.support.weights) < 25 < np.count_nonzero(support.weights)
+    assert feet.support.center_of_friction == pytest.approx(support.center_of_friction, abs=1e-5)
+    assert feet.error.load <= ENOUGH.load
+    assert feet.error.twist <= ENOUGH.twist
+
+
+def test_so_few_supports_that_each_is_a_foot():
+    support = OBJECTS["wood_rect3"][1].support
+    feet = few_feet(support).support
+    order = np.lexsort(feet.points.T), np.lexsort(support.points.T)
+    assert feet.points[order[0]] == pytest.approx(support.points[order[1]])
+    assert feet.weights == pytest.approx(1 / 3)
+    single = few_feet(Support([(0.0, 0.0), (0.01, 0.02)], [0.0, 1.0]))
+    assert single.support.points.tolist() == [[0.01, 0.02]]
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_each_file_begins_with_what_it_rests_on(to):
+    text = next(iter(exported("delrin_rect_right", to, rests_on="a box: 9 observations -- a test").values()))
+    head = "\n".join(text.splitlines()[:12]).replace("- -", "--")
+    assert "a box: 9 observations -- a test" in head
+    assert re.search(r"\d+ feet for 283 support points: the load that makes the object slide differs by 0\.\d+ %", head)
+    assert "Mass 0.3 kg, table friction 0.25; assumed: neither." in head
+
+
+@pytest.mark.parametrize("name", ["wood_rect4", "triangle", "ell"])
+def test_urdf_is_read_by_others(name, tmp_path):
+    path = written(tmp_path, exported(name, "urdf"))
+    robot = yourdfpy.URDF.load(str(path), build_collision_scene_graph=True, load_collision_meshes=True)
+    assert robot.validate()
+    assert {"x", "y", "theta"} < robot.joint_map.keys()
+    feet = [link for link in URDF.from_xml_file(path).links if link.name.startswith("foot")]
+    assert sum(link.inertial.mass for link in feet) == pytest.approx(0.3)
+    low, high = robot.collision_scene.bounds
+    outline = OBJECTS[name][0]
+    assert low[:2] == pytest.approx(outline.lower, abs=1e-6)
+    assert high == pytest.approx([*(outline.lower + outline.size), 0.04], abs=1e-6)
+    assert mujoco.MjModel.from_xml_path(str(path)).nq == len(feet) + 3
+
+
+@pytest.mark.parametrize("name", ["wood_rect4", "triangle"])
+def test_sdf_and_directive_are_read_by_drake(name, tmp_path):
+    pydrake = pytest.importorskip("pydrake.all", reason="pip install drake: 170 MB")
+    path = written(tmp_path, exported(name, "drake"))
+    builder = pydrake.DiagramBuilder()
+    plant, _ = pydrake.AddMultibodyPlantSceneGraph(builder, 1e-3)
+    parser = pydrake.Parser(plant)
+    parser.package_map().Add("pushfric_models", str(tmp_path))
+    parser.AddModels(str(path))
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    feet = len(few_feet(OBJECTS[name][1].support).support.weights)
+    assert plant.num_positions() == feet + 3
+    center = plant.CalcCenterOfMassPositionInWorld(context)
+    assert center[:2] == pytest.approx(OBJECTS[name][1].center_of_friction, abs=1e-3)
+
+
+def test_sdf_names_are_unique_and_its_friction_is_that_of_the_model():
+    (text,) = exported("wood_rect4", "sdf").values()
+    model = ElementTree.fromstring(text).find("model")
+    names = [child.get("name") for child in model]
+    assert len(set(names)) == len(names) == 2 * (3 + 4)
+    found = {link.get("name"): link.findtext("collision/surface/friction/ode/mu") for link in model.iter("link")}
+    assert found == {"slide_x": None, "slide_y": None, "shell": "0.3"} | {f"foot_{k}": "0.25" for k in range(4)}
+
+
+@pytest.mark.parametrize("name", ["triangle", "ell"])
+def test_the_pieces_of_the_shell_are_convex_and_make_up_the_outline(name):
+    outline, model = OBJECTS[name]
+    pieces = [shapely.Polygon(piece) for piece in Body(name, outline, model, LOAD).pieces]
+    assert len(pieces) == {"triangle": 1, "ell": 2}[name]
+    assert all(piece.exterior.is_ccw and piece.area == pytest.approx(piece.convex_hull.area) for piece in pieces)
+    assert shapely.union_all(pieces).symmetric_difference(outline.polygon).area < 1e-12
+
+
+def test_planners_compute_the_moment_of_the_ellipsoid():
+    ellipsoid = named_ellipsoid(OBJECTS["delrin_rect_right"][1].support)
+    force = 0.3 * 0.25 * GRAVITY
+    moment = force * ellipsoid.m_max
+    (text,) = exported("delrin_rect_right", "planning-through-contact").values()
+    config = yaml.safe_load(text)
+    farthest = np.linalg.norm(config["slider"]["vertices"], axis=1).max()  # as its VertexDefinedGeometry computes it
+    f_max = config["friction_coeff_table_slider"] * config["grav_acc"] * config["slider"]["mass"]
+    assert f_max * farthest * config["integration_constant"] == pytest.approx(moment)
+    (text,) = exported("delrin_rect_right", "nmpc").values()
+    slider = yaml.safe_load(text)
+    assert (slider["mu_sg"], slider["mu_sp"], slider["m"]) == (0.25, 0.2, 0.3)
+    assert (slider["f_max"], slider["tau_max"]) == (pytest.approx(force), pytest.approx(moment))
+    (text,) = exported("delrin_rect_right", "pusher-slider", pusher_radius=0.01).values()
+    dynamics = yaml.safe_load(text)["dynamics"]
+    assert dynamics == {
+        "xLenght": pytest.approx(0.083),
+        "yLenght": pytest.approx(0.051),
+        "pusherRadious": 0.01,
+        "pusherFricCoef": 0.2,
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((None, None, None), (MASS, TABLE_FRICTION, ("table friction", "mass"))),
+        ((0.5, None, None), (0.5, TABLE_FRICTION, ("table friction",))),
+        ((0.5, None, 0.981), (0.5, 0.2, ())),
+        ((None, 0.2, 0.981), (0.5, 0.2, ())),
+        ((None, None, 0.981), (0.1 / TABLE_FRICTION, TABLE_FRICTION, ("table friction",))),
+    ],
+)
+def test_two_of_mass_coefficient_and_total_friction_give_the_third(given, expected):
+    mass, coefficient, total = given
+    load = load_of(mass, coefficient, GRAVITY, total)
+    assert (load.mass, load.table_friction, load.assumed) == (
+        pytest.approx(expected[0]),
+        pytest.approx(expected[1]),
+        expected[2],
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"to": "usd"}, "expected one of the formats mjcf, sdf"),
+        ({"mass": 0.0}, "mass must be positive and finite, got 0"),
+        ({"height": 0.001}, "height must be more than 0.002 m, got 0.001"),
+        ({"pusher_radius": -1.0}, "pusher_radius must be positive and finite, got -1"),
+        ({"mass": 1.0, "table_friction": 0.3, "total_friction": 2.0}, "expected mass or table_friction, not both"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(options, expected):
+    outline, model = OBJECTS["wood_rect4"]
+    with pytest.raises(ValueError, match=expected):
+        export(model, outline, **{"to": "mjcf", **options})
+
+
+def test_samples_are_drawn_in_proportion_to_their_weights():
+    points = [(-0.05, 0.0), (0.05, 0.0)]
+    model = FrictionModel(points, [(0.5, 0.5), (0.2, 0.8), (0.8, 0.2)], [0.1, 0.2, 0.3], [0.5, 0.25, 0.25])
+    assert [one.mean_mu_c for one in model.drawn(4)] == [0.1, 0.1, 0.2, 0.3]
+    assert model.drawn(8)[-1].support.weights.tolist() == [0.8, 0.2]
+    with pytest.raises(ValueError, match="count must be at least 1"):
+        model.drawn(0)
+
+
+@pytest.fixture
+def model_file(tmp_path):
+    known = load_object("wood_rect4")
+    pushes = [((0.02, -0.032), (0.0, -1.0), 0.2), ((-0.03, -0.032), (0.0, -1.0), -0.25), ((0.03, 0.032), (0.0, 1.0), -0.2)]
+    data = [
+        Observation(contact, normal, Twist(0.0, -0.02 * normal[1], turn), k) for k, (contact, normal, turn) in enumerate(pushes)
+    ]
+    points = len(known.support_points)
+    ensemble = [SampleFile(w=np.eye(points)[[k, -1 - k]].mean(axis=0).tolist(), mu_c=0.3, weight=0.5) for k in (0, 1)]
+    model = make_model(known, Estimator(known.support_points).add(data), "a test", EstimatorSettings())
+    path = tmp_path / "model.yaml"
+    before = os.umask(0o027)
+    try:
+        save_model(model.model_copy(update={"ensemble": tuple(ensemble)}), path)
+    finally:
+        os.umask(before)
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
+
+
+def test_the_command_writes_the_mean_or_samples(model_file, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    assert run("export", model_file, "--to", "json", "--mass", 0.3, "--out", out).exit_code == 0
+    (written,) = out.iterdir()
+    content = json.loads(written.read_text())
+    assert written.name == "wood_rect4.json"
+    assert content["comments"][0].startswith("wood_rect4: 3 observations of 3 pushes from a test; verdict: ")
+    assert content["mass"] == 0.3
+    assert run("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out).exit_code == 0
+    scenes = sorted(path for path in out.iterdir() if path.suffix == ".xml")
+    assert [scene.name for scene in scenes] == [f"wood_rect4_{k:02d}.xml" for k in range(12)]
+    assert len({scene.read_text().partition("<worldbody>")[2] for scene in scenes}) == 2
+    with pytest.raises(InvalidInput, match=r"model.yaml: cannot be exported: expected one of the formats"):
+        run("export", model_file, "--to", "usd", "--out", out)
+    with pytest.raises(InvalidInput, match="cannot be written"):
+        run("export", model_file, "--to", "mjcf", "--out", tmp_path / "none")
+    content = yaml.safe_load(model_file.read_text())
+    del content["ensemble"]
+    model_file.write_text(yaml.safe_dump(content))
+    with pytest.raises(InvalidInput, match="has no ensemble to draw 12 models from"):
+        run("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
+
+
+def test_a_model_keeps_its_verdict_and_has_the_mode_of_the_umask(model_file):
+    assert stat.S_IMODE(model_file.stat().st_mode) == 0o640
+    file, _ = load_model(model_file)
+    assert file.made.verdict is not None
+    assert any(reason in file.rests_on for reason in (*file.made.verdict, "may be used"))
+
+
+def test_a_model_of_another_version_is_refused_and_one_without_is_version_1(model_file):
+    content = yaml.safe_load(model_file.read_text())
+    assert content.pop("format") == 1
+    model_file.write_text(yaml.safe_dump(content))
+    assert load_model(model_file)[0].format == 1
+    model_file.write_text(yaml.safe_dump({**content, "format": 2, "news": 1}))
+    with pytest.raises(InvalidInput, match=r"model.yaml: expected a model of format 1, got format 2"):
+        load_model(model_file)
