@@ -44,6 +44,9 @@ SHELL_MASS = 1e-3
 GYRATION = 0.01
 """Radius of gyration of every link [m]; point masses would make the equations of motion singular."""
 
+DENTS = 1e-3
+"""A polygon counts as convex if its hull is larger by no more than this share; measured outlines have small dents."""
+
 
 class Load(NamedTuple):
     """What presses the object on the table."""
@@ -156,14 +159,12 @@ class Body:
     def pieces(self) -> list[Array]:
         """Convex polygons (n, 2), counter-clockwise, that make up the outline."""
         polygon = self.outline.polygon
-        if _convex(polygon):
-            return [self.outline.vertices]
         pieces: list[shapely.Polygon] = []
-        for triangle in shapely.constrained_delaunay_triangles(polygon).geoms:
+        for triangle in [polygon] if _convex(polygon) else shapely.constrained_delaunay_triangles(polygon).geoms:
             joined = ((k, piece.union(triangle)) for k, piece in enumerate(pieces))
             k, piece = next(((k, whole) for k, whole in joined if _convex(whole)), (len(pieces), triangle))
             pieces[k : k + 1] = [piece]
-        return [np.array(shapely.orient_polygons(piece).exterior.coords)[:-1] for piece in pieces]
+        return [np.array(shapely.orient_polygons(piece.convex_hull).exterior.coords)[:-1] for piece in pieces]
 
     def comments(self, *notes: str) -> list[str]:
         """The lines with which a file begins, the last ones those of its format."""
@@ -180,4 +181,4 @@ class Body:
 
 
 def _convex(shape: shapely.Geometry) -> bool:
-    return shape.geom_type == "Polygon" and bool(np.isclose(shape.area, shape.convex_hull.area, rtol=1e-9, atol=0.0))
+    return shape.geom_type == "Polygon" and bool(shape.convex_hull.area <= (1 + DENTS) * shape.area)
