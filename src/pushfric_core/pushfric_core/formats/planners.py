@@ -53,14 +53,14 @@ def planning_through_contact(body: Body) -> dict[str, str]:
     corners = _about_center(body)
     farthest = max(math.hypot(x, y) for x, y in corners)
     content = {
-        "slider": {"name": body.name, "mass": body.load.mass, "vertices": corners},
+        "slider": {"name": body.name, "mass": body.load.mass, "vertices": corners, "com": [0.0, 0.0]},
         "pusher_radius": body.pusher_radius,
         "friction_coeff_table_slider": body.load.table_friction,
         "friction_coeff_slider_pusher": body.mu_c,
         "grav_acc": body.load.gravity,
         "integration_constant": body.ellipsoid.m_max / (body.ellipsoid.f_max * farthest),
     }
-    note = f"integration_constant goes with a VertexDefinedGeometry of these vertices: its contact radius is {farthest:.4g} m."
+    note = f"integration_constant goes with VertexDefinedGeometry(vertices, com): its contact radius is {farthest:.4g} m."
     return _yaml(body, "planning-through-contact", content, note)
 
 
