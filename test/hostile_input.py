@@ -69,7 +69,7 @@ from pushfric_core.trajectories.trajectory import Trajectory
 from pushfric_core.vision.camera import Lens, load_camera, picture_from
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points
-from pushfric_msgs.srv import ExcludePush, PredictPush, StablePushes
+from pushfric_msgs.srv import PredictPush, SelectPush, StablePushes
 from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.cell.node_settings import RecorderConfig, ViewConfig
 from pushfric_ros.messages.conversions import (
@@ -585,7 +585,7 @@ def _view() -> tuple[Server, list[str]]:
 
     def carried_out(request: Request) -> None:
         if request.push is not None:
-            ExcludePush.Request(push_id=request.push)
+            SelectPush.Request(push_id=request.push)
         request.answer(Answer(True, ""))
 
     server = Server(ViewConfig(port=0), carried_out, lambda looking: None)

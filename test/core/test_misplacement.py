@@ -13,6 +13,7 @@ from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Twist, velocity_at
 from pushfric_core.uncertainty import misplacement
 from pushfric_core.uncertainty.misplacement import ContactCheck
+from pushfric_core.uncertainty.reasons import ReasonCode
 
 FEET = four_feet()
 POINTS = square().grid(4, 4, 0.01)
@@ -54,7 +55,7 @@ def found(data):
     check = ContactCheck()
     for one in data:
         check.add(one)
-    return [one.sentence for one in check.found()]
+    return [one.reason for one in check.found()]
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -65,19 +66,28 @@ def test_nothing_is_said_of_good_pushes(seed, noise):
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("change", "code", "text"),
     [
-        (along(0.003), r"contacts were (2\.[5-9]|3\.[0-5]) mm further to the left"),
-        (along(-0.003), r"contacts were (2\.[5-9]|3\.[0-5]) mm further to the right"),
-        (displaced(0.004, 0.0), r"contacts were displaced by \(-(3\.[5-9]|4\.[0-5]), -?0\.\d\) mm"),
-        (deeper(0.002), r"the tip seems to be (1\.9|2\.0) mm inside the outline"),
-        (deeper(-0.002), r"the tip seems to be (1\.9|2\.0) mm away from the outline"),
-        (deeper(0.0, 0.0, 0.002), r"the outline seems to be shifted by \(-?0\.0, (1\.8|1\.9|2\.0)\) mm"),
+        (along(0.003), ReasonCode.LINE_OFF_SIDEWAYS, r"contacts were (2\.[5-9]|3\.[0-5]) mm further to the left"),
+        (along(-0.003), ReasonCode.LINE_OFF_SIDEWAYS, r"contacts were (2\.[5-9]|3\.[0-5]) mm further to the right"),
+        (
+            displaced(0.004, 0.0),
+            ReasonCode.CONTACTS_DISPLACED,
+            r"were displaced by \(-(3\.[5-9]|4\.[0-5]), -?0\.\d\) mm",
+        ),
+        (deeper(0.002), ReasonCode.TIP_OFF_ACROSS, r"the tip seems to be (1\.9|2\.0) mm inside the outline"),
+        (deeper(-0.002), ReasonCode.TIP_OFF_ACROSS, r"the tip seems to be (1\.9|2\.0) mm away from the outline"),
+        (
+            deeper(0.0, 0.0, 0.002),
+            ReasonCode.OUTLINE_SHIFTED,
+            r"outline seems to be shifted by \(-?0\.0, (1\.8|1\.9|2\.0)\) mm",
+        ),
     ],
 )
-def test_each_misplacement_is_told_with_its_size(seed, change, sentence):
+def test_each_misplacement_is_told_with_its_size(seed, change, code, text):
     (told,) = found([change(one) for one in pushes(seed, count=60)])
-    assert re.search(sentence, told), told
+    assert told.code == code
+    assert re.search(text, told.text), told
 
 
 def test_three_pushes_tell_nothing():
@@ -118,7 +128,7 @@ def test_an_estimate_may_be_used_where_it_knows_less_than_what_is_off():
     assert (good.use, good.notes) == (True, ())
     estimate, verdict = judged([deeper(0.003)(one) for one in pushes(2)])
     assert verdict.use
-    assert "inside the outline" in verdict.notes[0]
+    assert "inside the outline" in verdict.notes[0].text
     assert math.dist(estimate.center_of_friction, FEET.truth.center_of_friction) < estimate.confidence
 
 
@@ -126,15 +136,14 @@ def test_an_outline_that_is_shifted_farther_than_the_estimate_says_it_knows_is_a
     estimate, verdict = judged([deeper(0.0, 0.008, 0.0)(one) for one in pushes(2)])
     assert estimate.confidence < 0.008
     assert not verdict.use
-    assert re.search(r"the outline seems to be shifted by \((7\.9|8\.0), ", verdict.reasons[0])
+    assert re.search(r"the outline seems to be shifted by \((7\.9|8\.0), ", verdict.reasons[0].text)
     assert verdict.notes == ()
 
 
 def test_where_pushes_contradict_each_other_a_misplacement_is_told_as_the_cause():
     turned = [replace(one, twist=Twist(*(-np.array(one.twist)).tolist())) for one in pushes(2)[:4]]
     _, verdict = judged(turned + pushes(2)[4:])
-    assert "leave out a bad one" in verdict.reasons[0]
+    assert verdict.reasons[0].code == ReasonCode.CONTRADICTION
     _, verdict = judged([deeper(0.003)(one) for one in turned + pushes(2)[4:]])
     assert not verdict.use
-    assert "inside the outline" in verdict.reasons[0]
-    assert len(verdict.reasons) == 1
+    assert [one.code for one in verdict.reasons] == [ReasonCode.TIP_OFF_ACROSS]

@@ -49,6 +49,6 @@ def test_data_points_compare_by_value():
     assert dataclasses.replace(GOOD, contact_point=np.array(GOOD.contact_point)) == GOOD
 
 
-def test_a_depth_of_exactly_zero_is_unknown_as_in_messages():
-    assert dataclasses.replace(GOOD, depth=-0.0).depth is None
-    assert dataclasses.replace(GOOD, depth=1e-9).depth == 1e-9
+def test_a_depth_of_exactly_zero_is_known():
+    assert GOOD.depth is None
+    assert dataclasses.replace(GOOD, depth=0.0).depth == 0.0

@@ -11,6 +11,7 @@ from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.simplex import Simplex
 from pushfric_core.trajectories.observation import Observation
+from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.uncertainty.spread import COMMON, DIRECTIONS, ELLIPSE, FEWEST_PUSHES
 
 FEET = four_feet()
@@ -130,7 +131,8 @@ def test_few_pushes_say_nothing_of_it():
     for push in range(FEWEST_PUSHES - 1, 16):
         estimate = estimator.exclude(push)
     assert (estimate.pushes, estimate.confidence) == (FEWEST_PUSHES - 1, None)
-    assert estimate.lack.startswith("p_CF rests on 3 pushes, and fewer than 4 cannot tell how far it is off")
+    assert estimate.lack.code == ReasonCode.FEW_PUSHES
+    assert estimate.lack.text.startswith("p_CF rests on 3 pushes, and fewer than 4 cannot tell how far it is off")
 
 
 def test_an_excluded_push_leaves_no_trace():
@@ -169,7 +171,8 @@ def test_pushes_that_all_say_the_same_tell_no_spread():
     rng = np.random.default_rng(4)
     estimator, estimate = last(noisy(rng, 0.1, 8, choices=1))
     assert estimate.spread is None
-    assert estimate.lack.startswith("all pushes are at one place and say the same")
+    assert estimate.lack.code == ReasonCode.FEW_PLACES
+    assert estimate.lack.text.startswith("all pushes are at one place and say the same")
     assert estimator.verdict(estimate).reasons == (estimate.lack,)
 
 

@@ -13,6 +13,7 @@ from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.verdict import InputCheck
 from pushfric_core.geometry.planar import Twist, rotation, velocity_at
+from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.uncertainty.screening import Change
 
 FEET = four_feet()
@@ -38,20 +39,33 @@ def test_good_input_may_be_used():
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("change", "code", "text"),
     [
-        (lambda _, o: replace(o, contact_normal=(-o.contact_normal[0], -o.contact_normal[1])), "the normals point inward in"),
-        (turned(math.pi), "the measured forces oppose the motion"),
-        (turned(math.pi / 2), "the measured forces are turned by"),
-        (turned(-math.pi / 2), "the measured forces are turned by -"),
-        (lambda number, o: turned(1.1 * number)(number, o), "the measured forces do not turn with the object"),
-        (lambda _, o: replace(o, twist=Twist(o.twist.vx, o.twist.vy, math.degrees(o.twist.omega)), force=None), "radians"),
+        (
+            lambda _, o: replace(o, contact_normal=(-o.contact_normal[0], -o.contact_normal[1])),
+            ReasonCode.NORMALS_INWARD,
+            "the normals point inward in",
+        ),
+        (turned(math.pi), ReasonCode.FORCES_OPPOSED, "the measured forces oppose the motion"),
+        (turned(math.pi / 2), ReasonCode.FORCES_TURNED, "the measured forces are turned by"),
+        (turned(-math.pi / 2), ReasonCode.FORCES_TURNED, "the measured forces are turned by -"),
+        (
+            lambda number, o: turned(1.1 * number)(number, o),
+            ReasonCode.FORCES_SCATTERED,
+            "the measured forces do not turn with the object",
+        ),
+        (
+            lambda _, o: replace(o, twist=Twist(o.twist.vx, o.twist.vy, math.degrees(o.twist.omega)), force=None),
+            ReasonCode.OMEGA_IN_DEGREES,
+            "radians",
+        ),
     ],
 )
-def test_each_mistake_has_a_sentence(change, reason):
+def test_each_mistake_has_a_code_and_a_sentence(change, code, text):
     verdict = judged(change)
     assert not verdict.use
-    assert any(reason in sentence for sentence in verdict.reasons), verdict.reasons
+    (found,) = [one for one in verdict.reasons if one.code == code]
+    assert text in str(found)
 
 
 def inward(which):
@@ -62,19 +76,20 @@ def inward(which):
 def test_inward_normals_are_told_alone(which):
     """They make the program infeasible; to leave a push out would be the wrong remedy."""
     (reason,) = judged(inward(which)).reasons
-    assert "the normals point inward in" in reason
+    assert reason.code == ReasonCode.NORMALS_INWARD
 
 
 def test_one_bad_normal_makes_its_push_contradict_the_others():
     (reason,) = judged(inward(lambda number: number == 5)).reasons
-    assert "leave out a bad one" in reason
+    assert reason.code == ReasonCode.CONTRADICTION
+    assert "leave out a bad one" in reason.text
 
 
 def test_forces_are_not_blamed_for_a_wrong_motion():
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega)))).reasons
-    assert "radians" in reason
+    assert reason.code == ReasonCode.OMEGA_IN_DEGREES
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*(-np.array(o.twist)).tolist()))).reasons
-    assert "the contact moves away from the pusher" in reason
+    assert reason.code == ReasonCode.CONTACTS_RECEDE
 
 
 def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
@@ -89,8 +104,9 @@ def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
         return check.verdict(estimate).reasons, check.verdict(estimate, change).reasons
 
     (contradiction,), (told,) = reasons(inward(lambda number: number == 5))
-    assert "leave out a bad one" in contradiction
-    assert "the object is another one since push 7" in told
+    assert contradiction.code == ReasonCode.CONTRADICTION
+    assert told.code == ReasonCode.OBJECT_CHANGED
+    assert "the object is another one since push 7" in told.text
     (mistake,), (same,) = reasons(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega))))
     assert mistake == same  # it may have brought about the change
 
@@ -98,7 +114,8 @@ def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
 @pytest.mark.parametrize("pushes", [1, 2, 3])
 def test_too_few_pushes_tell_nothing_to_act_on(pushes):
     (reason,) = judged(lambda _, o: o, pushes=pushes).reasons
-    assert reason.startswith(f"p_CF rests on {pushes} push")
+    assert reason.code == ReasonCode.FEW_PUSHES
+    assert reason.text.startswith(f"p_CF rests on {pushes} push")
     assert judged(lambda _, o: o, pushes=5).use
 
 
@@ -107,7 +124,7 @@ def test_supports_whose_hull_misses_the_center_of_friction_are_told():
     width = np.ptp(FEET.truth.points, axis=0).max()
     aside = np.array(((x + 0.2 * width, y - width), (x + 0.2 * width, y + width), (x + width, y), (x + 0.6 * width, y)))
     verdict = judged(lambda _, o: replace(o, force=None), aside)
-    assert any("hull" in sentence or "err by" in sentence for sentence in verdict.reasons), verdict.reasons
+    assert {ReasonCode.SUPPORT_TOO_SMALL, ReasonCode.POOR_FIT} & {one.code for one in verdict.reasons}
 
 
 TRIANGLE = three_feet()
@@ -132,8 +149,9 @@ def test_half_planes_that_contradict_the_program_are_told():
     """A p_CF 18 mm off is forced on the program: pushes that pass between it and the true one turn the object the other way."""
     _, verdict = aimed(center=TRIANGLE.truth.center_of_friction + (0.0182, 0.0))
     (reason,) = verdict.reasons
-    assert re.search(r"contradict the program: in 22 % of the data points, of 4 pushes", reason), reason
-    assert "the centre of friction that was given must be wrong" in reason
+    assert re.search(r"contradict the program: in 22 % of the data points, of 4 pushes", reason.text), reason
+    assert reason.code == ReasonCode.HALF_PLANES
+    assert "the centre of friction that was given must be wrong" in reason.text
     assert not verdict.use
     assert aimed(center=TRIANGLE.truth.center_of_friction)[1].use
     assert aimed()[1].use

@@ -18,8 +18,8 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from pushfric_core.vision.camera import Camera, Lens, load_camera, save_camera
-from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PusherState, RejectedPush
-from pushfric_msgs.srv import ExcludePush
+from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PusherState, Reason, RejectedPush
+from pushfric_msgs.srv import SelectPush
 from pushfric_ros.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
@@ -194,16 +194,17 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
     estimator = ros.node("estimator", namespace="/left_out")
     observations = estimator.create_publisher(Observation, "observation", RELIABLE)
     estimates = estimator.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
-    estimator.create_service(ExcludePush, "estimator/keep_push", keep)
+    estimator.create_service(SelectPush, "estimator/keep_push", keep)
     view = ros.compose(ViewNode(namespace="/left_out", parameter_overrides=overrides({"object": OBJECT})))
     for out in (observations, estimates):
         ros.wait_for(out.get_subscription_count, PATIENCE, f"the view's subscription to {out.topic_name}")
     observations.publish(Observation(push_id=0))
     observations.publish(Observation(push_id=1))
     reason = "it moves otherwise than the others say"
-    left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, rejected=[RejectedPush(push_id=1, reason=reason)])
+    left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL)
+    left.rejected = [RejectedPush(push_id=1, reason=Reason(code=Reason.MOMENT_CONTRADICTS, text=reason))]
     left.header.stamp.sec = 1
-    left.change = [ObjectChange(since_push=1)]
+    left.change = ObjectChange(since_push=1)
     estimates.publish(left)
     with visit(browser, view.url) as page:
         row = page.locator('#rows tr[data-push="1"]')

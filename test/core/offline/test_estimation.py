@@ -51,6 +51,6 @@ def test_an_outline_that_is_off_is_told(tmp_path, error, sentence):
     else:
         verdict = estimate_from(BAG, Choices(object_name=str(wrong)), warnings.append).figures()["verdict"]
         assert verdict["use"]
-        assert verdict["notes"] == warnings
+        assert [note["text"] for note in verdict["notes"]] == warnings
     (warning,) = warnings
     assert re.search(sentence, warning), warning

@@ -253,13 +253,14 @@ def by_node(ros, case, model):
     )
     estimate, region, surface = last[FrictionEstimate], last[CenterOfFrictionRegion], last[LimitSurface]
     modes = {number: mode.value for mode, number in MODE_TO_MSG.items()}
+    friction = estimate.contact_friction
     answers = {
         "estimate": {
             "objective": estimate.objective,
             "w": list(estimate.support_friction.weights),
             "center_of_friction": [estimate.center_of_friction.x, estimate.center_of_friction.y],
-            "confidence": next(iter(estimate.confidence), None),
-            "mu_c": [estimate.contact_friction.p90, none_if_nan(estimate.mu_c[0].value), estimate.mu_c[0].low],
+            "confidence": none_if_nan(estimate.confidence),
+            "mu_c": [friction.p90, none_if_nan(friction.value), friction.low],
             "data_points": estimate.data_points,
             "use": not estimate.reasons,
             "rejected": [one.push_id for one in estimate.rejected],

@@ -12,10 +12,20 @@ from pushfric_core.estimation.estimate_report import EstimateReport, histogram
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_choice import next_pushes
 from pushfric_core.estimation.region import HalfPlane, HalfPlanes
+from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.trajectories.observation import Observation
-from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, PlanProgress, PusherState
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode
+from pushfric_core.uncertainty.screening import Change, Rejected
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    FrictionEstimate,
+    ObjectChange,
+    PlanProgress,
+    PusherState,
+)
 from pushfric_ros.messages import conversions, types
 
 
@@ -41,18 +51,21 @@ def test_impossible_poses_are_refused():
         samples.pose_from_msg(PoseMsg(orientation=Quaternion(w=0.0)))
 
 
-@pytest.mark.parametrize(("force", "pose"), [(None, Pose(0.25, 0.5, 0.0)), ((1.5, -0.5), None)])
-def test_observations_survive_message_and_wire_bit_for_bit(force, pose):
+@pytest.mark.parametrize(
+    ("force", "pose", "duration", "depth"), [(None, Pose(0.25, 0.5, 0.0), None, 0.0), ((1.5, -0.5), None, 1 / 7, None)]
+)
+def test_observations_survive_message_and_wire_bit_for_bit(force, pose, duration, depth):
     observation = Observation(
         contact_point=(0.1, 1 / 3),
         contact_normal=(0.6, -0.8),
         twist=Twist(0.01, 1e-9, -0.3),
         push_id=7,
         half_width=0.002,
-        duration=1 / 7,
+        duration=duration,
         stamp=123456789123456789,
         pose=pose,
         force=force,
+        depth=depth,
     )
     wire = serialize_message(conversions.observation_to_msg(observation, "box"))
     msg = deserialize_message(wire, type(conversions.observation_to_msg(observation, "box")))
@@ -87,6 +100,35 @@ def test_impossible_pusher_states_are_refused():
     bent.direction.x = 1.0
     with pytest.raises(ValueError, match="direction of the pushing line must have length 1"):
         samples.pusher_sample_from_msg(bent)
+
+
+@pytest.mark.parametrize("pushes", [1, 9])  # without a spread, and with one
+def test_a_report_survives_the_message(pushes):
+    problem = four_feet()
+    estimator = Estimator(problem.truth.points)
+    for observation in problem.observations[:pushes]:
+        estimate = estimator.add(observation)
+    assert (estimate.spread is None) == (pushes == 1)
+    reasons = tuple(Reason(code, f"because of {code}") for code in ReasonCode)
+    verdict = Verdict(reasons, (Rejected(3, reasons[-1]),), Change(7, (0.01, -0.02)), reasons[:1])
+    for judged in (verdict, Verdict()):
+        report = EstimateReport.of(estimate, "box", verdict=judged)
+        wire = serialize_message(conversions.estimate_to_msg(report))
+        assert conversions.report_from_msg(deserialize_message(wire, FrictionEstimate)).to_dict() == report.to_dict()
+
+
+def test_every_reason_has_its_constant():
+    constant = constants.constants("Reason")
+    assert {code.name for code in ReasonCode} == constant.keys()
+    assert len(set(constant.values())) == len(constant)
+
+
+def test_without_data_no_number_is_known():
+    msg = conversions.nothing_known("box")
+    friction = msg.contact_friction
+    numbers = (msg.objective, msg.lower_bound, msg.gap, msg.confidence, msg.support_friction.total_friction, friction.p90)
+    assert all(map(math.isnan, (*numbers, friction.max, friction.value, friction.low, friction.high, *msg.spread.covariance)))
+    assert (friction.kind, msg.change.since_push) == (ContactFriction.KIND_UNKNOWN, ObjectChange.NO_PUSH)
 
 
 def test_an_estimate_becomes_a_message_without_loss():

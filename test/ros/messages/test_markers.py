@@ -76,7 +76,7 @@ def test_the_areas_of_the_discs_are_proportional_to_the_weights(estimate):
 
 
 def test_outline_center_and_text_are_those_of_the_estimate(estimate):
-    estimate.contact_friction.p90, estimate.contact_friction.max, estimate.confidence = 0.43, math.inf, []
+    estimate.contact_friction.p90, estimate.contact_friction.max, estimate.confidence = 0.43, math.inf, math.nan
     found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
     corners = points(found["outline"][0])
     np.testing.assert_array_equal(corners, [*OUTLINE.vertices, OUTLINE.vertices[0]])
@@ -87,7 +87,7 @@ def test_outline_center_and_text_are_those_of_the_estimate(estimate):
 
 
 def test_the_confidence_is_a_circle_about_the_center_of_friction(estimate):
-    estimate.confidence = [0.004]
+    estimate.confidence = 0.004
     (circle,) = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))["confidence"]
     center = estimate.center_of_friction.x, estimate.center_of_friction.y
     np.testing.assert_allclose(np.linalg.norm(points(circle) - center, axis=1), 0.004)

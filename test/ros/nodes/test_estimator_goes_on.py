@@ -30,7 +30,7 @@ from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.trajectories.trajectory import Trajectory
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstimate, Observation, PusherState
-from pushfric_msgs.srv import ExcludePush, SelectObject
+from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.graph.graph import TOPICS
 from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -183,7 +183,7 @@ def test_one_that_dies_twice_keeps_its_exclusions_and_forgets_what_was_reset(ros
     assert call(ros, cell.node, Trigger, "estimator/reset", Trigger.Request()).success
     cell.send(pushes[1] + pushes[2])
     cell.await_data(counts[2] - counts[0])
-    assert call(ros, cell.node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    assert call(ros, cell.node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
     cell.await_data(counts[2] - counts[1])
     for push_id in (3, 4):
         cell.die()

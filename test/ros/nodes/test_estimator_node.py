@@ -31,10 +31,11 @@ from pushfric_msgs.msg import (
     FrictionEstimate,
     Observation,
     PusherState,
+    Reason,
     Recognition,
     SupportFriction,
 )
-from pushfric_msgs.srv import ExcludePush, SelectObject
+from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.messages.conversions import observation_to_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
@@ -232,9 +233,9 @@ def test_a_push_is_excluded(ros):
     for observation in DATA[:4]:
         out.publish(observation_to_msg(observation, NAME))
     ros.wait_for(lambda: len(estimates) == 4, what="the estimates")
-    refusal = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=9))
+    refusal = call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=9))
     assert (refusal.success, refusal.message) == (False, "push_id must be one of 0, 1, 2, 3, got 9")
-    answer = call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1))
+    answer = call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1))
     assert (answer.success, answer.message) == (True, "left: 3 data points of 3 pushes")
     ros.wait_for(lambda: len(estimates) == 5, what="the estimate without the push")
     expected = Estimator(load_object(NAME).support_points)
@@ -260,7 +261,7 @@ def test_hypotheses_are_ranked_after_every_data_point(ros):
     assert [h.name for h in last.hypotheses] == [name, "delrin_rect_center", "delrin_rect_left"]
     assert last.hypotheses[0].ratio == 1.0
     assert last.hypotheses[0].fit_error < last.hypotheses[1].fit_error < last.hypotheses[2].fit_error
-    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=3)).success
+    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=3)).success
     ros.wait_for(lambda: len(rankings) == len(data) + 1, what="the ranking without the push")
 
 
@@ -279,7 +280,7 @@ def test_the_region_shrinks_with_every_data_point_and_grows_with_an_exclusion(ro
     half_planes = HalfPlanes(outline, RegionConfig.region_margin)
     expected = [half_planes.add(line_of_motion(observation)).area for observation in DATA[:4]]
     assert [msg.area for msg in regions] == expected
-    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
     ros.wait_for(lambda: len(regions) == 5, what="the region without the push")
     without = HalfPlanes(outline, RegionConfig.region_margin)
     for observation in (DATA[k] for k in (0, 2, 3)):
@@ -355,7 +356,7 @@ def test_measured_forces_reach_the_estimate(ros):
     for msg in observations:
         theta = 2 * math.atan2(msg.pose[0].orientation.z, msg.pose[0].orientation.w)
         assert (msg.force[0].x, msg.force[0].y) == pytest.approx((2 * math.sin(theta), 2 * math.cos(theta)), abs=1e-9)
-    assert estimates[-1].support_friction.total_friction[0] == pytest.approx(2.0, rel=0.2)
+    assert estimates[-1].support_friction.total_friction == pytest.approx(2.0, rel=0.2)
 
 
 def test_a_clock_that_jumps_back_restarts_the_estimate(ros):
@@ -400,7 +401,7 @@ def test_an_excluded_push_stays_excluded_until_a_reset(ros):
     data = [observation_to_msg(replace(observation, push_id=7), NAME) for observation in DATA[:2]]
     out.publish(data[0])
     ros.wait_for(lambda: len(estimates) == 1, what="an estimate")
-    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=7)).success
+    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=7)).success
     ros.wait_for(lambda: nothing_is_known(parts), what="that what was published is taken back")
     ros.wait_for(lambda: len(estimates) == 2, what="the end of the estimate")
     assert estimates[-1].status == FrictionEstimate.STATUS_NO_DATA
@@ -444,7 +445,7 @@ def test_contradicting_data_give_a_status_and_no_values(ros):
     ros.wait_for(lambda: len(estimates) == 2 and nothing_is_known(parts), what="that w, p_CF and mu_c are taken back")
     assert estimates[-1].status == FrictionEstimate.STATUS_INFEASIBLE
     ros.wait_for(lambda: said(DiagnosticStatus.ERROR, "the normals point inward in 1 of 2"), what="the cause")
-    assert call(ros, node, ExcludePush, "estimator/exclude_push", ExcludePush.Request(push_id=1)).success
+    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
     ros.wait_for(lambda: parts["support_friction"].weights, what="w without the push that contradicts")
 
 
@@ -481,11 +482,12 @@ def test_a_bad_push_is_left_out_and_the_service_takes_it_back(ros):
     ros.wait_for(lambda: len(estimates) == len(pushes), what="the estimates")
     (rejected,) = estimates[-1].rejected
     assert rejected.push_id == 4
-    assert "another speed than the tip" in rejected.reason
+    assert rejected.reason.code == Reason.TIP_MISMATCH
+    assert "another speed than the tip" in rejected.reason.text
     assert estimates[-1].pushes == len(pushes) - 1
-    assert list(estimates[-1].contact_friction.slip) == [ContactFriction.SLIP_STICKING]
+    assert estimates[-1].contact_friction.slip == ContactFriction.SLIP_STICKING
     assert sum(estimates[-1].contact_friction.slips) == len(pushes) - 1
-    assert call(ros, node, ExcludePush, "estimator/keep_push", ExcludePush.Request(push_id=4)).success
+    assert call(ros, node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=4)).success
     ros.wait_for(lambda: estimates[-1].pushes == len(pushes), what="the estimate with the push")
     assert not estimates[-1].rejected
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
 from rclpy.clock import ClockType
@@ -263,8 +263,9 @@ def test_the_operator_is_told_why_the_object_is_not_seen(ros, controller, tmp_pa
     table = Table(ros, tmp_path)
     table.visible = False
     reason = "outline does not fit: it looks 128.6 x 64.8 mm"
-    status = DiagnosticStatus(level=DiagnosticStatus.WARN, name="/cell/tracker", message=f"not seen: {reason}")
-    ros.node("tracker", namespace="/cell").create_timer(
+    # whichever node publishes poses says why there are none
+    status = DiagnosticStatus(name="/cell/pose_source", values=[KeyValue(key="no pose", value=reason)])
+    ros.node("pose_source", namespace="/cell").create_timer(
         0.1, lambda: table._health_out.publish(DiagnosticArray(status=[status]))
     )
     table.wait_for_message(f": {reason}", 60.0)

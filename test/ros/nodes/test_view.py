@@ -16,7 +16,7 @@ from tornado.websocket import websocket_connect
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
-from pushfric_msgs.srv import ExcludePush
+from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import nothing_known
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -209,8 +209,8 @@ def test_requests_reach_their_services_and_their_answers_the_visitor(cell):
     assert cell.post("stop")[1] == {"done": False, "message": "no service /cell/actuator/stop: nobody there can do it"}
     for name in ("actuator/stop", "actuator/reset", "experiment/next"):
         cell.node.create_service(Trigger, name, answer)
-    cell.node.create_service(ExcludePush, "estimator/exclude_push", exclude)
-    cell.node.create_service(ExcludePush, "estimator/keep_push", keep)
+    cell.node.create_service(SelectPush, "estimator/exclude_push", exclude)
+    cell.node.create_service(SelectPush, "estimator/keep_push", keep)
     for client in cell.view._services_of.values():
         cell.ros.wait_for(client.service_is_ready, PATIENCE, f"the service {client.srv_name}")
     for what in ("stop", "reset", "next"):

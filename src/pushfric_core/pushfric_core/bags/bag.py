@@ -26,6 +26,7 @@ from pushfric_core.bags.contents import (
     Topic,
     in_order,
 )
+from pushfric_core.bags.former import present
 from pushfric_core.bags.mcap_file import UNCONFIRMED, Gap, McapFile, Span, Standings
 from pushfric_core.bags.mcap_records import HELD_LIMIT, Channel, Schema
 from pushfric_core.bags.offered_qos import profiles_from
@@ -229,16 +230,17 @@ class Bag:
                 yield message
 
     def deserialize(self, message: BagMessage) -> Any:
-        """The content of a message: an object with an attribute for each field of its type.
+        """The content of a message: an object with an attribute for each field of its type, as the type is defined today.
 
         Raises:
             InvalidInput: the definition of its type cannot be used.
             ValueError: its bytes are not such a message.
+            AttributeError: it was recorded with a definition that lacks a field.
         """
         name = message.type_name
         if name not in self._decoders:
             self._decoders[name] = Decoder(name, self._definitions.get(name, Definition("", "")))
-        return self._decoders[name](message.raw)
+        return present(name, self._decoders[name](message.raw))
 
     def unconfirmed(self, standing: Standing) -> dict[str, Span]:
         """The messages of each topic that have this standing: how many, and from when to when."""

@@ -45,9 +45,8 @@ def content(bag: "Bag", message: BagMessage, convert: Callable[[Any], Taken]) ->
         ValueError: the message contains impossible values.
         InvalidInput: the message was recorded with a definition that lacks one of the fields.
     """
-    decoded = bag.deserialize(message)
     try:
-        return convert(decoded)
+        return convert(bag.deserialize(message))
     except AttributeError as error:
         raise InvalidInput(f"{bag.path}: {message.topic} was recorded with another definition of its type: {error}") from error
 

@@ -104,25 +104,32 @@ def force_sample_from_msg(msg: Any) -> ForceSample:
 
 
 def observation_from_msg(msg: Any) -> Observation:
-    """A data point; bags from before tip_velocity and depth were recorded have no such fields.
+    """A data point.
 
     Raises:
         ValueError, UninformativePush: the message is not a data point, as for `Observation`.
     """
-    tip_velocity = getattr(msg, "tip_velocity", None)
+    at, turn = msg.pose.position, msg.pose.orientation
+    seen = _known(at.x, at.y, turn.x, turn.y, turn.z, turn.w) is not None
+    duration, depth = _known(msg.duration), _known(msg.depth)
     return Observation(
         contact_point=(msg.contact_point.x, msg.contact_point.y),
         contact_normal=(msg.contact_normal.x, msg.contact_normal.y),
         twist=Twist(msg.twist.linear.x, msg.twist.linear.y, msg.twist.angular.z),
         push_id=msg.push_id,
         half_width=msg.half_width,
-        duration=msg.duration,
+        duration=None if duration is None else duration[0],
         stamp=stamp_from_msg(msg.header.stamp),
-        pose=pose_from_msg(msg.pose[0]) if msg.pose else None,
-        force=(msg.force[0].x, msg.force[0].y) if msg.force else None,
-        tip_velocity=(tip_velocity[0].x, tip_velocity[0].y) if tip_velocity else None,
-        depth=getattr(msg, "depth", 0.0) or None,
+        pose=pose_from_msg(msg.pose) if seen else None,
+        force=_known(msg.force.x, msg.force.y),
+        tip_velocity=_known(msg.tip_velocity.x, msg.tip_velocity.y),
+        depth=None if depth is None else depth[0],
     )
+
+
+def _known(*numbers: float) -> Any:
+    """The numbers of a field; None if they are all NaN: then the field is not known."""
+    return None if all(map(math.isnan, numbers)) else numbers
 
 
 def pose_to_msg(pose: Pose, new: New) -> Any:
@@ -135,25 +142,31 @@ def pose_to_msg(pose: Pose, new: New) -> Any:
     )
 
 
+def unknown_pose(new: New) -> Any:
+    """A pose that is not known, as a message: NaN in all its numbers."""
+    position, orientation = dict.fromkeys("xyz", math.nan), dict.fromkeys("xyzw", math.nan)
+    return new(
+        "geometry_msgs/msg/Pose",
+        position=new("geometry_msgs/msg/Point", **position),
+        orientation=new("geometry_msgs/msg/Quaternion", **orientation),
+    )
+
+
 def observation_to_msg(observation: Observation, object_name: str, new: New) -> Any:
     """An observation as a message for the topic `observation`."""
 
-    def vector(xy: Sequence[float]) -> Any:
-        return new("geometry_msgs/msg/Vector3", x=float(xy[0]), y=float(xy[1]))
+    def vector(xy: Sequence[float] | None) -> Any:
+        x, y, z = (math.nan, math.nan, math.nan) if xy is None else (float(xy[0]), float(xy[1]), 0.0)
+        return new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
     msg = new("pushfric_msgs/msg/Observation", object=object_name, push_id=observation.push_id)
     msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(observation.stamp, 10**9)
     msg.header.frame_id = OBJECT
     msg.contact_point.x, msg.contact_point.y = map(float, observation.contact_point)
     msg.contact_normal = vector(observation.contact_normal)
-    msg.half_width, msg.duration = observation.half_width, observation.duration
+    msg.half_width = observation.half_width
+    msg.duration, msg.depth = (math.nan if one is None else one for one in (observation.duration, observation.depth))
     msg.twist.linear.x, msg.twist.linear.y, msg.twist.angular.z = observation.twist
-    if observation.pose is not None:
-        msg.pose = [pose_to_msg(observation.pose, new)]
-    if observation.force is not None:
-        msg.force = [vector(observation.force)]
-    if observation.tip_velocity is not None:
-        msg.tip_velocity = [vector(observation.tip_velocity)]
-    if observation.depth is not None:
-        msg.depth = observation.depth
+    msg.pose = unknown_pose(new) if observation.pose is None else pose_to_msg(observation.pose, new)
+    msg.force, msg.tip_velocity = vector(observation.force), vector(observation.tip_velocity)
     return msg

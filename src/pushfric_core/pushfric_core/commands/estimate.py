@@ -104,7 +104,7 @@ def _one(
     estimation = estimate_from(source, choices, warn, whole_course=figure is not None)
     result = estimation.result
     for reason in estimation.verdict.reasons:
-        warn(reason)
+        warn(reason.text)
     if figure is not None:
         slipping = estimation.settings.slipping
         summary_figure(figure, estimation.model.outline, estimation.course, estimation.estimator.observations, None, slipping)

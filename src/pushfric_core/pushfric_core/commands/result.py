@@ -40,7 +40,7 @@ def print_result(figures: dict[str, Any], json: str | None, loss: Loss) -> None:
         output.print("slip   " + ", ".join(f"{state} {count}" for state, count in mu["slips"].items()))
     output.print(f"from   {data_of(figures['data_points'], figures['pushes'])}")
     for one in figures["rejected"]:
-        output.print(f"       push {one['push']} is left out: {one['reason']}")
+        output.print(f"       push {one['push']} is left out: {one['reason']['text']}")
 
 
 def print_ledger(ledger: Ledger) -> None:

@@ -21,6 +21,7 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty import contact_friction
 from pushfric_core.uncertainty.contact_friction import ContactForces, MuC, Tip
+from pushfric_core.uncertainty.reasons import Reason
 from pushfric_core.uncertainty.screening import Change, Rejected
 from pushfric_core.uncertainty.spread import Spread
 from pushfric_core.wording import observations_of
@@ -44,7 +45,7 @@ class Estimate:
         conflicts: data points whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
         spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not tell.
-        lack: why the pushes do not tell the spread, in words; None if they vary enough.
+        lack: why the pushes do not show the spread; None if they vary enough.
         tip: what was seen and measured of the pusher's tip at each contact.
         moment_error: mean moment error of a data point [m, unit force]; None if the fit has other terms or another loss.
         observations: those that it rests on; in order of arrival, except that those of a push that came back are the last.
@@ -73,7 +74,7 @@ class Estimate:
     conflicts: tuple[Observation, ...] = ()
     center_given: bool = False
     spread: Spread | None = None
-    lack: str | None = None
+    lack: Reason | None = None
     tip: Tip | None = None
     moment_error: float | None = None
     observations: Observations = field(default_factory=Observations, compare=False)
@@ -159,7 +160,7 @@ class Estimate:
         if not self.data_points:
             return f"no observations yet: any w over the {len(self.w)} support points is as good as another"
         figures = self.to_dict()
-        use = "may be used" if self.verdict.use else f"do not use it: {'; '.join(self.verdict.reasons)}"
+        use = "may be used" if self.verdict.use else f"do not use it: {'; '.join(map(str, self.verdict.reasons))}"
         rests_on = f"from   {observations_of(self.data_points, self.pushes)}; {use}"
         return f"{center_line(figures)}\n{contact_friction_line(figures)}\n{rests_on}"
 

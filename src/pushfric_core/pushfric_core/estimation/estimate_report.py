@@ -11,6 +11,7 @@ from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers.program import Status
 from pushfric_core.uncertainty.contact_friction import MuC, Slip
+from pushfric_core.uncertainty.reasons import Reason
 from pushfric_core.uncertainty.screening import Change, Rejected
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class FrictionReport(NamedTuple):
     counts: Sequence[int]  # of the lower bounds in each bin: see `histogram`
     slipping: tuple[float, float] | None  # least and greatest bound of pushes known to slip; None: there is none
     slips: Sequence[int]  # observations of each kind, in the order of `Slip`; empty: unknown
-    slip: Slip | None  # at the newest observation; None: unknown
+    slip: Slip  # at the newest observation
     mu_c: MuC | None
 
     @classmethod
@@ -57,7 +58,7 @@ class FrictionReport(NamedTuple):
             histogram(bounds).tolist(),
             None if slid is None else (float(slid.min()), float(slid.max())),
             () if estimate.tip is None else [slips.count(state) for state in Slip],
-            slips[-1] if slips else None,
+            slips[-1] if slips else Slip.UNKNOWN,
             estimate.mu_c,
         )
 
@@ -90,8 +91,8 @@ class EstimateReport:
     friction: FrictionReport
     spread: SpreadReport | None  # None: not computed, or the pushes cannot give it
     confidence: float | None  # radius about p_CF [m]; None without a spread
-    reasons: Sequence[str] = ()  # why the estimate is not to be used
-    notes: Sequence[str] = ()
+    reasons: Sequence[Reason] = ()  # why the estimate is not to be used
+    notes: Sequence[Reason] = ()
     rejected: Sequence[Rejected] = ()
     change: Change | None = None  # of the object
 
@@ -167,8 +168,9 @@ class EstimateReport:
             figures["mu_c"] |= {"value": mu_c.value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind.value}
         if friction.slips:
             figures["mu_c"]["slips"] = dict(zip(SLIP_NAMES, friction.slips, strict=True))
-        figures["verdict"] = {"use": not self.reasons, "reasons": list(self.reasons), "notes": list(self.notes)}
-        figures["rejected"] = [{"push": one.push_id, "reason": one.reason} for one in self.rejected]
+        reasons, notes = ([one._asdict() for one in found] for found in (self.reasons, self.notes))
+        figures["verdict"] = {"use": not self.reasons, "reasons": reasons, "notes": notes}
+        figures["rejected"] = [{"push": one.push_id, "reason": one.reason._asdict()} for one in self.rejected]
         if self.change is not None:
             figures["change"] = {"since_push": self.change.since, "shift": list(self.change.shift)}
         return figures

@@ -18,6 +18,7 @@ from pushfric_core.geometry.planar import Array, Twist, cross, velocity_at
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.misplacement import ContactCheck
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_core.uncertainty.screening import Change, Rejected
 
 if TYPE_CHECKING:
@@ -71,29 +72,29 @@ class Verdict:
     """Whether an estimate may be used.
 
     Attributes:
-        mistakes: of the input, a sentence each with the likely cause and what to do.
+        mistakes: of the input.
         rejected: pushes that were left out; the estimate may be used without them.
         change: since when the object is another one; None while it seems to be the same.
-        notes: what should be put right although the estimate may be used, a sentence each.
+        notes: what should be put right although the estimate may be used.
     """
 
-    mistakes: tuple[str, ...] = ()
+    mistakes: tuple[Reason, ...] = ()
     rejected: tuple[Rejected, ...] = ()
     change: Change | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Reason, ...] = ()
 
     @property
-    def reasons(self) -> tuple[str, ...]:
+    def reasons(self) -> tuple[Reason, ...]:
         """Why it may not be used; none if it may."""
         if self.change is None:
             return self.mistakes
         x, y = (1e3 * value for value in self.change.shift)
-        return (
-            *self.mistakes,
+        changed = (
             f"the object is another one since push {self.change.since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
             f"was moved, or it was exchanged; start again from push {self.change.since}, with reset or by leaving the earlier "
-            "pushes out",
+            "pushes out"
         )
+        return *self.mistakes, Reason(ReasonCode.OBJECT_CHANGED, changed)
 
     @property
     def use(self) -> bool:
@@ -147,70 +148,75 @@ class InputCheck:
         if not found:
             return Verdict((*wrong, *lack), change=change)
         within = math.inf if estimate.confidence is None else estimate.confidence
-        misplaced = [one.sentence for one in found]
+        misplaced = [one.reason for one in found]
         if wrong or any(one.displaces and one.size > within for one in found):
             return Verdict((*misplaced, *lack), change=change)
         return Verdict(tuple(lack), change=change, notes=tuple(misplaced))
 
-    def _mistakes(self) -> list[str]:
+    def _mistakes(self) -> list[Reason]:
         """What the data points themselves show."""
         found = []
         wrong_motion = False  # against which forces would seem turned
         if self._behind > MOST * self._count or self._inverted > MANY_RECEDE * self._count:
-            found.append(
+            text = (
                 f"the normals point inward in {self._behind} of {self._count} data points: contact_normal must point away from "
                 "the object; negate normal_x and normal_y"
             )
+            found.append(Reason(ReasonCode.NORMALS_INWARD, text))
         elif self._about_origin > MOST * self._count:
             wrong_motion = True
-            found.append(
+            text = (
                 f"the object seems to turn about the origin of its frame in {self._about_origin} of {self._count} data points, "
                 "as if omega were in degrees: give omega in radians per unit of time"
             )
+            found.append(Reason(ReasonCode.OMEGA_IN_DEGREES, text))
         elif self._receding > MANY_RECEDE * self._count:
             wrong_motion = True
-            found.append(
+            text = (
                 f"the contact moves away from the pusher in {self._receding} of {self._count} data points: vx, vy, omega must "
                 "be the velocity of the object-frame origin, in the object frame"
             )
+            found.append(Reason(ReasonCode.CONTACTS_RECEDE, text))
         if self._forces >= FEWEST_FORCES and not wrong_motion:
             mean = self._turn / self._forces
             turn = math.degrees(cmath.phase(mean))
             if abs(mean) < SCATTERED:
-                found.append("the measured forces do not turn with the object: give force_x, force_y in the object frame")
+                text = "the measured forces do not turn with the object: give force_x, force_y in the object frame"
+                found.append(Reason(ReasonCode.FORCES_SCATTERED, text))
             elif abs(turn) > 180 - math.degrees(TURNED):
-                found.append(
-                    "the measured forces oppose the motion: force_x, force_y are of the pusher ON the object; negate them"
-                )
+                text = "the measured forces oppose the motion: force_x, force_y are of the pusher ON the object; negate them"
+                found.append(Reason(ReasonCode.FORCES_OPPOSED, text))
             elif abs(turn) > math.degrees(TURNED):
-                found.append(
-                    f"the measured forces are turned by {turn:.0f} degrees against the motion: check the sensor's frame"
-                )
+                text = f"the measured forces are turned by {turn:.0f} degrees against the motion: check the sensor's frame"
+                found.append(Reason(ReasonCode.FORCES_TURNED, text))
         return found
 
-    def _conflicts(self, estimate: "Estimate") -> list[str]:
+    def _conflicts(self, estimate: "Estimate") -> list[Reason]:
         """Whether pushes contradict each other, or what is known of the object."""
         if estimate.contradiction is not None:
-            return [f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"]
+            text = f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"
+            return [Reason(ReasonCode.CONTRADICTION, text)]
         return [] if estimate.lack is not None else self._doubts(estimate) or self._opposed(estimate)
 
-    def _doubts(self, estimate: "Estimate") -> list[str]:
+    def _doubts(self, estimate: "Estimate") -> list[Reason]:
         """What the fit shows."""
         error = estimate.moment_error
         if error is not None and error > POOR_FIT * self._radius:
-            return [
+            text = (
                 f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: check the units and "
                 "frames of contact, twist and outline, and the support points"
-            ]
+            )
+            return [Reason(ReasonCode.POOR_FIT, text)]
         w = estimate.w if estimate.spread is None else estimate.spread.middle
         reach = (DIRECTIONS @ (self._points - w @ self._points).T).max(axis=1)
         extent = reach[:32] + reach[32:]
         thick = extent.min() > 0.1 * extent.max()
         if estimate.status is not Status.INFEASIBLE and thick and reach.min() < AT_THE_EDGE * extent.max():
-            return ["p_CF lies at the edge of the hull of the support points: give support points further out"]
+            text = "p_CF lies at the edge of the hull of the support points: give support points further out"
+            return [Reason(ReasonCode.SUPPORT_TOO_SMALL, text)]
         return []
 
-    def _opposed(self, estimate: "Estimate") -> list[str]:
+    def _opposed(self, estimate: "Estimate") -> list[Reason]:
         """Whether the half-planes of section 6.2, which need no support points, contradict the p_CF of the program."""
         center = estimate.center_of_friction
         sides, pushes = self._lines.sides(center)
@@ -225,10 +231,11 @@ class InputCheck:
             else "check the unit and sign of omega, that vx, vy are the velocity of the object-frame origin, and that contacts "
             "and support points have the same frame"
         )
-        return [
+        text = (
             f"the half-planes contradict the program: in {100 * share:.0f} % of the data points, of {len(opposed)} pushes, the "
             f"object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: {cause}"
-        ]
+        )
+        return [Reason(ReasonCode.HALF_PLANES, text)]
 
 
 class _Lines:

@@ -99,7 +99,7 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
         course = _course(estimator, data, warn, whole_course)
     verdict = estimator.verdict(course[-1])
     reading.settle(estimator)
-    for line in (*verdict.notes, *(f"{source}: {doubt}" for doubt in reading.ledger.doubts)):
+    for line in (*(note.text for note in verdict.notes), *(f"{source}: {doubt}" for doubt in reading.ledger.doubts)):
         warn(line)
     return Estimation(source, model, settings, estimator, course, verdict, reading.ledger, refined)
 

@@ -76,7 +76,8 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     if any(len(group) < FEWEST for group in groups.values()):
         text += [f"An object needs at least {FEWEST} estimates before outliers are looked for.", ""]
     doubtful = [line for line in lines if "verdict" in line and not line["verdict"]["use"]]
-    text += _list("Not to be used", [(line, " ".join(line["verdict"]["reasons"])) for line in doubtful])
+    reasons = (" ".join(reason["text"] for reason in line["verdict"]["reasons"]) for line in doubtful)
+    text += _list("Not to be used", list(zip(doubtful, reasons, strict=True)))
     text += _list("Broken inputs", [(line, line["error"]) for line in lines if "error" in line])
     text += _list("Warnings", [(line, warning) for line in lines for warning in line["warnings"]])
     page = folder / PAGE

@@ -39,7 +39,10 @@ COLUMNS: dict[str, tuple[str, Callable[[Line], Any]]] = {
     "status": ("string", _at("status")),
     "use": ("bool", _at("verdict", "use")),
     "error": ("string", _at("error")),
-    "reasons": ("string", lambda line: " ".join(line["verdict"]["reasons"]) if "verdict" in line else None),
+    "reasons": (
+        "string",
+        lambda line: " ".join(one["code"] for one in line["verdict"]["reasons"]) if "verdict" in line else None,
+    ),
     "p_cf_x": ("double", _number("center_of_friction", 0)),
     "p_cf_y": ("double", _number("center_of_friction", 1)),
     "var_x": ("double", _number(COVARIANCE, 0, 0)),

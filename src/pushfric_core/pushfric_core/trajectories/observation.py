@@ -35,14 +35,14 @@ class Observation:
         twist: velocity of the object-frame origin [m/s, m/s, rad/s]; only its direction matters.
         push_id: number of the push that the data point belongs to.
         half_width: half the interval of possible contact points along the edge [m].
-        duration: time between the two smoothed poses that were differenced [s]; 0 if unknown.
+        duration: time between the two smoothed poses that were differenced [s]; None if unknown.
         stamp: mean time of the images that were smoothed [ns]; 0 if unknown.
         pose: of the object in the table frame at the stamp; None if unknown.
         force: measured force of the pusher ON the object [N]; None without a force sensor.
         tip_velocity: of the pusher's tip over the table, in the object frame [m/s], in the unit of time of the twist; None
             if unknown.
         depth: how far the tip would be inside the outline, along -n [m]; an outline that is right makes it zero but for
-            errors of the poses. None or exactly 0 if unknown, as in messages; read as None.
+            errors of the poses. None if unknown.
     Raises:
         ValueError: a value is not finite, beyond its limit or of another type; the normal does not have unit length; the
             half-width or the duration is negative.
@@ -60,7 +60,7 @@ class Observation:
     twist: Twist
     push_id: int = 0
     half_width: float = 0.0
-    duration: float = 0.0
+    duration: float | None = None
     stamp: int = 0
     pose: Pose | None = None
     force: Vector | None = None
@@ -90,16 +90,14 @@ class Observation:
                 check_within(name, value[:2], limit, unit)
         if self.depth is not None:
             check_within("depth", (self.depth,), FARTHEST, "m")
-        if self.depth == 0:
-            object.__setattr__(self, "depth", None)
         length = math.hypot(*self.contact_normal)
         if abs(length - 1) > UNIT:
             raise ValueError(f"contact_normal must have length 1, got {self.contact_normal} of length {length:.4g}")
-        for name in ("half_width", "duration"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be at least 0 and finite, got {getattr(self, name)}")
-        check_within("half_width", (self.half_width,), LARGEST, "m")
-        check_within("duration", (self.duration,), LONGEST, "s")
+        duration = 0.0 if self.duration is None else self.duration
+        for name, value, longest, unit in (("half_width", self.half_width, LARGEST, "m"), ("duration", duration, LONGEST, "s")):
+            if not 0 <= value < math.inf:
+                raise ValueError(f"{name} must be at least 0 and finite, got {value}")
+            check_within(name, (value,), longest, unit)
         if any(self.twist) and not SLOWEST < max(map(abs, self.twist)) < 1 / SLOWEST:
             raise ValueError(
                 f"the twist must have a size between {SLOWEST:g} and {1 / SLOWEST:g}, got {tuple(map(float, self.twist))}"

@@ -89,7 +89,7 @@ def _row(observation: Observation) -> dict[str, float]:
         "force_y": force_y,
         "tip_vx": tip_vx,
         "tip_vy": tip_vy,
-        "duration": observation.duration,
+        "duration": math.nan if observation.duration is None else observation.duration,
         "stamp": observation.stamp,
         "pose_x": pose_x,
         "pose_y": pose_y,

@@ -93,7 +93,7 @@ class SensedForce:
         found = []
         while self._waiting and self._samples:
             observation = self._waiting[0]
-            half = round(observation.duration * 5e8)
+            half = round((observation.duration or 0.0) * 5e8)
             if self._samples[-1].stamp <= observation.stamp + half:
                 break
             while self._samples[0].stamp < observation.stamp - half:  # data points come in order of time

@@ -19,6 +19,7 @@ from pushfric_core.geometry.planar import Array, velocity_at
 from pushfric_core.program.row_table import RowTable
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import Apart
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_core.wording import counted
 
 SMALLEST = 1e-3
@@ -46,7 +47,7 @@ ALIKE = 1.01
 class Misplacement(NamedTuple):
     """One way in which contacts are off."""
 
-    sentence: str  # what is seen, with the likely cause and what to do
+    reason: Reason
     size: float  # of the error [m]
     displaces: bool  # p_CF, relative to the contacts; if not, the errors of opposite sides cancel
 
@@ -110,17 +111,23 @@ class ContactCheck:
                 else ("away from", "small", "further ahead", "early")
             )
             return Misplacement(
-                f"the tip seems to be {1e3 * fit.size:.1f} mm {where} the outline while it pushes: "
-                f"the outline or tip_radius is too {size}, the tip is {ahead} than line_origin says, or images have {late} "
-                "stamps; measure these again",
+                Reason(
+                    ReasonCode.TIP_OFF_ACROSS,
+                    f"the tip seems to be {1e3 * fit.size:.1f} mm {where} the outline while it pushes: "
+                    f"the outline or tip_radius is too {size}, the tip is {ahead} than line_origin says, or images have {late} "
+                    "stamps; measure these again",
+                ),
                 fit.size,
                 False,
             )
         if fit is self._shift:
             x, y = 1e3 * fit.lengths()
             return Misplacement(
-                f"the outline seems to be shifted by ({x:.1f}, {y:.1f}) mm in the object frame, because the tip is inside it "
-                "on one side and away from it on the other: measure where the outline lies in the frame that is tracked",
+                Reason(
+                    ReasonCode.OUTLINE_SHIFTED,
+                    f"the outline seems to be shifted by ({x:.1f}, {y:.1f}) mm in the object frame, because the tip is inside "
+                    "it on one side and away from it on the other: measure where the outline lies in the frame that is tracked",
+                ),
                 fit.size,
                 True,
             )
@@ -132,16 +139,22 @@ class ContactCheck:
         if fit is self._line:
             side = "right" if fit.lengths()[0] > 0 else "left"
             return Misplacement(
-                f"the object moves as if its contacts were {1e3 * fit.size:.1f} mm further to the {side}, seen along the push: "
-                "the line is off sideways; measure line_origin and line_direction, or the tip's place, again",
+                Reason(
+                    ReasonCode.LINE_OFF_SIDEWAYS,
+                    f"the object moves as if its contacts were {1e3 * fit.size:.1f} mm further to the {side}, seen along the "
+                    "push: the line is off sideways; measure line_origin and line_direction, or the tip's place, again",
+                ),
                 fit.size,
                 True,
             )
         if fit is self._frame:
             x, y = 1e3 * fit.lengths()
             return Misplacement(
-                f"the object moves as if its contacts were displaced by ({x:.1f}, {y:.1f}) mm in the object frame: "
-                "give contacts, outline and velocities in the same frame",
+                Reason(
+                    ReasonCode.CONTACTS_DISPLACED,
+                    f"the object moves as if its contacts were displaced by ({x:.1f}, {y:.1f}) mm in the object frame: "
+                    "give contacts, outline and velocities in the same frame",
+                ),
                 fit.size,
                 True,
             )

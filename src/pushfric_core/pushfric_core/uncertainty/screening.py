@@ -26,6 +26,7 @@ from pushfric_core.program.row_table import RowTable
 from pushfric_core.solvers import empty_program
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.contact_friction import tip_at
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 
 FEWEST_COMPARED = 6
 """With fewer pushes, none is said to be unlike the others."""
@@ -86,11 +87,16 @@ SMALLEST = 1e-200
 """Keeps the division by a determinant of zero defined: data points without slopes ask for no shift."""
 
 REASONS = {
-    "mismatch": "the contact moves at another speed than the tip: contact was lost, or tracking jumped",
-    "drift": "the object moves into or off the tip over the whole push: tracking wandered, or another outline was touched",
-    "jump": "the motion jumps from one data point to the next: tracking jumped",
-    "poses": "the velocities disagree with the poses that were seen",
-    "moment": "it contradicts the other pushes",
+    "mismatch": Reason(
+        ReasonCode.TIP_MISMATCH, "the contact moves at another speed than the tip: contact was lost, or tracking jumped"
+    ),
+    "drift": Reason(
+        ReasonCode.TIP_DRIFT,
+        "the object moves into or off the tip over the whole push: tracking wandered, or another outline was touched",
+    ),
+    "jump": Reason(ReasonCode.MOTION_JUMPS, "the motion jumps from one data point to the next: tracking jumped"),
+    "poses": Reason(ReasonCode.POSES_DISAGREE, "the velocities disagree with the poses that were seen"),
+    "moment": Reason(ReasonCode.MOMENT_CONTRADICTS, "it contradicts the other pushes"),
 }
 """For each measure, why a push that fails it is bad."""
 
@@ -99,7 +105,7 @@ class Rejected(NamedTuple):
     """A push that is left out."""
 
     push_id: int
-    reason: str
+    reason: Reason
 
 
 class Change(NamedTuple):
@@ -143,7 +149,7 @@ class Screening:
             if _tells_tip(before) == _tells_tip(observation):  # otherwise, they are shares of different speeds
                 jump = float(np.linalg.norm(motion - moved))
             poses = self._between(before, observation)
-            if observation.duration > 0 and observation.stamp > before.stamp:
+            if observation.duration and observation.stamp > before.stamp:
                 span = (observation.stamp - before.stamp) / 1e9 / observation.duration
         self._last = observation, motion
         forces = support_forces(self._points, observation.twist, self._radii)

@@ -23,6 +23,7 @@ from pushfric_core.geometry.support import center_of_friction
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import finite
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_core.wording import counted
 
 SHARE = 0.9
@@ -217,16 +218,19 @@ class Variety:
             self._one_side = all(abs((bearing - other + 180) % 360 - 180) <= ONE_SIDE for other in self._bearings)
             self._bearings.add(bearing)
 
-    def lack(self, pushes: int) -> str | None:
-        """What this number of pushes lacks to tell how far p_CF is off, in words; None if it lacks nothing."""
+    def lack(self, pushes: int) -> Reason | None:
+        """What this number of pushes lacks to show how far p_CF is off; None if it lacks nothing."""
         if pushes < FEWEST_PUSHES:
-            return (
+            return Reason(
+                ReasonCode.FEW_PUSHES,
                 f"p_CF rests on {counted(pushes, 'push', 'pushes')}, and fewer than {FEWEST_PUSHES} cannot tell how far it is "
-                f"off: push at least {FEWEST_PUSHES} times, at {FEWEST_PLACES} places or more, on more than one side"
+                f"off: push at least {FEWEST_PUSHES} times, at {FEWEST_PLACES} places or more, on more than one side",
             )
         if self._separate < FEWEST_PLACES:
             where = "one place" if self._separate == 1 else f"{self._separate} places"
-            return f"all pushes are at {where} and say the same: push at least {FEWEST_PLACES} places, on more than one side"
+            text = f"all pushes are at {where} and say the same: push at least {FEWEST_PLACES} places, on more than one side"
+            return Reason(ReasonCode.FEW_PLACES, text)
         if self._one_side:
-            return "all pushes are against one side, which leaves p_CF open across it: push another side, too"
+            text = "all pushes are against one side, which leaves p_CF open across it: push another side, too"
+            return Reason(ReasonCode.ONE_SIDE, text)
         return None

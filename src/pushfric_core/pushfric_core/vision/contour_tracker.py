@@ -13,7 +13,7 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, wrap
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, REACH_PX, SATURATED, EdgeFit, edge_samples
-from pushfric_core.vision.sighting import NotSeen, Sighting
+from pushfric_core.vision.sighting import NO_OBJECT, NotSeen, Sighting
 
 AREA_RANGE = (0.6, 1.6)
 """Area of a blob that may be the object, as a fraction of the outline's."""
@@ -129,7 +129,7 @@ class ContourTracker:
             raise NotSeen("saturated or empty frame")
         contrast = object_level - table_level
         if min(contrast, brightest - darkest) < MIN_CONTRAST:
-            raise NotSeen("no object")
+            raise NotSeen(NO_OBJECT)
 
         full_area = self._outline.polygon.area
         speck = SPECK_AREA * full_area / (self._pixel * self._shrinking) ** 2
@@ -152,7 +152,7 @@ class ContourTracker:
             raise NotSeen("two candidates")
         if not whole:
             if partial or misshapen is None:
-                raise NotSeen("partial view" if partial else "no object")
+                raise NotSeen("partial view" if partial else NO_OBJECT)
             raise NotSeen(f"outline does not fit: {self._misfit(image, misshapen)}")
         return whole[0], contrast
 

@@ -17,6 +17,10 @@ A variance of 0 would claim that they are exact. One of this order has told filt
 """
 
 
+NO_OBJECT = "no object"
+"""Why an object is not seen where there is none."""
+
+
 class NotSeen(PushfricError):
     """A frame does not show where the object is; the text says why."""
 

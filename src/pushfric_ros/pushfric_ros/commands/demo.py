@@ -143,8 +143,8 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
     table.add_row("mu_c", f"{friction.p90:.2f} to {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
     console.print(table)
     off = float(np.hypot(*(np.array(center) - true)))
-    for radius in msg.confidence:
-        claim = f"the estimate claims to be within {radius * 1e3:.2f} mm of it with 90 % probability"
+    if not np.isnan(msg.confidence):
+        claim = f"the estimate claims to be within {msg.confidence * 1e3:.2f} mm of it with 90 % probability"
         console.print(f"The true p_CF is {off * 1e3:.2f} mm from the estimated one; {claim}.", highlight=False)
     bounds = f"90 % of the lower bounds lie at or below {friction.p90:.2f}, the largest is {friction.max:.2f}"
     console.print(f"These pushes bound mu_c only from below: {bounds}.", highlight=False)

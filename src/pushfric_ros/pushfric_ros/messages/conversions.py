@@ -33,11 +33,11 @@ from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, che
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import UNIT, Observation
 from pushfric_core.uncertainty.contact_friction import Kind, MuC, Slip
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_core.uncertainty.screening import Change, Rejected
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
-    FrictionCoefficient,
     FrictionEstimate,
     Hypothesis,
     LimitSurface,
@@ -51,6 +51,9 @@ from pushfric_msgs.msg import (
 )
 from pushfric_msgs.msg import (
     Observation as ObservationMsg,
+)
+from pushfric_msgs.msg import (
+    Reason as ReasonMsg,
 )
 from pushfric_msgs.srv import PredictPush, StablePushes
 from pushfric_ros.messages.types import message_class
@@ -80,6 +83,19 @@ SLIP_TO_MSG = {
     Slip.RIGHT: ContactFriction.SLIP_RIGHT,
 }
 
+
+KIND_TO_MSG = {
+    None: ContactFriction.KIND_UNKNOWN,
+    Kind.BOUND: ContactFriction.KIND_BOUND,
+    Kind.SLIP: ContactFriction.KIND_SLIP,
+    Kind.FORCE: ContactFriction.KIND_FORCE,
+}
+
+KIND_FROM_MSG = {number: kind for kind, number in KIND_TO_MSG.items()}
+
+CODE_FROM_MSG = {getattr(ReasonMsg, code.name): code for code in ReasonCode}
+
+NOWHERE = (math.nan, math.nan)
 
 SLIP_FROM_MSG = {number: slip for slip, number in SLIP_TO_MSG.items()}
 
@@ -112,41 +128,37 @@ def estimate_to_msg(report: EstimateReport) -> FrictionEstimate:
         object=report.object_name,
         support_points=points,
         weights=report.w,
-        total_friction=_optional(report.total_friction),
+        total_friction=_number(report.total_friction),
     )
     msg.center_of_friction = _point(report.center_of_friction)
     msg.objective, msg.lower_bound, msg.gap = report.objective, report.lower_bound, report.gap
-    msg.confidence = _optional(report.confidence)
-    if (spread := report.spread) is not None:
-        low, high = spread.intervals.T
-        covariance, rests_on = spread.covariance.ravel(), spread.data_points
-        msg.spread = [Spread(covariance=covariance, middle=spread.middle, low=low, high=high, data_points=rests_on)]
-    msg.reasons, msg.notes = list(report.reasons), list(report.notes)
-    msg.rejected = [RejectedPush(push_id=one.push_id, reason=one.reason) for one in report.rejected]
-    if report.change is not None:
-        msg.change = [ObjectChange(since_push=report.change.since, shift=_vector(report.change.shift))]
-    friction = report.friction
+    msg.confidence, msg.spread, msg.change = _number(report.confidence), _spread(report.spread), _change(report.change)
+    msg.reasons, msg.notes = _reasons(report.reasons), _reasons(report.notes)
+    msg.rejected = [RejectedPush(push_id=one.push_id, reason=_reason(one.reason)) for one in report.rejected]
+    friction, mu_c = report.friction, report.friction.mu_c
+    kind, value, low, high = 4 * (None,) if mu_c is None else (mu_c.kind, mu_c.value, mu_c.low, mu_c.high)
     msg.contact_friction = ContactFriction(
         header=msg.header if friction.data_points == report.data_points else Header(),
         object=report.object_name,
+        kind=KIND_TO_MSG[kind],
+        value=_number(value),
+        low=_number(low),
+        high=_number(high),
         p90=friction.p90,
         max=friction.most,
         bin_width=BIN_WIDTH,
         histogram=friction.counts,
         slipping=friction.slipping or (),
         slips=friction.slips,
-        slip=() if friction.slip is None else (SLIP_TO_MSG[friction.slip],),
+        slip=SLIP_TO_MSG[friction.slip],
     )
-    if (mu_c := friction.mu_c) is not None:
-        value = math.nan if mu_c.value is None else mu_c.value
-        msg.mu_c = [FrictionCoefficient(value=value, low=mu_c.low, high=mu_c.high, kind=mu_c.kind.value)]
     return msg
 
 
 def report_from_msg(msg: FrictionEstimate) -> EstimateReport:
     """The report in a message that has data points."""
-    support, friction = msg.support_friction, msg.contact_friction
-    mu_c = [MuC(None if math.isnan(one.value) else one.value, one.low, one.high, Kind(one.kind)) for one in msg.mu_c]
+    support, friction, spread = msg.support_friction, msg.contact_friction, msg.spread
+    kind = KIND_FROM_MSG[friction.kind]
     return EstimateReport(
         object_name=msg.object,
         stamp=stamp_from_msg(msg.header.stamp),
@@ -159,33 +171,32 @@ def report_from_msg(msg: FrictionEstimate) -> EstimateReport:
         objective=msg.objective,
         lower_bound=msg.lower_bound,
         gap=msg.gap,
-        total_friction=_first(support.total_friction),
+        total_friction=_known(support.total_friction),
         friction=FrictionReport(
             sum(friction.histogram),
             friction.p90,
             friction.max,
             list(friction.histogram),
-            (friction.slipping[0], friction.slipping[1]) if friction.slipping else None,
+            (friction.slipping[0], friction.slipping[1]) if len(friction.slipping) else None,
             list(friction.slips),
-            SLIP_FROM_MSG[friction.slip[0]] if friction.slip else None,
-            _first(mu_c),
+            SLIP_FROM_MSG[friction.slip],
+            None if kind is None else MuC(_known(friction.value), friction.low, friction.high, kind),
         ),
-        spread=_first(
-            [
-                SpreadReport(
-                    np.array(one.covariance).reshape(2, 2),
-                    np.array(one.middle),
-                    np.column_stack((one.low, one.high)),
-                    one.data_points,
-                )
-                for one in msg.spread
-            ]
-        ),
-        confidence=_first(msg.confidence),
-        reasons=list(msg.reasons),
-        notes=list(msg.notes),
-        rejected=[Rejected(one.push_id, one.reason) for one in msg.rejected],
-        change=_first([Change(one.since_push, (one.shift.x, one.shift.y)) for one in msg.change]),
+        spread=SpreadReport(
+            np.array(spread.covariance).reshape(2, 2),
+            np.array(spread.middle),
+            np.column_stack((spread.low, spread.high)),
+            spread.data_points,
+        )
+        if len(spread.middle)
+        else None,
+        confidence=_known(msg.confidence),
+        reasons=[_reason_from(one) for one in msg.reasons],
+        notes=[_reason_from(one) for one in msg.notes],
+        rejected=[Rejected(one.push_id, _reason_from(one.reason)) for one in msg.rejected],
+        change=None
+        if msg.change.since_push == ObjectChange.NO_PUSH
+        else Change(msg.change.since_push, (msg.change.shift.x, msg.change.shift.y)),
     )
 
 
@@ -193,9 +204,12 @@ def nothing_known(object_name: str) -> FrictionEstimate:
     """The message while there is no estimate: no weights, and NaN for every number."""
     msg = FrictionEstimate(object=object_name, status=FrictionEstimate.STATUS_NO_DATA)
     msg.header.frame_id = OBJECT
-    msg.support_friction = SupportFriction(header=msg.header, object=object_name)
-    msg.center_of_friction = _point((math.nan, math.nan))
-    msg.contact_friction = ContactFriction(header=msg.header, object=object_name, p90=math.nan, max=math.nan)
+    msg.support_friction = SupportFriction(header=msg.header, object=object_name, total_friction=math.nan)
+    msg.center_of_friction = _point(NOWHERE)
+    mu_c = dict.fromkeys(("value", "low", "high", "p90", "max"), math.nan)
+    msg.contact_friction = ContactFriction(header=msg.header, object=object_name, **mu_c)
+    msg.objective = msg.lower_bound = msg.gap = msg.confidence = math.nan
+    msg.spread, msg.change = _spread(None), _change(None)
     return msg
 
 
@@ -280,10 +294,9 @@ def limit_surface_to_msg(estimate: Estimate, model: FrictionModel, object_name: 
     Raises:
         ValueError: a single point bears all the weight: its surface encloses no volume.
     """
-    msg = LimitSurface(object=object_name, contact_friction=model.mean_mu_c)
+    total_friction = _number(estimate.total_friction)
+    msg = LimitSurface(object=object_name, contact_friction=model.mean_mu_c, total_friction=total_friction)
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
-    if estimate.total_friction is not None:
-        msg.total_friction = [estimate.total_friction]
     ellipsoid, quartic = named_ellipsoid(model.support), convex_quartic(model.support)
     msg.f_max, msg.m_max, msg.center = ellipsoid.f_max, ellipsoid.m_max, _point(ellipsoid.center)
     msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid.form(), model.support)
@@ -334,10 +347,35 @@ def _new(type_name: str, **fields: Any) -> Any:
     return message_class(type_name)(**fields)
 
 
-def _optional(value: float | None) -> list[float]:
-    return [] if value is None else [value]
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
-def _first(values: Sequence[Any]) -> Any:
-    """The only element of a field with at most one; None if there is none."""
-    return values[0] if len(values) else None
+def _known(number: float) -> float | None:
+    return None if math.isnan(number) else number
+
+
+def _spread(spread: SpreadReport | None) -> Spread:
+    if spread is None:
+        return Spread(covariance=np.full(4, math.nan))
+    low, high = spread.intervals.T
+    return Spread(
+        covariance=spread.covariance.ravel(), middle=spread.middle, low=low, high=high, data_points=spread.data_points
+    )
+
+
+def _change(change: Change | None) -> ObjectChange:
+    since, shift = (ObjectChange.NO_PUSH, NOWHERE) if change is None else change
+    return ObjectChange(since_push=since, shift=_vector(shift))
+
+
+def _reason(reason: Reason) -> ReasonMsg:
+    return ReasonMsg(code=getattr(ReasonMsg, reason.code.name), text=reason.text)
+
+
+def _reasons(reasons: Sequence[Reason]) -> list[ReasonMsg]:
+    return [_reason(one) for one in reasons]
+
+
+def _reason_from(msg: ReasonMsg) -> Reason:
+    return Reason(CODE_FROM_MSG[msg.code], msg.text)

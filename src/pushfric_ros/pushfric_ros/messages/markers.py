@@ -59,13 +59,14 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
         Marker(ns="support_points", type=Marker.SPHERE_LIST, points=_points(points), scale=_cube(DOT * size), color=GREY),
         *_discs(points, estimate.support_friction.weights, DISC_SHARE * outline.polygon.area, DOT * size),
         _at("center_of_friction", Marker.SPHERE, center, _cube(3 * DOT * size), RED),
-        *(_line("confidence", _circle(center, radius), LINE * size, RED) for radius in estimate.confidence),
         _at("contact", Marker.SPHERE, contact, _cube(2 * DOT * size), GREEN),
         _arrow("contact_normal", (contact, contact + SYMBOL * size * normal), size, GREEN),
-        *(_slip(friction.slip[0], contact, normal, size) if friction.slip else ()),
+        *_slip(friction.slip, contact, normal, size),
         _line("friction_cone", (contact + reach * edges[0], contact, contact + reach * edges[1]), LINE * size, GREEN),
         _at("mu_c", Marker.TEXT_VIEW_FACING, above, Vector3(z=TEXT * size), WHITE, text=words),
     ]
+    if not math.isnan(estimate.confidence):
+        markers.append(_line("confidence", _circle(center, estimate.confidence), LINE * size, RED))
     return MarkerArray(markers=[Marker(header=estimate.header, action=Marker.DELETEALL), *_on_object(markers, estimate.header)])
 
 

@@ -22,6 +22,10 @@ FIRST, PERIOD = 0.1, 1.0
 """Time until a node's first report, and the time between reports that it grows to [s]."""
 
 
+NO_POSE = "no pose"
+"""The figure in which the node that publishes the object's pose says why there is none now; empty: there is one."""
+
+
 class Level(Enum):
     """How well a node works; the values are those of diagnostic_msgs."""
 
@@ -72,23 +76,25 @@ class Awaited:
         self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK or not self._at_first}
 
 
-class Complaint:
-    """What another node of a cell last reported, if it was not well.
+class Figure:
+    """A figure that one node of a cell reports, whichever it is.
 
     Args:
-        node: the node that listens.
-        name: of the other one, relative to its namespace.
+        node: the node that listens, in the cell's namespace.
+        key: of the figure.
     """
 
-    def __init__(self, node: Node, name: str) -> None:
-        self._name = f"{node.get_namespace()}/{name}".replace("//", "/")
-        self.text = ""  # empty: it was well, or has not reported yet
+    def __init__(self, node: Node, key: str) -> None:
+        self._cell, self._key = node.get_namespace(), key
+        self.text = ""  # as it was last reported; empty if it was not yet
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
-            if status.name == self._name:
-                self.text = "" if status.level == DiagnosticStatus.OK else status.message
+            if (status.name.rpartition("/")[0] or "/") == self._cell:
+                for figure in status.values:
+                    if figure.key == self._key:
+                        self.text = figure.value
 
 
 class Diagnostics:

@@ -25,13 +25,14 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.trajectories.trajectory import PoseSample, Trajectory
+from pushfric_core.vision.sighting import NO_OBJECT
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_ros.cell.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit import executable
-from pushfric_ros.node_kit.diagnostics import Awaited, Complaint, Diagnostics, Health, Level
+from pushfric_ros.node_kit.diagnostics import NO_POSE, Awaited, Diagnostics, Figure, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat, Listener
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -94,7 +95,7 @@ class ExperimentNode(Node):
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
         self._progress = PlanProgress(count=self._count, push_id=self._first)
         self._awaited = Awaited(self, self._config.awaits)
-        self._tracker = Complaint(self, "tracker")
+        self._no_pose = Figure(self, NO_POSE)
         self._action = ActionClient(self, Push, "push")
         self._pusher: PusherState | None = None
         self._checked = time.monotonic()  # when the condition was; this and the next in wall time [s]
@@ -389,8 +390,8 @@ class ExperimentNode(Node):
     def _misplaced(self, wanted: Pose) -> str | None:
         """What is wrong with the placement; None once the object lies still in its place."""
         if not self._poses or self._unseen:
-            why = self._tracker.text.removeprefix("not seen: ")
-            if why == "no object":  # this needs no explanation
+            why = self._no_pose.text
+            if why == NO_OBJECT:  # this needs no explanation
                 why = ""
             return why if not self._poses else ": ".join(filter(None, ("it is not seen", why)))
         last = self._poses[-1][1]

@@ -13,7 +13,7 @@ from pushfric_ros.cell.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.bodies import follow
-from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -57,14 +57,18 @@ class PoseSourceNode(Node):
         self._problem = str(error)
 
     def _health(self) -> Health:
-        values = {"poses": self._poses}
-        if silent := without_publisher(self):
-            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
-        if self._problem:
-            return Health(Level.ERROR, self._problem, values)
-        if missing := self._audience.missing:
-            return Health(Level.WARN, f"waiting for {', '.join(missing)} to receive the poses", values)
+        why = self._without_pose()
+        values = {"poses": self._poses, NO_POSE: why}
+        if why:
+            return Health(Level.ERROR if why == self._problem else Level.WARN, why, values)
         return Health(Level.OK, "following" if self._poses else "waiting for a pose", values)
+
+    def _without_pose(self) -> str:
+        """Why no pose is published; empty if nothing is known against one."""
+        if silent := without_publisher(self):
+            return f"no publisher of {', '.join(silent)}"
+        missing = self._audience.missing
+        return self._problem or (f"waiting for {', '.join(missing)} to receive the poses" if missing else "")
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ from pushfric_ros.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.audience import Audience
-from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
+from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -268,7 +268,6 @@ class TrackerNode(Node):
             "object": self._object.name,
             "frames/s": round(frames / max(now - then, 1e-9), 1),
             **self._counts,
-            "last reason": self._reason,
             "latency [s]": round(self._latency, 4),
         }
         if self._sighting is not None:
@@ -279,15 +278,22 @@ class TrackerNode(Node):
             }
         if self._device is not None:
             values["device frames dropped"] = self._device.dropped
-        if not frames:
-            return Health(Level.ERROR, f"no frames from {self._source}", values)
-        if not seen:
-            return Health(Level.WARN, f"not seen: {self._reason}", values)
-        if missing := self._audience.missing:
-            return Health(Level.WARN, f"waiting for {', '.join(missing)} to receive the poses", values)
+        values[NO_POSE] = why = self._without_pose(frames, seen)
+        if why:
+            level = Level.WARN if frames else Level.ERROR
+            return Health(level, f"not seen: {why}" if frames and not seen else why, values)
         if self._sighting is not None and self._sighting.doubt:
             return Health(Level.WARN, f"seen, but {self._sighting.doubt}", values)
         return Health(Level.OK, "seen", values)
+
+    def _without_pose(self, frames: int, seen: int) -> str:
+        """Why these frames gave no pose; empty if they did."""
+        if not frames:
+            return f"no frames from {self._source}"
+        if not seen:
+            return self._reason
+        missing = self._audience.missing
+        return f"waiting for {', '.join(missing)} to receive the poses" if missing else ""
 
 
 def grey_from_msg(msg: ImageMsg) -> Image:

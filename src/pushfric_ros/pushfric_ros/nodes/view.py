@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
-from pushfric_msgs.srv import ExcludePush
+from pushfric_msgs.srv import SelectPush
 from pushfric_ros.cell.node_settings import ObjectConfig, ViewConfig
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
@@ -64,7 +64,7 @@ class ViewNode(Node):
         triggers = {"stop": "actuator/stop", "reset": "actuator/reset", "next": "experiment/next"}
         self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
         pushes = {"exclude": "estimator/exclude_push", "keep": "estimator/keep_push"}
-        self._services_of |= {what: self.create_client(ExcludePush, name) for what, name in pushes.items()}
+        self._services_of |= {what: self.create_client(SelectPush, name) for what, name in pushes.items()}
         self._diagnostics = topics = Diagnostics(self, self._health)
         story = self._story
         # from the start, even if nobody looks: a visitor who comes late is told all of it
@@ -160,7 +160,7 @@ class ViewNode(Node):
             name = self.resolve_service_name(client.srv_name)
             request.answer(Answer(False, f"no service {name}: nobody there can do it"))
             return
-        question = Trigger.Request() if request.push is None else ExcludePush.Request(push_id=request.push)
+        question = Trigger.Request() if request.push is None else SelectPush.Request(push_id=request.push)
 
         def answered(future: Future) -> None:
             response = future.result()

@@ -97,8 +97,8 @@ def _judged(stage: Stage, fault: Fault, begin: float | None, first: int) -> Outc
     client = stage.client
     if begin is None and client is not None:  # on a busy machine a push may pause
         stage.wait(lambda: client.poll() is not None, "the end of the push")
-        if not (said := words_of(client)).startswith("reached"):
-            raise EndedEarly(f"the push was to go on, but it ended: {said}")
+        if client.returncode:
+            raise EndedEarly(f"the push was to go on, but it ended: {words_of(client)}")
     at_rest = stage.rest()
     given = stage.given
     seconds = travelled = allowed = problem = None

@@ -36,11 +36,11 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import OUTLASTS
 from pushfric_core.uncertainty.misplacement import tip_stays_away
-from pushfric_core.uncertainty.spread import FEWEST_PUSHES
+from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
 from pushfric_msgs.msg import Observation as ObservationMsg
-from pushfric_msgs.srv import ExcludePush, SelectObject
+from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.cell.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_ros.messages.conversions import observation_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.audience import Audience
@@ -115,8 +115,8 @@ class EstimatorNode(Node):
         self._publications.everything(self._judge())
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
-        self.create_service(ExcludePush, "~/exclude_push", self._on_exclude_push)
-        self.create_service(ExcludePush, "~/keep_push", self._on_keep_push)
+        self.create_service(SelectPush, "~/exclude_push", self._on_exclude_push)
+        self.create_service(SelectPush, "~/keep_push", self._on_keep_push)
         self._before: Estimate | None = None  # the estimate a moment ago
         self._lasted: Estimate | None = None  # the last estimate that had not changed for a while
         self.create_timer(QUIET, self._at_rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -289,7 +289,7 @@ class EstimatorNode(Node):
         self._verdict = self._online.verdict()
         problem = None
         if self._online.estimate is not None and self._online.estimate.contradiction is not None:
-            problem = "; ".join(self._verdict.reasons)
+            problem = "; ".join(map(str, self._verdict.reasons))
             if self._problem is None:
                 self.get_logger().error(problem)
         self._problem = problem
@@ -344,7 +344,7 @@ class EstimatorNode(Node):
                 self.get_logger().warning(response.message)
         return response
 
-    def _on_exclude_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
+    def _on_exclude_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
         try:
             left = self._online.exclude(request.push_id)
         except ValueError as error:
@@ -356,7 +356,7 @@ class EstimatorNode(Node):
         self._show_again()
         return response
 
-    def _on_keep_push(self, request: ExcludePush.Request, response: ExcludePush.Response) -> ExcludePush.Response:
+    def _on_keep_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
         kept = self._online.keep(request.push_id)
         ids = tuple(sorted({*self._settings.kept, request.push_id}))
         self._settings = dataclasses.replace(self._settings, kept=ids)
@@ -446,10 +446,10 @@ class EstimatorNode(Node):
             return Health(Level.WARN, tip_stays_away(apart), values)
         if not self._verdict.use:
             # nobody need act while the first pushes are made
-            begun = estimate is not None and estimate.pushes < FEWEST_PUSHES and self._verdict.reasons == (estimate.lack,)
-            return Health(Level.OK if begun else Level.WARN, "; ".join(self._verdict.reasons), values)
+            begun = [one.code for one in self._verdict.reasons] == [ReasonCode.FEW_PUSHES]
+            return Health(Level.OK if begun else Level.WARN, "; ".join(map(str, self._verdict.reasons)), values)
         if self._verdict.notes:
-            return Health(Level.WARN, "; ".join(self._verdict.notes), values)
+            return Health(Level.WARN, "; ".join(map(str, self._verdict.notes)), values)
         if self._verdict.rejected:
             words = "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in self._verdict.rejected)
             return Health(Level.OK, words, values)

@@ -132,8 +132,8 @@ function drawNow() {
     at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}`;
   }
   const verdict = estimate?.verdict;
-  at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${verdict.reasons.join("; ")}`;
-  if (verdict?.notes.length) at("trust").textContent += ` To be put right: ${verdict.notes.join("; ")}.`;
+  at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
+  if (verdict?.notes.length) at("trust").textContent += ` To be put right: ${textOf(verdict.notes)}.`;
   if (known(estimate?.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.change.since_push + 1}.`;
 }
 
@@ -150,6 +150,10 @@ function drawNumbers() {
   at("certified").textContent = estimate ? `${estimate.status}; certified to ${(number(estimate.gap) * 1e3).toExponential(0)} mm` : "";
   at("points").textContent = estimate ? counted(estimate.data_points, "data point") : "–";
   at("pushes").textContent = estimate ? `of ${estimate.pushes} ${estimate.pushes === 1 ? "push" : "pushes"}` : "";
+}
+
+function textOf(reasons) {
+  return reasons.map((reason) => reason.text).join("; ");
 }
 
 function unit(id, text, what) {
@@ -215,7 +219,7 @@ function rejectionOf(row) {
 function judged(row) {
   if (row.excluded) return ["excluded", false];
   const rejected = rejectionOf(row);
-  if (rejected) return [`✗ left out: ${rejected.reason}`, true];
+  if (rejected) return [`✗ left out: ${rejected.reason.text}`, true];
   if (row.aborted) return ["✗ aborted", true];
   if (!row.contacts.length) return ["no data point yet", false];
   return ["✓ counts", false];
