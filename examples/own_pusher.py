@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherReport
 from pushfric_core.settings import check_ranges, setting
 
@@ -34,7 +34,7 @@ class SlideConfig:
 
     def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
         """What ./pushfric doctor says about the slide."""
-        level = Level.OK if self.backlash < distance / 100 else Level.WARNING
+        level = Grade.OK if self.backlash < distance / 100 else Grade.WARNING
         yield Check("slide", level, f"{1e3 * self.backlash:g} mm of play in pushes of {1e3 * distance:g} mm")
 
 

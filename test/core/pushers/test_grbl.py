@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, Status, parse_status
+from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, StatusReport, parse_status
 from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 
@@ -141,25 +141,26 @@ def begin_move(pusher: Grbl, peer: Peer, position: float = 0.0015, speed: float 
     [
         (
             "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>",  # GRBL 1.1h
-            Status("Idle", None, (0.0, 0.0, 0.0), work_offset=(0.0, 0.0, 0.0), feed=0.0, spindle=0.0),
+            StatusReport("Idle", None, (0.0, 0.0, 0.0), work_offset=(0.0, 0.0, 0.0), feed=0.0, spindle=0.0),
         ),
         (
             "<Run|MPos:23.036,1.620,0.000|Bf:14,127|FS:500,8000|Ov:100,100,100|A:SFM>",
-            Status("Run", None, (23.036, 1.62, 0.0), buffer=(14, 127), feed=500.0, spindle=8000.0, overrides=(100, 100, 100),
+            StatusReport("Run", None, (23.036, 1.62, 0.0), buffer=(14, 127), feed=500.0, spindle=8000.0,
+                   overrides=(100, 100, 100),
                    accessories="SFM"),
         ),
         (
             "<Hold:1|WPos:-2.500,0.000,11.000|Bf:15,128|Ln:99999|F:350|Pn:XYZPDHRS>",
-            Status("Hold", 1, work_position=(-2.5, 0.0, 11.0), buffer=(15, 128), line=99999, feed=350.0, pins="XYZPDHRS"),
+            StatusReport("Hold", 1, work_position=(-2.5, 0.0, 11.0), buffer=(15, 128), line=99999, feed=350.0, pins="XYZPDHRS"),
         ),
-        ("<Door:3|MPos:0.000,0.000,0.000|FS:0,0>", Status("Door", 3, (0.0, 0.0, 0.0), feed=0.0, spindle=0.0)),
+        ("<Door:3|MPos:0.000,0.000,0.000|FS:0,0>", StatusReport("Door", 3, (0.0, 0.0, 0.0), feed=0.0, spindle=0.0)),
         (
             "<Idle|MPos:0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0,0|Pn:|WCO:0.000,0.000,0.000,0.000|WCS:G54|H:0|SD:0|FW:grblHAL>",
-            Status("Idle", None, (0.0,) * 4, work_offset=(0.0,) * 4, buffer=(100, 1023), feed=0.0, spindle=0.0,
+            StatusReport("Idle", None, (0.0,) * 4, work_offset=(0.0,) * 4, buffer=(100, 1023), feed=0.0, spindle=0.0,
                    others={"WCS": "G54", "H": "0", "SD": "0", "FW": "grblHAL"}),  # grblHAL
         ),
-        ("<Alarm:11|MPos:0.0000,0.0000,0.0000|FS:0,0>", Status("Alarm", 11, (0.0, 0.0, 0.0), feed=0.0, spindle=0.0)),
-        ("?<Home>", Status("Home")),
+        ("<Alarm:11|MPos:0.0000,0.0000,0.0000|FS:0,0>", StatusReport("Alarm", 11, (0.0, 0.0, 0.0), feed=0.0, spindle=0.0)),
+        ("?<Home>", StatusReport("Home")),
     ],
 )  # fmt: skip
 def test_a_status_report_is_understood_field_by_field(line, status):

@@ -30,7 +30,7 @@ from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.commands.doctor import Check, Level, camera, discovery, interfaces, machine, scene
+from pushfric_ros.commands.doctor import Check, Grade, camera, discovery, interfaces, machine, scene
 from pushfric_ros.commands.doctor.camera import Frame
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
@@ -41,7 +41,7 @@ NAME = "rubber_rect4"
 SECOND = 10**9
 CAMERA = Camera.looking_down(320, 240, (0.0, 0.06), 0.001)
 SHARP = Camera.looking_down(640, 480, (0.0, 0.06), 0.0004)
-OK, WARNING, FAILED = Level.OK, Level.WARNING, Level.FAILED
+OK, WARNING, FAILED = Grade.OK, Grade.WARNING, Grade.FAILED
 
 
 class Listening(SimulatedGrbl):

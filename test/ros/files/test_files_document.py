@@ -22,7 +22,7 @@ from pushfric_core.report.report import truth
 from pushfric_core.trajectories.ledger import POSES, USED, Ledger
 from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import cell_docs, doctor
-from pushfric_ros.commands.doctor import Check, Level
+from pushfric_ros.commands.doctor import Check, Grade
 
 ROOT = pathlib.Path(__file__).parents[3]
 TEXT = (ROOT / "docs/files.md").read_text()
@@ -90,7 +90,7 @@ def test_the_keys_of_other_commands_are_documented(data, command):
 
 
 def test_the_keys_of_the_doctor_are_documented():
-    findings = doctor.findings([Check("port", Level.OK, "/dev/ttyUSB0", "")])
+    findings = doctor.findings([Check("port", Grade.OK, "/dev/ttyUSB0", "")])
     assert sorted(keys_of(findings)) == sorted(documented("`doctor`"))
 
 

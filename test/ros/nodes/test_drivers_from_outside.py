@@ -35,7 +35,7 @@ import numpy as np
 
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.settings import REQUIRED, setting
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.pusher import Limits, Mode, PusherReport
 from pushfric_core.vision.sighting import NotSeen, Sighting
 
@@ -51,7 +51,7 @@ class CraneConfig:
         return None
 
     def checks(self, config, distance, speed):
-        yield Check("rope", Level.OK, f"{self.rope:g} m hold {config.stroke:g} m of stroke")
+        yield Check("rope", Grade.OK, f"{self.rope:g} m hold {config.stroke:g} m of stroke")
 
 
 class Crane:
@@ -217,7 +217,7 @@ def test_a_tracker_from_outside_finds_its_object(ros, package, write):
 def test_the_doctor_asks_the_driver(package, write):
     cell = load_cell(write())
     checks = list(cell.driver.checks(cell.pusher, cell.plan.distance, cell.plan.speed))
-    assert checks == [doctor.Check("rope", doctor.Level.OK, "2.5 m hold 0.06 m of stroke")]
+    assert checks == [doctor.Check("rope", doctor.Grade.OK, "2.5 m hold 0.06 m of stroke")]
 
 
 @pytest.mark.parametrize(

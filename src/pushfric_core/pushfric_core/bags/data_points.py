@@ -68,7 +68,7 @@ BAG_FILES = (METADATA, "*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
 """Patterns of files, of which a bag's folder contains at least one."""
 
 
-class Source(NamedTuple):
+class ObservationSource(NamedTuple):
     """The source of a bag's data points."""
 
     kind: str  # poses or observations: the estimator node's parameter `source`
@@ -112,7 +112,7 @@ def prior_beside(path: pathlib.Path) -> pathlib.Path | None:
     return file if path.suffix != ".csv" and file.is_file() else None
 
 
-def source_of(path: pathlib.Path, with_forces: bool = False, namespace: str | None = None) -> Source:
+def source_of(path: pathlib.Path, with_forces: bool = False, namespace: str | None = None) -> ObservationSource:
     """The source of a bag's data points: poses if there are any, so that they are made as in a live run.
 
     Args:
@@ -133,7 +133,7 @@ def _opened(path: pathlib.Path) -> "Bag":
     return Bag(path)
 
 
-def _source(bag: "Bag", with_forces: bool, namespace: str | None) -> Source:
+def _source(bag: "Bag", with_forces: bool, namespace: str | None) -> ObservationSource:
     poses = (*POSE_TOPICS, WRENCH) if with_forces else POSE_TOPICS
     recorded = _recorded_types(bag)
     cell = _cell(bag, namespace)
@@ -142,7 +142,7 @@ def _source(bag: "Bag", with_forces: bool, namespace: str | None) -> Source:
         if cell is not None and set(topics) <= set(recorded):
             for topic in topics:
                 _check_type(bag, topic, recorded[topic])
-            return Source(kind, cell, topics)
+            return ObservationSource(kind, cell, topics)
     where = "" if namespace is None else f" of {cell or '/'}"
     raise InvalidInput(
         f"{bag.path}: no data points{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
@@ -318,7 +318,7 @@ def ledger_of(path: pathlib.Path, namespace: str | None = None) -> Ledger | None
 
 def _account(
     bag: "Bag",
-    source: Source,
+    source: ObservationSource,
     outline: Outline,
     settings: EstimatorSettings,
     ledger: Ledger,
@@ -335,7 +335,7 @@ def _account(
     return found
 
 
-def _enter_unread(bag: "Bag", source: Source, ledger: Ledger) -> None:
+def _enter_unread(bag: "Bag", source: ObservationSource, ledger: Ledger) -> None:
     """Enter the messages that are not read: of other cells, copies, and those that nothing confirms."""
     kinds = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES, "observation": OBSERVATIONS}
     reasons = {Standing.SALVAGED: UNCONFIRMED, Standing.FOREIGN: UNCONFIRMED, Standing.DOUBLED: REPEATED}
@@ -357,7 +357,13 @@ def _is_recorded(path: pathlib.Path, model: ObjectModel) -> bool:
 
 
 def _from_poses(
-    bag: "Bag", source: Source, outline: Outline, config: TrajectoryConfig, ledger: Ledger, record: RunRecord, warn: Warn
+    bag: "Bag",
+    source: ObservationSource,
+    outline: Outline,
+    config: TrajectoryConfig,
+    ledger: Ledger,
+    record: RunRecord,
+    warn: Warn,
 ) -> Iterator[Observation]:
     maker = ObservationMaker(outline, config, with_forces=len(source.topics) > len(POSE_TOPICS))
     kinds = dict(zip(source.topics, (POSES, STATES, WRENCHES), strict=False))
@@ -383,7 +389,7 @@ def _from_poses(
 
 
 def _recorded(
-    bag: "Bag", source: Source, outline: Outline, _: TrajectoryConfig, ledger: Ledger, record: RunRecord, warn: Warn
+    bag: "Bag", source: ObservationSource, outline: Outline, _: TrajectoryConfig, ledger: Ledger, record: RunRecord, warn: Warn
 ) -> Iterator[Observation]:
     for message in bag.messages((*source.topics, *record.topics)):
         if message.topic in record.topics:

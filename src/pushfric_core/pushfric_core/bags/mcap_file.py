@@ -437,7 +437,7 @@ class McapFile:
             first, last = min(entries.log_times), max(entries.log_times)
             self.pieces.append(Piece(run.begin, run.end, None, first, last, self._note_entries(entries), False, salvaged=True))
 
-    def _region(self, stream: BinaryIO, suspect: _Suspect, size: int, confirmed: list[Piece]) -> salvage.Region | None:
+    def _region(self, stream: BinaryIO, suspect: _Suspect, size: int, confirmed: list[Piece]) -> salvage.DamagedPart | None:
         """The records in a damaged part of the file; None if they are compressed, or too many."""
         begin, end = suspect
         first = min((piece.start_ns for piece in confirmed), default=0) - _DAY_NS
@@ -456,7 +456,7 @@ class McapFile:
                     index = self._index_after(stream, end, size)
         if end - begin > salvage.LARGEST:
             return None
-        return salvage.Region(begin, read(stream, begin, end - begin), opened, end < size, first, last, index)
+        return salvage.DamagedPart(begin, read(stream, begin, end - begin), opened, end < size, first, last, index)
 
     def _index_after(self, stream: BinaryIO, position: int, size: int) -> dict[int, dict[int, int]]:
         """The message index that follows a chunk, as far as it is sound."""

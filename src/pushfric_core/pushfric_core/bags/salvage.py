@@ -47,7 +47,7 @@ _CANDIDATE = re.compile(rb"[\x03-\x05](?=[\x00-\xff]{4}\x00{4})")
 _CHECKED = ((0, 11), (15, 23))  # the bytes of a message's head that are checked: code, length and channel; log time
 
 
-class Region(NamedTuple):
+class DamagedPart(NamedTuple):
     """A part of a file that contains records and is damaged somewhere."""
 
     begin: int  # its place in the file
@@ -83,7 +83,7 @@ class _Record(NamedTuple):
     log_time_ns: int
 
 
-def intact(region: Region, known: Set[int]) -> Intact:
+def intact(region: DamagedPart, known: Set[int]) -> Intact:
     """What the damage of a region did not reach.
 
     Args:
@@ -123,7 +123,7 @@ def intact(region: Region, known: Set[int]) -> Intact:
     return found
 
 
-def _record(region: Region, position: int, channels: set[int]) -> _Record | None:
+def _record(region: DamagedPart, position: int, channels: set[int]) -> _Record | None:
     """The record at a position, if its head is right; the channel that it defines is added."""
     content = region.content
     begin = position + RECORD_HEAD.size
@@ -156,17 +156,17 @@ def _record(region: Region, position: int, channels: set[int]) -> _Record | None
     return None
 
 
-def _content(region: Region, record: _Record) -> bytes:
+def _content(region: DamagedPart, record: _Record) -> bytes:
     return region.content[record.begin + RECORD_HEAD.size : record.end]
 
 
-def _is_followed(region: Region, record: _Record, channels: set[int]) -> bool:
+def _is_followed(region: DamagedPart, record: _Record, channels: set[int]) -> bool:
     if record.end == len(region.content):
         return region.closed
     return _record(region, record.end, channels) is not None
 
 
-def _next(region: Region, position: int, channels: set[int]) -> _Record | None:
+def _next(region: DamagedPart, position: int, channels: set[int]) -> _Record | None:
     """The next record that another one follows."""
     for match in _CANDIDATE.finditer(region.content, position):
         record = _record(region, match.start(), channels)
@@ -175,7 +175,7 @@ def _next(region: Region, position: int, channels: set[int]) -> _Record | None:
     return None
 
 
-def _shown(region: Region, heads: list[_Record], size: int) -> set[int]:
+def _shown(region: DamagedPart, heads: list[_Record], size: int) -> set[int]:
     """The blocks of the file that contain enough bytes of heads that are right."""
     spans = [(region.begin - RECORD_HEAD.size, region.begin)] * region.opened
     end = region.begin + len(region.content)
@@ -193,11 +193,11 @@ def _shown(region: Region, heads: list[_Record], size: int) -> set[int]:
     return {block for block, count in evidence.items() if count >= EVIDENCE}
 
 
-def _blocks(region: Region, record: _Record, size: int) -> range:
+def _blocks(region: DamagedPart, record: _Record, size: int) -> range:
     return range((region.begin + record.begin) // size, (region.begin + record.end - 1) // size + 1)
 
 
-def _runs(region: Region, intact: list[_Record]) -> Iterator[Run]:
+def _runs(region: DamagedPart, intact: list[_Record]) -> Iterator[Run]:
     run: Run | None = None
     for record in intact:
         if record.code != MESSAGE:

@@ -50,14 +50,14 @@ class Row(NamedTuple):
         return found
 
 
-class Table(NamedTuple):
+class CsvTable(NamedTuple):
     """A table with a row of names first."""
 
     columns: Sequence[str]
     rows: Sequence[Row]
 
 
-def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected: str = "") -> Table:
+def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected: str = "") -> CsvTable:
     """Read a CSV file that must have these columns and at least one row; it may have further columns.
 
     Args:
@@ -77,4 +77,4 @@ def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected
         rows = [Row(f"{path}, line {reader.line_num}", row) for row in reader]
     if not rows:
         raise InvalidInput(f"{path}: no {things}; expected a row for each")
-    return Table(found, rows)
+    return CsvTable(found, rows)

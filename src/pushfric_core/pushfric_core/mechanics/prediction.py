@@ -199,14 +199,14 @@ def predict(
 
 
 @comparable
-class Cone(NamedTuple):
+class MotionCone(NamedTuple):
     """The edges of the motion cones of k contacts: motions with the tip on the verge of sliding, the contact at unit speed."""
 
     right: Array  # (k, 3) it slides towards -t beyond
     left: Array  # (k, 3) it slides towards +t beyond
 
 
-def motion_cone(model: FrictionModel, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike) -> Cone:
+def motion_cone(model: FrictionModel, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike) -> MotionCone:
     """The motion cones of k contacts: means over the samples. Raises as `predict`.
 
     Example:
@@ -218,7 +218,7 @@ def motion_cone(model: FrictionModel, contact_points: npt.ArrayLike, contact_nor
     """
     cones = quasi_static.motion_cones(model.support_points, model.w, model.mu_c, contact_points, contact_normals)
     mean = np.einsum("s,kseD->keD", model.share, cones)
-    return Cone(mean[:, 0], mean[:, 1])
+    return MotionCone(mean[:, 0], mean[:, 1])
 
 
 @comparable

@@ -121,7 +121,7 @@ REFERENCE: Nested = {
 """Medians of another, independently written simulation of the paper's cell, with the same noise; some numbers are missing."""
 
 
-class Spread(NamedTuple):
+class MedianRange(NamedTuple):
     """A number over the seeds; infinite if no w satisfied the hard constraints."""
 
     median: float
@@ -154,11 +154,11 @@ def markdown(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str
     return [head, "|" + "---|" * len(heads), *lines]
 
 
-def spread(values: Sequence[float]) -> Spread:
+def spread(values: Sequence[float]) -> MedianRange:
     """Median and quartiles, as order statistics: infinite values do not spoil them."""
     ranked = np.sort(np.asarray(values, dtype=float))
     low, median, high = (_between(ranked, share * (len(ranked) - 1)) for share in (0.25, 0.5, 0.75))
-    return Spread(median, low, high)
+    return MedianRange(median, low, high)
 
 
 def _between(ranked: np.ndarray, position: float) -> float:

@@ -4,7 +4,7 @@ from enum import Enum
 from typing import NamedTuple
 
 
-class Level(Enum):
+class Grade(Enum):
     """How a check came out."""
 
     OK = "ok"
@@ -16,6 +16,6 @@ class Check(NamedTuple):
     """One thing that was checked."""
 
     name: str
-    level: Level
+    level: Grade
     finding: str
     advice: str = ""  # what to do; empty if nothing is wrong

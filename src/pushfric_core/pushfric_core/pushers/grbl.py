@@ -37,7 +37,7 @@ from pushfric_core.pushers.grbl_protocol import (
     Alarm,
     CommandRefused,
     RealTime,
-    Status,
+    StatusReport,
     parse_status,
 )
 from pushfric_core.pushers.grbl_settings import GrblSettings, check_axis
@@ -148,7 +148,7 @@ class Grbl:
         self._feed = math.inf  # in the last report [m/s]
         self._claimed_offset: tuple[float, ...] | None = None
         self._plausibility.forget()
-        self._status: Status | None = None
+        self._status: StatusReport | None = None
         self._statuses = 0
         self._offset: tuple[float, ...] | None = None
         self._last: PusherReport | None = None
@@ -337,7 +337,7 @@ class Grbl:
                 self._answer = line if error is None else CommandRefused(self._pending, int(error[1]))
                 self._pending, self._owed = None, 0  # so every greeting that was due before it has come
         elif (alarm := ALARM.fullmatch(line)) is not None:
-            self._status = Status("Alarm")
+            self._status = StatusReport("Alarm")
             self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
         elif (build := BUILD.match(line)) is not None:
             self._version = f"Grbl {build[1]}"
@@ -352,7 +352,7 @@ class Grbl:
         else:
             self._trouble = NotConnected(f"the controller at {self._path} restarted")
 
-    def _take_status(self, status: Status) -> None:
+    def _take_status(self, status: StatusReport) -> None:
         """Take a status report; one that cannot be true changes nothing."""
         now = time.monotonic()
         # the report answers the first open question or an earlier one, so the pusher was there at that time or later
@@ -387,7 +387,7 @@ class Grbl:
             self._fresh = self._last = report._replace(mode=self.mode)
             self._believed += 1
 
-    def _can_be_true(self, position: float, status: Status, asked: float, now: float) -> bool:
+    def _can_be_true(self, position: float, status: StatusReport, asked: float, now: float) -> bool:
         if self._homing:  # positions start again
             self._plausibility.forget()
         greatest = self.limits.max_speed
@@ -518,7 +518,7 @@ class Grbl:
             except Timeout as error:
                 raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
 
-    def _come_to_rest(self) -> Generator[None, None, Status]:
+    def _come_to_rest(self) -> Generator[None, None, StatusReport]:
         """Hold a moving pusher, at its first report, and wait until it rests; with only_look, do neither."""
         status = self._status or (yield from self._report())
         while True:
@@ -718,7 +718,7 @@ class Grbl:
         if isinstance(self._answer, CommandRefused):
             raise self._answer
 
-    def _report(self) -> Generator[None, None, Status]:
+    def _report(self) -> Generator[None, None, StatusReport]:
         seen = self._statuses
         deadline = time.monotonic() + self._patience
         while self._statuses == seen or self._status is None:
@@ -730,5 +730,5 @@ class Grbl:
         return self._status
 
 
-def _moves(status: Status) -> bool:
+def _moves(status: StatusReport) -> bool:
     return status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from serial.tools.list_ports import comports
 
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_settings import GrblSettings
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError, PusherReport
@@ -31,7 +31,7 @@ def examine(grbl: GrblSettings, config: PusherConfig, distance: float, speed: fl
     """
     port = check_port(grbl.port)
     yield port
-    if port.level is not Level.FAILED:
+    if port.level is not Grade.FAILED:
         controller, limits = check_controller(grbl, config)
         yield controller
         if limits is not None:
@@ -43,14 +43,14 @@ def check_port(path: str) -> Check:
     if not os.path.exists(path):
         there = ", ".join(port.device for port in comports()) or "none"
         advice = f"plug it in; existing ports: {there}; names that stay the same are under /dev/serial/by-id/"
-        return Check("port", Level.FAILED, f"no serial port at {path}", advice)
+        return Check("port", Grade.FAILED, f"no serial port at {path}", advice)
     if not os.access(path, os.R_OK | os.W_OK):
         try:
             group = grp.getgrgid(os.stat(path).st_gid).gr_name
         except KeyError:
             group = "dialout"
-        return Check("port", Level.FAILED, f"no permission to use {path}", f"sudo usermod -aG {group} $USER, then log in again")
-    return Check("port", Level.OK, path)
+        return Check("port", Grade.FAILED, f"no permission to use {path}", f"sudo usermod -aG {group} $USER, then log in again")
+    return Check("port", Grade.OK, path)
 
 
 def check_controller(grbl: GrblSettings, config: PusherConfig) -> tuple[Check, Limits | None]:
@@ -65,7 +65,7 @@ def check_controller(grbl: GrblSettings, config: PusherConfig) -> tuple[Check, L
                 time.sleep(0.005)
         except PusherError as error:
             advice = "Ctrl-X in a terminal at that baud rate must bring a greeting; docs/hardware.md lists what can go wrong"
-            return Check("controller", Level.FAILED, str(error), advice), None
+            return Check("controller", Grade.FAILED, str(error), advice), None
         position = last.position if last is not None else math.nan
         finding = f"{pusher.name}, {pusher.mode.value}" + (f", at {1e3 * position:.1f} mm" if not config.home else "")
         at_rest = pusher.mode in (Mode.IDLE, Mode.ALARM)
@@ -78,16 +78,16 @@ def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Ch
         advice = (
             "bring the pusher to its home end by hand, switch the controller off and on, and call ./pushfric reset in the run"
         )
-        return Check("controller", Level.WARNING, finding, advice)
+        return Check("controller", Grade.WARNING, finding, advice)
     if mode in (Mode.RUNNING, Mode.HOMING):
         advice = "something else moves it, and the doctor did not interfere: wait, or stop it at the controller"
-        return Check("controller", Level.FAILED, f"{finding}: it moves now", advice)
+        return Check("controller", Grade.FAILED, f"{finding}: it moves now", advice)
     if mode not in (Mode.IDLE, Mode.ALARM):
-        return Check("controller", Level.WARNING, finding, "it accepts no motion: release its hold or door, or reset it")
+        return Check("controller", Grade.WARNING, finding, "it accepts no motion: release its hold or door, or reset it")
     if not config.home and not -ROUNDING <= position <= config.stroke + ROUNDING:
         advice = "that is beyond the stroke: bring it to its home end, switch it off and on, or home it"
-        return Check("controller", Level.WARNING, finding, advice)
-    return Check("controller", Level.OK, finding)
+        return Check("controller", Grade.WARNING, finding, advice)
+    return Check("controller", Grade.OK, finding)
 
 
 def check_limits(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
@@ -98,12 +98,12 @@ def check_limits(grbl: GrblSettings, config: PusherConfig, distance: float, spee
     if config.stroke > limits.travel + ROUNDING:
         advice = f"shorten pusher.stroke, {1e3 * config.stroke:g} mm, or set ${130 + axis} to the axis's travel"
         advice += "; where it homes ($22), the pull-off $27 counts as lost"
-        return Check("limits", Level.FAILED, finding, advice)
+        return Check("limits", Grade.FAILED, finding, advice)
     if speed > limits.max_speed:
-        return Check("limits", Level.FAILED, finding, f"lower plan.speed, {1e3 * speed:g} mm/s, or raise ${110 + axis}")
+        return Check("limits", Grade.FAILED, finding, f"lower plan.speed, {1e3 * speed:g} mm/s, or raise ${110 + axis}")
     if config.max_speed > limits.max_speed:
         advice = f"lower pusher.max_speed, {1e3 * config.max_speed:g} mm/s, or raise ${110 + axis}"
-        return Check("limits", Level.WARNING, finding, advice)
+        return Check("limits", Grade.WARNING, finding, advice)
     if speed**2 / limits.acceleration > RAMP_SHARE * distance:
-        return Check("limits", Level.WARNING, finding, f"ramps take much of a push: raise ${120 + axis}, or push more slowly")
-    return Check("limits", Level.OK, finding)
+        return Check("limits", Grade.WARNING, finding, f"ramps take much of a push: raise ${120 + axis}, or push more slowly")
+    return Check("limits", Grade.OK, finding)

@@ -37,7 +37,7 @@ class Alarm(PusherError):
 
 
 @dataclass(frozen=True)
-class Status:
+class StatusReport:
     """A status report, in the controller's units (mm or inch, per minute)."""
 
     state: str  # Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep; grblHAL also Tool
@@ -80,7 +80,7 @@ class RealTime(Enum):
     FULL_FEED = b"\x90"  # feed override 100 %
 
 
-def parse_status(line: str) -> Status | None:
+def parse_status(line: str) -> StatusReport | None:
     """The status report in a line; None if the line holds no report, or a damaged one."""
     match = STATUS.search(line)
     if match is None:
@@ -100,7 +100,7 @@ def parse_status(line: str) -> Status | None:
 
     try:
         feed, spindle = (*(numbers("FS") or numbers("F") or (None,)), None)[:2]
-        return Status(
+        return StatusReport(
             state=state,
             substate=None if substate is None else int(substate),
             machine_position=numbers("MPos"),

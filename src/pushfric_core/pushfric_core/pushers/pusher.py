@@ -13,7 +13,7 @@ from pushfric_core.pushers.check import Check
 from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
 
 
-class Fault(Enum):
+class PusherFault(Enum):
     """Why a pusher was stopped, or may not move; the values are those of the topic `pusher_fault`."""
 
     NONE = "none"
@@ -33,13 +33,13 @@ class Fault(Enum):
 class PusherError(PushfricError):
     """Base of the errors of a pusher."""
 
-    fault = Fault.CONTROLLER
+    fault = PusherFault.CONTROLLER
 
 
 class NotConnected(PusherError):
     """There is no port, no controller answers at it, or the connection was lost."""
 
-    fault = Fault.CONNECTION
+    fault = PusherFault.CONNECTION
 
 
 class NotReady(PusherError):
@@ -49,25 +49,25 @@ class NotReady(PusherError):
 class Timeout(PusherError):
     """The controller did not answer in time, or the pusher did not arrive where it was sent."""
 
-    fault = Fault.TIME
+    fault = PusherFault.TIME
 
 
 class LeftTheWay(PusherError):
     """The pusher is reported where it was not sent."""
 
-    fault = Fault.WAY
+    fault = PusherFault.WAY
 
 
 class TooFast(PusherError):
     """The pusher is reported to move faster than it was sent."""
 
-    fault = Fault.SPEED
+    fault = PusherFault.SPEED
 
 
 class Jumped(PusherError):
     """The pusher is reported where it cannot have gone, so the controller's position is no longer true."""
 
-    fault = Fault.POSITION
+    fault = PusherFault.POSITION
 
 
 class Mode(Enum):

@@ -44,7 +44,7 @@ WHOLE = {0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32}
 SHORTEST_PULSE = 3  # $0 [us]
 
 
-class Motion(NamedTuple):
+class CarriageMotion(NamedTuple):
     """Pieces of constant acceleration [(s, mm/s^2)], from a position [mm] and speed [mm/s] at a time [s]."""
 
     begin: float
@@ -76,14 +76,14 @@ class Block(NamedTuple):
     rapid: bool = False
 
 
-def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> Motion:
+def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> CarriageMotion:
     """From rest to rest [mm, mm/s, mm/s^2]: the speed is a trapezoid, or a triangle if the way is short."""
     return blended(begin, start, 0.0, [(target, speed)], acceleration)[0]
 
 
 def blended(
     begin: float, position: float, speed: float, lines: Sequence[tuple[float, float]], acceleration: float
-) -> tuple[Motion, list[float]]:
+) -> tuple[CarriageMotion, list[float]]:
     """The motion through several lines, to rest: GRBL's planner in one dimension.
 
     If a line goes on in the direction of the line before, the carriage keeps the slower of the two speeds; if the direction
@@ -115,7 +115,7 @@ def blended(
             pieces.append((duration, math.copysign(pull, pull * way)))
             elapsed += duration
         ends.append(elapsed)
-    return Motion(begin, position, speed, tuple(pieces)), ends
+    return CarriageMotion(begin, position, speed, tuple(pieces)), ends
 
 
 def _ramps(way: float, first: float, last: float, fastest: float, acceleration: float) -> list[tuple[float, float]]:
@@ -166,7 +166,7 @@ class SimulatedGrbl:
         self._lose = 0
         self._asked_at = 0.0  # [s]
         self._carriage = 0.0  # where it rests, or the motion begins [mm]
-        self._motion: Motion | None = None
+        self._motion: CarriageMotion | None = None
         self._plan: deque[Block] = deque()
         self._ends: deque[float] = deque()  # when each block is done, as planned [s]
         self._canceling = False  # a jog
@@ -410,7 +410,7 @@ class SimulatedGrbl:
             now = self._clock()
             position, speed = self._motion.at(now)
             pull = math.copysign(self._acceleration, -speed)
-            self._motion = Motion(now, position, speed, ((abs(speed) / self._acceleration, pull),))
+            self._motion = CarriageMotion(now, position, speed, ((abs(speed) / self._acceleration, pull),))
         self._ends.clear()
 
     def _hold(self) -> None:
@@ -578,7 +578,7 @@ class SimulatedGrbl:
         now, rate = self._clock(), SEEK_RATE / MINUTE
         there = stroke(now, self._carriage, -PULL_OFF, rate, self._acceleration)
         back = stroke(there.end, -PULL_OFF, 0.0, rate, self._acceleration)
-        self._motion = Motion(now, self._carriage, 0.0, there.pieces + back.pieces)
+        self._motion = CarriageMotion(now, self._carriage, 0.0, there.pieces + back.pieces)
 
     def _gcode(self, line: str, jog: bool = False) -> int:
         """Parse a block, plan its motion; 0 or the code of an error."""

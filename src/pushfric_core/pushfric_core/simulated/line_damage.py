@@ -36,7 +36,7 @@ SAID = (
 """Lines that the controller did not send."""
 
 
-class Damage(NamedTuple):
+class LineDamage(NamedTuple):
     """One kind of damage to a line."""
 
     name: str
@@ -45,10 +45,10 @@ class Damage(NamedTuple):
     to_controller: bool = False  # whether bytes on the way to the controller are damaged
 
 
-Kind = Callable[[random.Random], Damage]
+Kind = Callable[[random.Random], LineDamage]
 
 
-def random_damage(seed: int) -> Damage:
+def random_damage(seed: int) -> LineDamage:
     """Damage of a random kind; only the seed and the traffic decide which bytes it hits."""
     randomly = random.Random(seed)
     return randomly.choice(KINDS)(randomly)
@@ -57,7 +57,7 @@ def random_damage(seed: int) -> Damage:
 def _kind(unit: str, what: str, change: Callable[[random.Random, bytes], bytes]) -> Kind:
     """A kind of damage to single "bytes", or to "pieces": all bytes that come at once, about one line or report."""
 
-    def kind(randomly: random.Random) -> Damage:
+    def kind(randomly: random.Random) -> LineDamage:
         name, hits = _now_and_then(randomly)
 
         def filtered(data: bytes) -> bytes:
@@ -66,8 +66,8 @@ def _kind(unit: str, what: str, change: Callable[[random.Random, bytes], bytes])
 
         name = name.format(f"{unit} {what}")
         if randomly.random() < 0.5:
-            return Damage(f"to the controller: {name}", lambda line: setattr(line, "to_controller", filtered), 0.0, True)
-        return Damage(f"to the host: {name}", lambda line: setattr(line, "to_host", filtered))
+            return LineDamage(f"to the controller: {name}", lambda line: setattr(line, "to_controller", filtered), 0.0, True)
+        return LineDamage(f"to the host: {name}", lambda line: setattr(line, "to_host", filtered))
 
     return kind
 
@@ -86,15 +86,15 @@ def _now_and_then(randomly: random.Random) -> tuple[str, Callable[[], bool]]:
     return f"{100 * share:g} % of the {{}}, " + (f"at most {most:g}" if math.isfinite(most) else "for good"), hits
 
 
-def _delayed(randomly: random.Random) -> Damage:
+def _delayed(randomly: random.Random) -> LineDamage:
     seconds = math.exp(randomly.uniform(math.log(SHORTEST), math.log(LONGEST)))
     if randomly.random() < 0.5:
         begin = lambda line: setattr(line, "delay_to_controller", seconds)  # noqa: E731
-        return Damage(f"to the controller: {seconds:.2f} s late", begin, seconds, True)
-    return Damage(f"to the host: {seconds:.2f} s late", lambda line: setattr(line, "delay_to_host", seconds), seconds)
+        return LineDamage(f"to the controller: {seconds:.2f} s late", begin, seconds, True)
+    return LineDamage(f"to the host: {seconds:.2f} s late", lambda line: setattr(line, "delay_to_host", seconds), seconds)
 
 
-def _jittering(randomly: random.Random) -> Damage:
+def _jittering(randomly: random.Random) -> LineDamage:
     longest = randomly.choice((0.05, 0.15, 0.5))
 
     def begin(line: FaultyLine) -> None:
@@ -104,10 +104,10 @@ def _jittering(randomly: random.Random) -> Damage:
 
         line.to_host = held
 
-    return Damage(f"to the host: up to {longest:g} s late", begin, longest)
+    return LineDamage(f"to the host: up to {longest:g} s late", begin, longest)
 
 
-def _echoed(randomly: random.Random) -> Damage:
+def _echoed(randomly: random.Random) -> LineDamage:
     def begin(line: FaultyLine) -> None:
         def heard_twice(data: bytes) -> bytes:
             line.tell_host(data)
@@ -115,10 +115,10 @@ def _echoed(randomly: random.Random) -> Damage:
 
         line.to_controller = heard_twice
 
-    return Damage("to the host: an echo of all that it sends", begin)
+    return LineDamage("to the host: an echo of all that it sends", begin)
 
 
-def _said(randomly: random.Random) -> Damage:
+def _said(randomly: random.Random) -> LineDamage:
     said = randomly.choice(SAID)
     name, hits = _now_and_then(randomly)
 
@@ -129,13 +129,13 @@ def _said(randomly: random.Random) -> Damage:
         return data[:place] + said + data[place:]
 
     what = said.strip()[:30].decode("ascii", errors="replace")
-    return Damage(f"to the host: {what!r} in {name.format('pieces')}", lambda line: setattr(line, "to_host", filtered))
+    return LineDamage(f"to the host: {what!r} in {name.format('pieces')}", lambda line: setattr(line, "to_host", filtered))
 
 
-def _absurd(randomly: random.Random) -> Damage:
+def _absurd(randomly: random.Random) -> LineDamage:
     number, value = randomly.choice(SETTINGS), randomly.choice(ABSURD)
     key = b"$%d=" % number
-    return Damage(
+    return LineDamage(
         f"to the host: the setting {(key + value[:10]).decode()}",
         lambda line: setattr(line, "to_host", in_lines(key, value)),
     )

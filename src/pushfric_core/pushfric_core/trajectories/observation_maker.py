@@ -3,7 +3,7 @@
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Event, Ledger
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.sensed_force import ForceSample, SensedForce
+from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
 from pushfric_core.trajectories.trajectory import Apart, PoseSample, PusherSample, Trajectory, TrajectoryConfig
 
 
@@ -18,7 +18,7 @@ class ObservationMaker:
 
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, with_forces: bool = False) -> None:
         self._trajectory = Trajectory(outline, config)
-        self._forces = SensedForce() if with_forces else None
+        self._forces = ForceMatcher() if with_forces else None
 
     @property
     def contradiction(self) -> str | None:

@@ -22,7 +22,7 @@ class ForceSample(NamedTuple):
     force: tuple[float, float]  # of the pusher ON the object, table frame [N]
 
 
-class SensedForce:
+class ForceMatcher:
     """Gives data points their forces.
 
     A data point waits until a sample from after its motion has come. So only the stamps matter, not the order of arrival.

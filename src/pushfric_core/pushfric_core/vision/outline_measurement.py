@@ -158,7 +158,7 @@ def height_of(camera: Camera, places: Sequence[Place], moved: float) -> float:
         InvalidInput: the object was turned, or no height fits.
     """
     _check_alike([place.corners for place in places])
-    motions = _motions(*(place.corners for place in places))
+    motions = _alignments(*(place.corners for place in places))
     alike = min(motion.rms for motion in motions) + SYMMETRIC * float(np.ptp(places[0].corners, axis=0).max())
     turned = min(abs(wrap(motion.pose.theta)) for motion in motions if motion.rms <= alike)
     if turned > MOST_TURNED:
@@ -194,7 +194,7 @@ def measured_object(camera: Camera, places: Sequence[Place], height: float) -> M
     own = [_into(frame, shapes[0])]
     poses = [frame]
     for shape in shapes[1:]:
-        best = _best_motion(own[0], shape)
+        best = _best_alignment(own[0], shape)
         own.append(_into(best.pose, np.roll(shape, -best.shift, axis=0)))
         poses.append(best.pose)
     mean = np.mean(own, axis=0)
@@ -213,7 +213,7 @@ def fitting_height(camera: Camera, places: Sequence[Place], outline: Outline) ->
 
 def pose_of(camera: Camera, place: Place, outline: Outline, height: float) -> Pose:
     """Where a measured object lies in one of its places, by its outline at a height [m]."""
-    return _best_motion(outline.vertices, camera.lifted(place.corners, height)).pose
+    return _best_alignment(outline.vertices, camera.lifted(place.corners, height)).pose
 
 
 def in_frame_of(outline: Outline, known: Outline) -> tuple[Outline, float] | None:
@@ -225,7 +225,7 @@ def in_frame_of(outline: Outline, known: Outline) -> tuple[Outline, float] | Non
     larger = math.sqrt(known.polygon.area / outline.polygon.area)
     if len(known.vertices) != len(outline.vertices):
         return None
-    best = _best_motion(known.vertices, outline.vertices * larger)
+    best = _best_alignment(known.vertices, outline.vertices * larger)
     if best.rms > OTHER_SHAPE * math.sqrt(known.polygon.area):
         return None
     # the frame's origin keeps its place on the object
@@ -362,13 +362,13 @@ def _into(pose: Pose, points: Array) -> Array:
     return transform(Pose(0.0, 0.0, -pose.theta), points - (pose.x, pose.y))
 
 
-class _Motion(NamedTuple):
+class _Alignment(NamedTuple):
     pose: Pose  # takes the one shape nearest to the other
     rms: float  # distance that remains [m]
     shift: int  # the other's corners come later by this many places
 
 
-def _motions(shape: Array, other: Array) -> list[_Motion]:
+def _alignments(shape: Array, other: Array) -> list[_Alignment]:
     """The motions that take corners (n, 2) nearest to other ones, for each way in which they may correspond."""
     made = []
     for shift in range(len(shape)):
@@ -377,12 +377,12 @@ def _motions(shape: Array, other: Array) -> list[_Motion]:
         theta = math.atan2(float(cross(a, b).sum()), float((a * b).sum()))
         x, y = there.mean(axis=0) - transform(Pose(0.0, 0.0, theta), shape.mean(axis=0))
         pose = Pose(float(x), float(y), theta)
-        made.append(_Motion(pose, math.sqrt(float(np.mean(np.sum((transform(pose, shape) - there) ** 2, axis=1)))), shift))
+        made.append(_Alignment(pose, math.sqrt(float(np.mean(np.sum((transform(pose, shape) - there) ** 2, axis=1)))), shift))
     return made
 
 
-def _best_motion(shape: Array, other: Array) -> _Motion:
-    return min(_motions(shape, other), key=lambda motion: motion.rms)
+def _best_alignment(shape: Array, other: Array) -> _Alignment:
+    return min(_alignments(shape, other), key=lambda motion: motion.rms)
 
 
 def _check_alike(shapes: Sequence[Array]) -> None:
@@ -392,6 +392,6 @@ def _check_alike(shapes: Sequence[Array]) -> None:
     if len(counts) > 1:
         raise InvalidInput(f"the object does not look the same everywhere: {counts[0]} and {counts[-1]} corners; {hint}")
     size = float(np.ptp(shapes[0], axis=0).max())
-    apart = max((_best_motion(shapes[0], shape).rms for shape in shapes[1:]), default=0.0)
+    apart = max((_best_alignment(shapes[0], shape).rms for shape in shapes[1:]), default=0.0)
     if apart > OTHER_SHAPE * size:
         raise InvalidInput(f"the object does not look the same everywhere: its corners are {1e3 * apart:.1f} mm apart; {hint}")

@@ -16,7 +16,7 @@ from pushfric_ros.cell.node_settings import NAMESPACE, ViewConfig
 from pushfric_ros.node_kit import network
 
 if TYPE_CHECKING:  # only a replay reads bags
-    from pushfric_core.bags.data_points import Source
+    from pushfric_core.bags.data_points import ObservationSource
 
 PACKAGE = "pushfric_ros"
 
@@ -55,7 +55,7 @@ class Launchable(NamedTuple):
     """From these values and the namespace, once all nodes of a finished run have ended: in which ways the run has failed."""
 
 
-class Topic(NamedTuple):
+class CellTopic(NamedTuple):
     """A topic of the cell, relative to its namespace."""
 
     name: str
@@ -64,28 +64,28 @@ class Topic(NamedTuple):
 
 
 TOPICS = (
-    Topic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "reliable"),
-    Topic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
-    Topic("pusher_fault", "std_msgs/msg/String", "latched"),
-    Topic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
-    Topic("plan_progress", "pushfric_msgs/msg/PlanProgress", "latched"),
-    Topic("observation", "pushfric_msgs/msg/Observation", "reliable"),
-    Topic("support_friction", "pushfric_msgs/msg/SupportFriction", "latched"),
-    Topic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
-    Topic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
-    Topic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
-    Topic(estimator_settings.START_TOPIC, "pushfric_msgs/msg/EstimationStart", "latched"),
-    Topic("limit_surface", "pushfric_msgs/msg/LimitSurface", "latched"),
-    Topic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
-    Topic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
-    Topic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
+    CellTopic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "reliable"),
+    CellTopic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
+    CellTopic("pusher_fault", "std_msgs/msg/String", "latched"),
+    CellTopic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
+    CellTopic("plan_progress", "pushfric_msgs/msg/PlanProgress", "latched"),
+    CellTopic("observation", "pushfric_msgs/msg/Observation", "reliable"),
+    CellTopic("support_friction", "pushfric_msgs/msg/SupportFriction", "latched"),
+    CellTopic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
+    CellTopic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
+    CellTopic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
+    CellTopic(estimator_settings.START_TOPIC, "pushfric_msgs/msg/EstimationStart", "latched"),
+    CellTopic("limit_surface", "pushfric_msgs/msg/LimitSurface", "latched"),
+    CellTopic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
+    CellTopic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
+    CellTopic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
 )
 """The topics that a cell records: all except images and heartbeats, which are 80 messages a second that say that nothing hangs.
 
 A missing heartbeat leads to a fault, which is recorded.
 """
 
-WRENCH = Topic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
+WRENCH = CellTopic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
 """Recorded as well if the estimate uses measured forces."""
 
 
@@ -226,7 +226,7 @@ def _simulation(file: CellFile, parameters: Mapping[str, Any]) -> NodeSpec:
 def replay(
     bag: str,
     object_name: str,
-    source: "Source",
+    source: "ObservationSource",
     rate: float,
     settings: EstimatorSettings,
     paused: bool = False,

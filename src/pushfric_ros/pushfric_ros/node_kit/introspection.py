@@ -45,7 +45,7 @@ class Setting(NamedTuple):
     description: str
 
 
-class Told(NamedTuple):
+class NodeInterface(NamedTuple):
     """What a node told of itself."""
 
     name: str
@@ -72,7 +72,7 @@ class Introspection:
             self.every_node = _every_node(plain.node, namespace)
             self._common_parameters = plain.node.get_parameters_by_prefix("").keys()
 
-    def ask(self, kind: type[Node], parameters: Mapping[str, Any]) -> Told:
+    def ask(self, kind: type[Node], parameters: Mapping[str, Any]) -> NodeInterface:
         """Start a node of this class with these parameters, and ask it."""
         given = overrides(parameters)
         with apart(), Visit(partial(_remembering(kind), namespace=self._namespace, parameter_overrides=given)) as visit:
@@ -83,7 +83,7 @@ class Introspection:
                 if name not in self._common_parameters
             ]
             endpoints = [endpoint for endpoint in _endpoints(node, self._namespace) if endpoint not in self._common]
-            return Told(node.get_name(), endpoints, settings)
+            return NodeInterface(node.get_name(), endpoints, settings)
 
 
 def _remembering(kind: type[Node]) -> Any:

@@ -26,13 +26,13 @@ from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import (
-    Fault,
     Mode,
     NotConnected,
     Pusher,
     PusherConfig,
     PusherDriver,
     PusherError,
+    PusherFault,
     PusherReport,
 )
 from pushfric_msgs.action import Push
@@ -91,7 +91,7 @@ class ActuatorNode(LifecycleNode):
         self._quiet_until = math.inf  # set when time has begun
         self._told: str | None = None  # the last problem logged
         self._unsure = False  # the position is unknown, and only a person can say so
-        self._fault = Fault.NONE
+        self._fault = PusherFault.NONE
         self._stopped: str | None = None  # why nothing moves until a reset, although the position is known
         self._ending = False
         self._enabled = self._forced = -math.inf  # when enable was last true, and a force measured; in wall time [s]
@@ -107,7 +107,7 @@ class ActuatorNode(LifecycleNode):
         self._arrival: Future | None = None
         self._diagnostics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
-        self._told_fault: Fault | None = None
+        self._told_fault: PusherFault | None = None
         self._guarded, self._gap = (
             time.monotonic(),
             0.0,
@@ -134,7 +134,7 @@ class ActuatorNode(LifecycleNode):
         """Stop the pusher, tell the client and publish the state at rest; True once all of this is done."""
         if not self._ending:
             self._ending, self._active = True, False
-            self._revoke(Fault.STOPPED, "the actuator was told to end")
+            self._revoke(PusherFault.STOPPED, "the actuator was told to end")
         if self._goal is not None or (self._pusher.busy and self._pusher.mode is not Mode.DISCONNECTED):
             return False
         self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
@@ -190,7 +190,7 @@ class ActuatorNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop a motion, and accept no more goals."""
         self._active = False
-        self._revoke(Fault.STOPPED, "the actuator was deactivated")
+        self._revoke(PusherFault.STOPPED, "the actuator was deactivated")
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -213,7 +213,7 @@ class ActuatorNode(LifecycleNode):
     def _not_active(self) -> str:
         return f"the actuator is {self._lifecycle_state}, expected active"
 
-    def _revoke(self, fault: Fault, why: str) -> None:
+    def _revoke(self, fault: PusherFault, why: str) -> None:
         """Stop any motion; a goal under way is aborted with this reason once the pusher rests."""
         if self._goal is not None and self._revoked is None:
             self._revoked, self._fault = why, fault
@@ -222,7 +222,7 @@ class ActuatorNode(LifecycleNode):
         if self._pusher.busy:
             self._stop()
 
-    def _halt(self, fault: Fault = Fault.STOPPED, why: str = "somebody asked for a stop") -> None:
+    def _halt(self, fault: PusherFault = PusherFault.STOPPED, why: str = "somebody asked for a stop") -> None:
         """Stop any motion, and move nothing until somebody calls reset."""
         self._stopped, self._fault = why, fault
         self.get_logger().warning(f"{why}: nothing moves until actuator/reset is called")
@@ -254,7 +254,7 @@ class ActuatorNode(LifecycleNode):
         self._gap, self._guarded = now - self._guarded, now
         moves = goal is not None or (self._pusher.busy and self._pusher.mode is Mode.HOMING)
         if moves and (disabled := self._disabled) is not None:
-            self._revoke(Fault.DISABLED, disabled)
+            self._revoke(PusherFault.DISABLED, disabled)
         if goal is None or self._revoked is not None:
             return
         lasted = now - self._accepted
@@ -265,10 +265,10 @@ class ActuatorNode(LifecycleNode):
         if self._may_go is not None and waits and lacking is None:
             self._may_go.set_result(None)
         if lasted > config.max_time:
-            self._revoke(Fault.TIME, f"the push took {lasted:.1f} s, more than max_time {config.max_time:g} s")
+            self._revoke(PusherFault.TIME, f"the push took {lasted:.1f} s, more than max_time {config.max_time:g} s")
         if config.max_force and (unmeasured := now - self._forced) > FORCE_SILENCE:
             how_long = "yet" if math.isinf(unmeasured) else f"for {unmeasured:.2f} s, the limit is {FORCE_SILENCE:g} s"
-            self._revoke(Fault.FORCE, f"no force was measured {how_long}")
+            self._revoke(PusherFault.FORCE, f"no force was measured {how_long}")
 
     @property
     def _disabled(self) -> str | None:
@@ -280,19 +280,19 @@ class ActuatorNode(LifecycleNode):
             return "the topic enable does not say true"
         return f"the topic enable said true {ago:.2f} s ago; enable_timeout is {limit:g} s"
 
-    def _lifeless(self, goal: bytes, lasted: float) -> tuple[Fault, str] | None:
+    def _lifeless(self, goal: bytes, lasted: float) -> tuple[PusherFault, str] | None:
         """Who shows no sign of life, of those that a goal needs: the fault, and what was measured; None if all of them live."""
         config = self._config
         self._life.look()
-        needed = [(Fault.OWNER, "its client", self._life.owner(goal), "owner_timeout")] if config.owner_timeout else []
-        needed += [(Fault.NODES, name, self._life.node(name), "requires_timeout") for name in config.requires]
+        needed = [(PusherFault.OWNER, "its client", self._life.owner(goal), "owner_timeout")] if config.owner_timeout else []
+        needed += [(PusherFault.NODES, name, self._life.node(name), "requires_timeout") for name in config.requires]
         for fault, who, sign, setting in needed:
             limit: float = getattr(config, setting)
             if sign is None:
-                how = "; docs/graph.md says how, or set owner_timeout to 0" if fault is Fault.OWNER else ""
+                how = "; docs/graph.md says how, or set owner_timeout to 0" if fault is PusherFault.OWNER else ""
                 return fault, f"{who} published no heartbeat in {lasted:.2f} s, expected one within {config.grace:g} s{how}"
             # the client must be able to cancel; a node that is only needed may have much to do
-            if (sign.idle if fault is Fault.OWNER else sign.age) > limit:
+            if (sign.idle if fault is PusherFault.OWNER else sign.age) > limit:
                 own = f"; the actuator itself stood still for {self._gap:.2f} s" if self._gap > limit / 2 else ""
                 return fault, f"{who} shows no sign of life: its {sign}; {setting} is {limit:g} s{own}"
         return None
@@ -305,7 +305,7 @@ class ActuatorNode(LifecycleNode):
         if math.isfinite(force):
             self._forced = time.monotonic()
         if self._goal is not None and force > self._config.max_force and self._stopped is None:
-            self._halt(Fault.FORCE, f"the force was {force:.1f} N, more than max_force {self._config.max_force:g} N")
+            self._halt(PusherFault.FORCE, f"the force was {force:.1f} N, more than max_force {self._config.max_force:g} N")
 
     def _remember(self, moves: bool = False) -> None:
         """Keep what is known of the position for the next process."""
@@ -343,7 +343,7 @@ class ActuatorNode(LifecycleNode):
             self._problem = None
         if self._recovering:
             self._recovering, self._located, self._problem = False, True, None
-            self._unsure, self._fault = False, Fault.NONE
+            self._unsure, self._fault = False, PusherFault.NONE
         if self._start_due and pusher.mode is not Mode.DISCONNECTED:
             self._start_due = False
             self.trigger_activate()
@@ -444,7 +444,7 @@ class ActuatorNode(LifecycleNode):
         )
         msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), TABLE
         self._state_out.publish(msg)
-        fault = self._fault if self._located or self._fault is not Fault.NONE else Fault.POSITION
+        fault = self._fault if self._located or self._fault is not PusherFault.NONE else PusherFault.POSITION
         if fault is not self._told_fault:
             self._told_fault = fault
             self._fault_out.publish(String(data=fault.value))
@@ -455,7 +455,7 @@ class ActuatorNode(LifecycleNode):
             return response
         stopped, self._stopped = self._stopped, None
         if stopped is not None and self._located and self._pusher.mode is Mode.IDLE:
-            self._fault = Fault.NONE
+            self._fault = PusherFault.NONE
             response.success, response.message = True, "released"
             return response
         try:
@@ -523,7 +523,7 @@ class ActuatorNode(LifecycleNode):
         return None
 
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
-        self._goal, self._revoked, self._fault = goal, None, Fault.NONE
+        self._goal, self._revoked, self._fault = goal, None, PusherFault.NONE
         self._may_go, self._accepted, self._travelled = Future(), time.monotonic(), 0.0
         goal.execute()
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from pushfric_core.errors import PushfricError
-from pushfric_core.pushers.check import Level
+from pushfric_core.pushers.check import Grade
 from pushfric_core.pushers.grbl import RESET_PATIENCE, SILENCE
 from pushfric_core.pushers.grbl_checks import check_controller
 from pushfric_core.pushers.stroke import OFF_WAY
@@ -354,7 +354,7 @@ def hostile_settings(stage: Stage) -> None:
     for key, value in HOSTILE:
         stage.line.to_host = in_lines(key, value)
         check, limits = check_controller(driver, config)
-        if check.level is not Level.FAILED or limits is not None or "\n" in check.finding or len(check.finding) > 300:
+        if check.level is not Grade.FAILED or limits is not None or "\n" in check.finding or len(check.finding) > 300:
             raise Excess(f"{key.decode()}{value[:10].decode()} was answered with {check.finding[:100]!r}")
     stage.line.to_host = bytes
     stage.start_actuator()

@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import Iterator
 
-from pushfric_core.simulated.line_damage import Damage, random_damage
+from pushfric_core.simulated.line_damage import LineDamage, random_damage
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.rehearsal.faults import (
     TRUE,
@@ -63,7 +63,7 @@ def damages(times: int, seed: int) -> Iterator[Fault]:
             yield _of_a_push(name, damage, share, stops=moment == MOMENTS[1])
 
 
-def _of_a_push(name: str, damage: Damage, share: float, stops: bool) -> Fault:
+def _of_a_push(name: str, damage: LineDamage, share: float, stops: bool) -> Fault:
     def bring_about(stage: Stage) -> float:
         stage.states.clear()
         stage.under_way(share)
@@ -88,7 +88,7 @@ def _of_a_push(name: str, damage: Damage, share: float, stops: bool) -> Fault:
     return Fault(name, bring_about, None, check, TRUE if damage.to_controller else PLAUSIBLE)
 
 
-def _of_a_connection(name: str, damage: Damage) -> Fault:
+def _of_a_connection(name: str, damage: LineDamage) -> Fault:
     def bring_about(stage: Stage) -> float:
         begin = time.monotonic()
         stage.end_actuator()

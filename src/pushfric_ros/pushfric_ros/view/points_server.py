@@ -36,7 +36,7 @@ class PointsServer(PageServer):
     def __init__(self, config: ViewConfig, on_question: Callable[[Question], None]) -> None:
         self._on_question = on_question
         self._answering: set[asyncio.Future[None]] = set()
-        super().__init__(config, "points.html", [(rf"/(state|{PNG})", Told), (r"/(points|another|save)", Done)])
+        super().__init__(config, "points.html", [(rf"/(state|{PNG})", Shown), (r"/(points|another|save)", Done)])
 
     async def ask(self, what: str, body: bytes) -> Reply:
         """Pass a question on, and wait for the answer."""
@@ -73,7 +73,7 @@ class _Question(Asked):
             await self.finish(reply if isinstance(reply, bytes) else to_json(reply))
 
 
-class Told(_Question):
+class Shown(_Question):
     """What the page shows; changes nothing."""
 
     async def get(self, what: str) -> None:

@@ -18,7 +18,7 @@ from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.commands.options import RUNS
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel, load_object
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.report.report import to_json
 from pushfric_core.vision.camera import Camera, load_camera
 from pushfric_ros.cell.cell_file import CellConfig, CellFile, load_cell
@@ -63,9 +63,9 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
         try:
             claim.enter_context(lock(cell.namespace))
         except InvalidInput as error:
-            yield Check("cell", Level.FAILED, str(error), "end that run before you check its parts")
+            yield Check("cell", Grade.FAILED, str(error), "end that run before you check its parts")
             return
-        yield Check("cell", Level.OK, f"{path}: {cell.namespace}")
+        yield Check("cell", Grade.OK, f"{path}: {cell.namespace}")
         yield from _examine_cell(cell, progress)
 
 
@@ -76,7 +76,7 @@ def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[C
         if cell.pusher is not None:
             yield check_plan(cell.plan, cell.pusher, model)
     except InvalidInput as error:
-        yield Check("object", Level.FAILED, str(error), "docs/files.md shows an object's file")
+        yield Check("object", Grade.FAILED, str(error), "docs/files.md shows an object's file")
     if cell.camera is not None:
         yield from _examine_camera(cell, cell.camera, model, progress)
     if cell.pusher is not None and cell.driver is not None:
@@ -93,13 +93,13 @@ def _examine_camera(
     except InvalidInput as error:
         again = f"./pushfric calibrate lens {source.source} --out {source.calibration}"
         again += f", then ./pushfric calibrate table {source.source} --camera {source.calibration}"
-        yield Check("calibration", Level.FAILED, str(error), again)
+        yield Check("calibration", Grade.FAILED, str(error), again)
     progress("camera")
     try:
         watched = watch(source, cell.namespace, (camera.width, camera.height) if camera is not None else None)
     except InvalidInput as error:
         holder = "plug it in; `fuser -v /dev/video*` names who holds it; sudo usermod -aG video $USER, then log in again"
-        yield Check("camera", Level.FAILED, str(error), holder)
+        yield Check("camera", Grade.FAILED, str(error), holder)
         watched = Watched([])
     else:
         yield check_camera(watched, source.source)
@@ -117,12 +117,12 @@ def _examine_camera(
 
 def passed(checks: list[Check]) -> bool:
     """Whether no check failed; a warning is not a failure."""
-    return all(check.level is not Level.FAILED for check in checks)
+    return all(check.level is not Grade.FAILED for check in checks)
 
 
 def table(checks: list[Check]) -> Table:
     """The checks as a table."""
-    colors = {Level.OK: "green", Level.WARNING: "yellow", Level.FAILED: "red"}
+    colors = {Grade.OK: "green", Grade.WARNING: "yellow", Grade.FAILED: "red"}
     made = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("", "check", "finding", "what to do"):
         made.add_column(title, overflow="fold")

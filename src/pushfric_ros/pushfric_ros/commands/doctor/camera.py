@@ -10,7 +10,7 @@ import numpy as np
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.vision.camera import Image
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_core.vision.frame_source import Device
@@ -125,23 +125,23 @@ def check_camera(watched: Watched, source: str) -> Check:
     what, frames, lost = TOPICS.get(source, source), watched.frames, watched.lost
     if not frames and watched.publishers:
         finding = f"no frames from {what}, though it has {counted(watched.publishers, 'publisher')}"
-        return Check("camera", Level.FAILED, finding, f"{room()}; or its driver has no picture to publish")
+        return Check("camera", Grade.FAILED, finding, f"{room()}; or its driver has no picture to publish")
     if not frames:
         advice = "start its driver in the cell's namespace" if source in TOPICS else "plug it in again"
-        return Check("camera", Level.FAILED, f"no frames from {what}", advice)
+        return Check("camera", Grade.FAILED, f"no frames from {what}", advice)
     height, width = frames[0].image.shape
     seconds = (frames[-1].arrival - frames[0].arrival) / 1e9
     rate = (len(frames) - 1) / seconds if seconds > 0 else math.nan
     finding = f"{what}: {width} x {height} px, {rate:.1f} frames/s"
     if len(frames) > 2 and all(np.array_equal(frame.image, frames[0].image) for frame in frames):
-        return Check("camera", Level.FAILED, f"{finding}, all of them equal", "it hangs: unplug it and plug it in again")
+        return Check("camera", Grade.FAILED, f"{finding}, all of them equal", "it hangs: unplug it and plug it in again")
     if lost > MOST_LOST * (lost + len(frames)):
         finding += f"; {100 * lost / (lost + len(frames)):.0f} % of the images are lost on the way"
-        return Check("camera", Level.WARNING, finding, room())
+        return Check("camera", Grade.WARNING, finding, room())
     if not rate >= SLOWEST:
         advice = f"{SLOWEST:g} frames/s or more are needed: shorter exposure with more light, or another port or format"
-        return Check("camera", Level.WARNING, finding, advice)
-    return Check("camera", Level.OK, finding)
+        return Check("camera", Grade.WARNING, finding, advice)
+    return Check("camera", Grade.OK, finding)
 
 
 def room() -> str:
@@ -159,14 +159,17 @@ def check_exposure(image: Image) -> Check:
         f"{100 * saturated:.1f} % of the pixels are saturated, the brightest have {bright:.0f}, the median is {middle:.0f}"
     )
     if middle >= SATURATED:
-        return Check("exposure", Level.WARNING, finding, "the table must be dark: shorter exposure, less gain")
+        return Check("exposure", Grade.WARNING, finding, "the table must be dark: shorter exposure, less gain")
     if saturated > MOST_SATURATED:
         return Check(
-            "exposure", Level.WARNING, finding, "saturated areas look too large: shorter exposure, less gain, no highlights"
+            "exposure",
+            Grade.WARNING,
+            finding,
+            "saturated areas look too large: shorter exposure, less gain, no highlights",
         )
     if bright < MIN_CONTRAST:
-        return Check("exposure", Level.WARNING, finding, "too dark to see an object: more light or exposure, and no lens cap")
-    return Check("exposure", Level.OK, finding)
+        return Check("exposure", Grade.WARNING, finding, "too dark to see an object: more light or exposure, and no lens cap")
+    return Check("exposure", Grade.OK, finding)
 
 
 def check_stamps(frames: list[Frame]) -> Check:
@@ -178,10 +181,10 @@ def check_stamps(frames: list[Frame]) -> Check:
     if not -EARLY <= age <= STALE or backwards:
         finding += ", not in order" if backwards else ", so not by this machine's clock"
         advice = "sudo timedatectl set-ntp true on both machines, or chrony; small constant offsets go into camera.time_offset"
-        return Check("stamps", Level.FAILED, finding, advice)
+        return Check("stamps", Grade.FAILED, finding, advice)
     if age > SLOW:
         speed = PlanConfig.speed
         finding += f"; by another clock, a push at {1e3 * speed:g} mm/s would be seen {1e3 * speed * age:.0f} mm behind"
         advice = "compare the clocks, with `date +%s.%N` on both machines; a driver on this one is slow: fewer pixels, no queue"
-        return Check("stamps", Level.WARNING, finding, advice)
-    return Check("stamps", Level.OK, finding)
+        return Check("stamps", Grade.WARNING, finding, advice)
+    return Check("stamps", Grade.OK, finding)

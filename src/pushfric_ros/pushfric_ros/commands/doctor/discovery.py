@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from std_srvs.srv import Trigger
 
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_ros.node_kit.visit import visit
 
 LAST_DOMAIN = 101
@@ -31,24 +31,24 @@ def check_discovery() -> Check:
     text = os.environ.get("ROS_DOMAIN_ID", "0")
     if not text.isdecimal() or int(text) > LAST_DOMAIN:
         finding, advice = f"ROS_DOMAIN_ID is {text!r}", f"set it to a number from 0 to {LAST_DOMAIN}, the same in all terminals"
-        return Check("discovery", Level.FAILED, finding, advice)
+        return Check("discovery", Grade.FAILED, finding, advice)
     seconds = round_trip(ANSWER_TIMEOUT)
     where = f"on domain {int(text)}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
     if seconds is None:
         advice = "check ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF), firewall rules for UDP 7400 and up, and free space in /dev/shm"
-        return Check("discovery", Level.FAILED, f"another process did not answer within {ANSWER_TIMEOUT:g} s {where}", advice)
-    return Check("discovery", Level.OK, f"another process answered after {seconds:.1f} s {where}")
+        return Check("discovery", Grade.FAILED, f"another process did not answer within {ANSWER_TIMEOUT:g} s {where}", advice)
+    return Check("discovery", Grade.OK, f"another process answered after {seconds:.1f} s {where}")
 
 
 def check_multicast() -> Check:
     """Whether multicast works, by which other machines are found."""
     if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET") != "SUBNET":
-        return Check("multicast", Level.OK, "not needed: only this machine is looked for")
+        return Check("multicast", Grade.OK, "not needed: only this machine is looked for")
     fault = multicast(1.0)
     if fault is not None:
         advice = "other machines will not be found; for this one alone set discovery: localhost in the cell's file"
-        return Check("multicast", Level.WARNING, f"does not work: {fault}", advice)
-    return Check("multicast", Level.OK, "works")
+        return Check("multicast", Grade.WARNING, f"does not work: {fault}", advice)
+    return Check("multicast", Grade.OK, "works")
 
 
 def round_trip(patience: float) -> float | None:

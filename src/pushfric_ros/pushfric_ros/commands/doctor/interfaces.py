@@ -6,7 +6,7 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_ros.messages.types import message_class
 
 INTERFACE_PARTS = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
@@ -19,8 +19,8 @@ def check_build() -> Check:
     stale = stale_interfaces(pathlib.Path(get_package_share_directory("pushfric_msgs")))
     if stale:
         finding = f"older than the source, or not built: {', '.join(stale)}"
-        return Check("build", Level.FAILED, finding, "build the workspace again: ./pushfric setup, or colcon build")
-    return Check("build", Level.OK, "pushfric_msgs is built from its present source")
+        return Check("build", Grade.FAILED, finding, "build the workspace again: ./pushfric setup, or colcon build")
+    return Check("build", Grade.OK, "pushfric_msgs is built from its present source")
 
 
 def stale_interfaces(share: pathlib.Path) -> list[str]:

@@ -8,7 +8,7 @@ import sys
 import time
 
 from pushfric_core.commands import dependencies
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_ros.node_kit.visit import middleware
 
 TRIED_DISTROS, TRIED_RMW = ("jazzy", "kilted"), "rmw_fastrtps_cpp"
@@ -27,8 +27,8 @@ def check_ros() -> Check:
     finding = f"Python {sys.version.split()[0]}, ROS 2 {distro or 'of unknown distribution'}, {rmw}"
     if distro not in TRIED_DISTROS or rmw != TRIED_RMW:
         advice = f"it may well work; {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW} were tested"
-        return Check("ROS 2", Level.WARNING, finding, advice)
-    return Check("ROS 2", Level.OK, finding)
+        return Check("ROS 2", Grade.WARNING, finding, advice)
+    return Check("ROS 2", Grade.OK, finding)
 
 
 def check_packages() -> Check:
@@ -36,8 +36,8 @@ def check_packages() -> Check:
     wanted = dependencies.declared()
     if lacking := dependencies.unmet(wanted):
         finding = f"missing or too old: {', '.join(f'{requirement} ({found})' for requirement, found in lacking)}"
-        return Check("packages", Level.FAILED, finding, dependencies.advice(lacking))
-    return Check("packages", Level.OK, f"{len(wanted)} needed, all there")
+        return Check("packages", Grade.FAILED, finding, dependencies.advice(lacking))
+    return Check("packages", Grade.OK, f"{len(wanted)} needed, all there")
 
 
 def check_clock() -> Check:
@@ -46,11 +46,11 @@ def check_clock() -> Check:
     said = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(now))
     if now < written:
         finding = f"{said}, which was before this program was installed"
-        return Check("clock", Level.FAILED, finding, "set it: sudo timedatectl set-ntp true")
+        return Check("clock", Grade.FAILED, finding, "set it: sudo timedatectl set-ntp true")
     if clock_state() == TIME_ERROR:
         advice = "nothing to do for a cell on one computer; for more: sudo timedatectl set-ntp true, or chrony"
-        return Check("clock", Level.WARNING, f"{said}, but nothing synchronises it", advice)
-    return Check("clock", Level.OK, f"{said}, synchronised")
+        return Check("clock", Grade.WARNING, f"{said}, but nothing synchronises it", advice)
+    return Check("clock", Grade.OK, f"{said}, synchronised")
 
 
 def clock_state() -> int:
@@ -65,8 +65,8 @@ def check_disk(folder: pathlib.Path) -> Check:
     free = shutil.disk_usage(there).free
     finding = f"{free / 1e9:.1f} GB free at {there}, {free / BAG_RATE / 3600:.0f} hours of recording"
     if not os.access(there, os.W_OK):
-        return Check("disk", Level.FAILED, f"no permission to write to {there}", "record elsewhere, with --bag")
+        return Check("disk", Grade.FAILED, f"no permission to write to {there}", "record elsewhere, with --bag")
     if free < AMPLE_SPACE:
-        level = Level.FAILED if free < LEAST_SPACE else Level.WARNING
+        level = Grade.FAILED if free < LEAST_SPACE else Grade.WARNING
         return Check("disk", level, finding, "make room, or record elsewhere, with --bag")
-    return Check("disk", Level.OK, finding)
+    return Check("disk", Grade.OK, finding)

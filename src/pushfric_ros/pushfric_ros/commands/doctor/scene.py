@@ -5,7 +5,7 @@ import numpy as np
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.pushers.check import Check, Level
+from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.sighting import NotSeen, Tracker
@@ -24,12 +24,12 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     if image is not None and image.shape != (camera.height, camera.width):
         got = f"{image.shape[1]} x {image.shape[0]}"
         finding = f"made for {camera.width} x {camera.height} px, the camera gives {got}"
-        return Check("calibration", Level.FAILED, finding, "set the camera to that size, or calibrate it at this one")
+        return Check("calibration", Grade.FAILED, finding, "set the camera to that size, or calibrate it at this one")
     corners = np.array([(u, v) for u in (0, camera.width - 1) for v in (0, camera.height - 1)], dtype=float)
     off = np.abs(camera.project(camera.unproject(corners)) - corners).max()
     if not off < LENS_ERROR_PX:
         advice = "`./pushfric calibrate lens` again, with the board in the corners of the picture"
-        return Check("calibration", Level.FAILED, "the lens model fails in the corners of the picture", advice)
+        return Check("calibration", Grade.FAILED, "the lens model fails in the corners of the picture", advice)
     direction = np.asarray(pusher.line_direction) / np.hypot(*pusher.line_direction)
     line = np.asarray(pusher.line_origin) + np.linspace(0, pusher.stroke, 50)[:, None] * direction
     pixels = camera.project(line)
@@ -38,11 +38,11 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     finding = f"a pixel is {1e3 * pixel:.2f} mm, {100 * seen:.0f} % of the pushing line are in the picture"
     if not seen:
         advice = "`./pushfric measure CELL --only tip` finds the line, `./pushfric calibrate table` the table frame it is in"
-        return Check("calibration", Level.FAILED, finding, advice)
+        return Check("calibration", Grade.FAILED, finding, advice)
     if pixel > COARSEST:
         advice = f"{1e3 * COARSEST:g} mm or less are needed: a camera nearer to the table, or with more pixels"
-        return Check("calibration", Level.WARNING, finding, advice)
-    return Check("calibration", Level.OK, finding)
+        return Check("calibration", Grade.WARNING, finding, advice)
+    return Check("calibration", Grade.OK, finding)
 
 
 def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Image | None) -> Check:
@@ -50,9 +50,9 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
     try:
         tracker: Tracker = cell.tracker.open_tracker(camera, model, (cell.camera and cell.camera.object_height) or model.height)
     except InvalidInput as error:
-        return Check("object", Level.FAILED, str(error), "a camera nearer to the table, larger markers, or another object")
+        return Check("object", Grade.FAILED, str(error), "a camera nearer to the table, larger markers, or another object")
     if image is None or image.shape != (camera.height, camera.width):
-        return Check("object", Level.OK, f"{model.name}: no image shows whether it is seen")
+        return Check("object", Grade.OK, f"{model.name}: no image shows whether it is seen")
     try:
         sighting = tracker.track(image)
     except NotSeen as reason:
@@ -63,10 +63,10 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
             f" the picture has grey levels of {table:.0f} (median) to {brightest:.0f}"
         )
         advice = "lay it in the picture, alone; `./pushfric measure CELL --only object` shows what the camera sees of it"
-        return Check("object", Level.WARNING, finding, advice)
+        return Check("object", Grade.WARNING, finding, advice)
     x, y = 1e3 * sighting.pose.x, 1e3 * sighting.pose.y
     return Check(
-        "object", Level.OK, f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
+        "object", Grade.OK, f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
     )
 
 
@@ -75,9 +75,9 @@ def check_plan(plan: PlanConfig, pusher: PusherConfig, model: ObjectModel) -> Ch
     try:
         pushes = load_plan(plan.plan, model)
     except InvalidInput as error:
-        return Check("plan", Level.FAILED, str(error), "docs/files.md shows a plan")
+        return Check("plan", Grade.FAILED, str(error), "docs/files.md shows a plan")
     finding = f"{plan.choose or len(pushes)} pushes of {1e3 * plan.distance:g} mm at {1e3 * plan.speed:g} mm/s"
     if plan.distance > pusher.stroke or plan.speed > pusher.max_speed:
         finding += f"; the pusher's stroke is {1e3 * pusher.stroke:g} mm, its greatest speed {1e3 * pusher.max_speed:g} mm/s"
-        return Check("plan", Level.FAILED, finding, "shorten plan.distance, lower plan.speed")
-    return Check("plan", Level.OK, finding)
+        return Check("plan", Grade.FAILED, finding, "shorten plan.distance, lower plan.speed")
+    return Check("plan", Grade.OK, finding)
