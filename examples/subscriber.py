@@ -3,6 +3,7 @@
 python3 examples/subscriber.py          while ./pushfric demo runs
 """
 
+import math
 from typing import Any
 
 import rclpy
@@ -26,7 +27,8 @@ class Subscriber(Node):
         if msg.status != msg.STATUS_OPTIMAL:
             return  # nothing is known, or the pushes contradict each other
         x, y = 1e3 * msg.center_of_friction.x, 1e3 * msg.center_of_friction.y
-        trust = "".join(f", off by at most {1e3 * radius:.1f} mm with 90 %" for radius in msg.confidence)
+        known = not math.isnan(msg.confidence)
+        trust = f", off by at most {1e3 * msg.confidence:.1f} mm with 90 %" if known else ""
         print(f"{msg.object}: p_CF ({x:.1f}, {y:.1f}) mm from {msg.pushes} pushes{trust}", flush=True)
 
 

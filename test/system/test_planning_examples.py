@@ -51,7 +51,7 @@ def test_a_subscriber_prints_the_last_estimate(ros, monkeypatch, capsys):
     import subscriber
 
     out = ros.node("estimator", namespace="/cell").create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
-    msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object="brick", pushes=3, confidence=[0.002])
+    msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object="brick", pushes=3, confidence=0.002)
     msg.center_of_friction.x = 0.01
     out.publish(msg)
     ros.compose(subscriber.Subscriber(namespace="/cell"))

@@ -146,8 +146,7 @@ def begin_move(pusher: Grbl, peer: Peer, position: float = 0.0015, speed: float 
         (
             "<Run|MPos:23.036,1.620,0.000|Bf:14,127|FS:500,8000|Ov:100,100,100|A:SFM>",
             StatusReport("Run", None, (23.036, 1.62, 0.0), buffer=(14, 127), feed=500.0, spindle=8000.0,
-                   overrides=(100, 100, 100),
-                   accessories="SFM"),
+                         overrides=(100, 100, 100), accessories="SFM"),
         ),
         (
             "<Hold:1|WPos:-2.500,0.000,11.000|Bf:15,128|Ln:99999|F:350|Pn:XYZPDHRS>",

@@ -76,8 +76,10 @@ def mcap_of(folder: pathlib.Path) -> pathlib.Path:
 @pytest.fixture
 def cell_bag(tmp_path):
     """A bag of several types; returns its folder and what was written to it."""
-    estimate = FrictionEstimate(object="rubber_rect4", status=FrictionEstimate.STATUS_OPTIMAL, confidence=[0.002])
+    estimate = FrictionEstimate(object="rubber_rect4", status=FrictionEstimate.STATUS_OPTIMAL, confidence=0.002)
     estimate.support_friction.weights = [0.25, 0.75]
+    # unlike a publisher, serialize_message adds a few bytes after empty lists, which rosbags refuses
+    estimate.spread.middle = estimate.spread.low = estimate.spread.high = [0.25, 0.75]
     ranking = Recognition(best="as is", hypotheses=[Hypothesis(name="as is", ratio=1.0, feasible=True)])
     image = CompressedImage(format="jpeg", data=bytes(range(256)) * 40)
     topics = {

@@ -141,7 +141,7 @@ def test_other_magnitudes_beyond_reason_are_refused():
             samples.pusher_sample_from_msg(PusherState(direction=Vector3(x=1.0), **fields))
     for fields, expected in [
         ({"half_width": HUGE}, "half_width must lie within 3 m"),
-        ({"force": [Vector3(x=HUGE)]}, "force must lie within 10000 N"),
+        ({"force": Vector3(x=HUGE)}, "force must lie within 10000 N"),
         ({"push_id": -1}, "push_id must lie in"),
         ({"contact_point": Point(x=HUGE)}, "contact_point must lie within 100 m"),
     ]:

@@ -354,8 +354,8 @@ def test_measured_forces_reach_the_estimate(ros):
     ros.wait_for(lambda: len(estimates) >= 4, what="the estimates of the push")
     assert len(observations) == len(estimates)
     for msg in observations:
-        theta = 2 * math.atan2(msg.pose[0].orientation.z, msg.pose[0].orientation.w)
-        assert (msg.force[0].x, msg.force[0].y) == pytest.approx((2 * math.sin(theta), 2 * math.cos(theta)), abs=1e-9)
+        theta = 2 * math.atan2(msg.pose.orientation.z, msg.pose.orientation.w)
+        assert (msg.force.x, msg.force.y) == pytest.approx((2 * math.sin(theta), 2 * math.cos(theta)), abs=1e-9)
     assert estimates[-1].support_friction.total_friction == pytest.approx(2.0, rel=0.2)
 
 

@@ -20,7 +20,7 @@ from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
-from pushfric_core.vision.sighting import UNMEASURED
+from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
 from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
@@ -171,14 +171,16 @@ def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
 def test_diagnostics_say_whether_the_object_is_seen(cell):
     cell.see(TRUTH)
     seen = cell.report(seen="1", object="block", visible="1.0")
-    assert (seen.level, seen.message) == (DiagnosticStatus.OK, "seen")
+    assert (seen.level, seen.message, cell.values(seen)["no_pose"]) == (DiagnosticStatus.OK, "seen", "")
     assert 0 < float(cell.values(seen)["residual_[px]"]) < 0.1
     cell.send(cell.simulation.render(None))
     lost = cell.report(frames="2", seen="1")
-    assert (lost.level, lost.message) == (DiagnosticStatus.WARN, "not seen: no object")
+    assert (lost.level, lost.message) == (DiagnosticStatus.WARN, f"not seen: {NO_OBJECT}")
+    assert cell.values(lost)["no_pose"] == NO_OBJECT
     cell.reports.clear()
     idle = cell.report(frames="2", frames_s="0.0")
     assert (idle.level, idle.message) == (DiagnosticStatus.ERROR, "no frames from image_raw")
+    assert cell.values(idle)["no_pose"] == idle.message
 
 
 def test_late_frames_are_dropped_and_counted(cell):

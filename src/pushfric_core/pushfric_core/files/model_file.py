@@ -172,7 +172,7 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
         pushes=estimate.pushes,
         fit_error=estimate.solution.objective,
         status=estimate.status.value,
-        verdict=estimate.verdict.reasons,
+        verdict=tuple(map(str, estimate.verdict.reasons)),
         settings=settings.parameters(),
     )
     return ModelFile(

@@ -268,6 +268,7 @@ class TrackerNode(Node):
             "object": self._object.name,
             "frames/s": round(frames / max(now - then, 1e-9), 1),
             **self._counts,
+            "last reason": self._reason,
             "latency [s]": round(self._latency, 4),
         }
         if self._sighting is not None:

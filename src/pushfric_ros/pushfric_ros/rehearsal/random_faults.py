@@ -78,9 +78,9 @@ def _of_a_push(name: str, damage: LineDamage, share: float, stops: bool) -> Faul
 
     def check(stage: Stage) -> str | None:
         assert stage.client is not None
-        said, rest = words_of(stage.client), stage.along()
-        if "reached" in said and abs(rest - stage.reach) > SAME:
-            return f"it rests at {1e3 * rest:.2f} mm, and the client was told: {said}"
+        rest = stage.along()
+        if stage.client.returncode == 0 and abs(rest - stage.reach) > SAME:
+            return f"it rests at {1e3 * rest:.2f} mm, and the client was told: {words_of(stage.client)}"
         if not damage.to_controller and rest > stage.reach + SAME:
             return f"it went to {1e3 * rest:.2f} mm, beyond the push"
         return _healed(stage)
