@@ -53,7 +53,7 @@ def test_figures_are_shown_next_to_those_of_a_bare_node_and_judged(footprint):
         "bare_memory_mib": 32.0,
         "bare_start_cpu_s": 0.3,
         "help_cpu_s": 0.6,
-        "estimate_cpu_s": 1.2,
+        "estimate_cpu_s": 0.7,
         "first_pose_s": 1.4,
         "end_s": {"bare": 0.5, "alone": 0.1, "together": 0.2, "together_busy": 0.9},
         "end_codes": {"tracker, alone": -2},

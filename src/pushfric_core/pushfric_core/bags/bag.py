@@ -13,9 +13,10 @@ import numpy as np
 import zstandard
 
 from pushfric_core.bags import agreement, parts
-from pushfric_core.bags.bag_writer import BEFORE, FIRST_NUMBER
 from pushfric_core.bags.cdr import Decoder
 from pushfric_core.bags.contents import (
+    BEFORE,
+    FIRST_NUMBER,
     LAST_READ,
     LAST_SAVED,
     BagMessage,

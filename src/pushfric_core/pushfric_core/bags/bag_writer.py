@@ -12,20 +12,13 @@ from typing import Any, BinaryIO
 import yaml
 from mcap.writer import CompressionType, Writer
 
-from pushfric_core.bags.contents import mcap_file
+from pushfric_core.bags.contents import FIRST_NUMBER, mcap_file
 from pushfric_core.bags.message_types import definition, type_hash
 from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.rosbag2_metadata import METADATA, VERSION
 from pushfric_core.errors import InvalidInput
 
 PathLike = str | os.PathLike[str]
-
-FIRST_NUMBER = "pushfric_first_number"
-"""In the metadata of a channel: the number of its topic's first message; the others follow. It is drawn for each recording, so
-that the messages of another one stand out."""
-
-BEFORE = "pushfric_before_recovery"
-"""In a bag's custom data: what was lost before the bag was recovered."""
 
 CHUNK_SIZE = 2**13
 """Size of the pieces that share a checksum and are lost together [bytes]. With the usual 1 MiB, a bag of poses is 15 % smaller,

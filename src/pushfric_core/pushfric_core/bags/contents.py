@@ -11,6 +11,13 @@ from typing import NamedTuple, Protocol, TypeVar
 
 from pushfric_core.bags.offered_qos import OfferedQos
 
+FIRST_NUMBER = "pushfric_first_number"
+"""In the metadata of a channel: the number of its topic's first message; the others follow. It is drawn for each recording, so
+that the messages of another one stand out."""
+
+BEFORE = "pushfric_before_recovery"
+"""In a bag's custom data: what was lost before the bag was recovered."""
+
 
 class Definition(NamedTuple):
     """The text that defines a type and all types that it refers to."""

@@ -6,8 +6,8 @@ import shutil
 from collections import Counter
 
 from pushfric_core.bags.bag import Bag, each
-from pushfric_core.bags.bag_writer import BEFORE, BagWriter
-from pushfric_core.bags.contents import Standing, Topic
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.contents import BEFORE, Standing, Topic
 from pushfric_core.bags.mcap_file import UNCONFIRMED
 from pushfric_core.bags.rosbag2_metadata import METADATA
 from pushfric_core.errors import InvalidInput

@@ -175,6 +175,7 @@ class LimitSurface:
 
     def twists(self, wrenches: Array) -> Array:
         """The `twist` (s, 3) of wrenches (s, 3), none of them zero. Raises SolverFailed as `twist`."""
+        wrenches = as_array(wrenches)
         turns = np.array([facet.twist for facet in self.facets])
         centers = np.array([facet.center[:2] for facet in self.facets])
         radii = np.array([facet.radius for facet in self.facets])
