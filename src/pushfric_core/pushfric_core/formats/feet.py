@@ -28,7 +28,7 @@ class Feet(NamedTuple):
 
 
 def few_feet(support: Support) -> Feet:
-    """Some of the support points, weighted anew, with the same total force and centre of friction and nearly the same surface.
+    """Some of the support points, reweighted, with the same total force and centre of friction and nearly the same surface.
 
     One point after another is added: the one that lowers the residual of the wrenches most steeply. After each, the weights are
     the nonnegative least squares of the wrenches over motions of all directions (orthogonal matching pursuit).

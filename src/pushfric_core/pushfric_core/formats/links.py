@@ -57,14 +57,18 @@ def chain(body: Body) -> list[Link]:
 def meshes(body: Body) -> dict[str, str]:
     """Convex prisms as OBJ files, by name; none if the shell is a box."""
     pieces = body.pieces if body.box is None else []
-    return {f"{body.file_name}_{k}.obj": _prism(piece, body.height) for k, piece in enumerate(pieces)}
+    return {_mesh_name(body, k): _prism(piece, body.height) for k, piece in enumerate(pieces)}
 
 
 def _shell(body: Body) -> list[Shape]:
     if body.box is None:
-        return [Shape(mesh=name) for name in meshes(body)]
+        return [Shape(mesh=_mesh_name(body, k)) for k in range(len(body.pieces))]
     (x, y), (length, width) = (pair.tolist() for pair in body.box)
     return [Shape((x, y, (body.height + CLEARANCE) / 2), (length, width, body.height - CLEARANCE))]
+
+
+def _mesh_name(body: Body, k: int) -> str:
+    return f"{body.file_name}_{k}.obj"
 
 
 def _prism(corners: Array, height: float) -> str:
