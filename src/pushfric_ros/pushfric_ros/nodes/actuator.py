@@ -20,6 +20,8 @@ from rclpy.task import Future
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
+from pushfric_core.cell.node_settings import FrameConfig
+from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.frames import TABLE
@@ -38,8 +40,6 @@ from pushfric_core.pushers.pusher import (
 from pushfric_core.pushers.stroke import unevenness
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.cell.node_settings import FrameConfig
-from pushfric_ros.cell.plugins import PUSHERS, plugin
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
