@@ -206,7 +206,7 @@ def test_a_push_and_its_retraction(ros, controller, tmp_path):
     assert result.status == GoalStatus.STATUS_SUCCEEDED
     assert result.result.outcome == Push.Result.OUTCOME_REACHED
     assert result.result.travelled == pytest.approx(0.03, abs=2e-5)
-    assert result.result.message == "reached"
+    assert result.result.message.startswith("reached")  # on a busy machine it may add: unevenly
     assert controller.position() == pytest.approx(0.0)
     assert cell.feedback[-1].travelled == pytest.approx(0.03, abs=2e-5)
     pushing = [state for state in cell.states if state.push_id == 7]
@@ -315,7 +315,7 @@ def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
     cell.result(cell.send(0.04))
     cell.states.clear()
     back = cell.result(cell.send(-0.03, 0.05)).result
-    assert (back.message, back.travelled) == ("reached", pytest.approx(-0.03, abs=2e-5))
+    assert (back.message[:7], back.travelled) == ("reached", pytest.approx(-0.03, abs=2e-5))
     assert controller.position() == pytest.approx(0.01)
     assert {state.push_id for state in cell.states} == {PusherState.NO_PUSH}
     assert min(state.speed for state in cell.states) == pytest.approx(-0.05, rel=0.01)
@@ -471,7 +471,7 @@ def test_a_push_waits_for_a_node_that_is_heard_late(ros, controller, tmp_path):
     ros.wait_for(lambda: len(cell.states) > 10, what="states")
     assert controller.position() == 0.0  # nothing moves yet
     life = Heartbeat(ros.node("tracker", namespace=cell.node.get_namespace()))
-    assert cell.result(handle).result.message == "reached"
+    assert cell.result(handle).result.message.startswith("reached")
     life.end()
 
 
