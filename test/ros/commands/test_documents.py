@@ -220,11 +220,11 @@ def test_what_a_page_shows_is_so(page, folder):
                 check_command(command, words, output, folder)
         elif block.language == "yaml":
             check_yaml(block, folder)
-        elif block.language == "python":
+        elif block.language in ("python", "{code-cell} python"):
             check_python(block, names)
         else:
             assert block.language in PLAIN, (
-                f"{where}: a block of code begins with ``` and one of {PLAIN}, sh, console, yaml, python"
+                f"{where}: a block of code begins with ``` and one of {PLAIN}, sh, console, yaml, python, code-cell"
             )
             assert "./pushfric " not in block.text, f"{where}: a command in a block that is not run"
             if block.file:

@@ -160,8 +160,7 @@ class Estimate:
         if not self.data_points:
             return f"no observations yet: any w over the {len(self.w)} support points is as good as another"
         figures = self.to_dict()
-        use = "may be used" if self.verdict.use else f"do not use it: {'; '.join(map(str, self.verdict.reasons))}"
-        rests_on = f"from   {observations_of(self.data_points, self.pushes)}; {use}"
+        rests_on = f"from   {observations_of(self.data_points, self.pushes)}; {self.verdict}"
         return f"{center_line(figures)}\n{contact_friction_line(figures)}\n{rests_on}"
 
     def __repr__(self) -> str:
