@@ -1,5 +1,7 @@
 """The estimate of w, p_CF and mu_c that the estimator returns."""
 
+from __future__ import annotations
+
 import html
 import importlib.util
 from dataclasses import dataclass, field, replace
@@ -179,7 +181,7 @@ class Estimate:
         """
         return EstimateReport.of(self, object_name, verdict=self.verdict).to_dict()
 
-    def to_frame(self) -> "pandas.DataFrame":
+    def to_frame(self) -> pandas.DataFrame:
         """A table with a row for each support point: `x`, `y` [m], object frame, `w`, and its 90 % interval `low`, `high`.
 
         The interval is NaN without a spread.

@@ -24,8 +24,7 @@ import math
 import os
 import time
 from collections.abc import Generator
-
-import serial
+from typing import TYPE_CHECKING
 
 from pushfric_core.pushers.grbl_protocol import (
     ALARM,
@@ -56,6 +55,9 @@ from pushfric_core.pushers.pusher import (
 )
 from pushfric_core.pushers.serial_port import open_port, write_all
 from pushfric_core.pushers.stroke import Plausibility, Stroke
+
+if TYPE_CHECKING:
+    import serial
 
 Script = Generator[None, None, None]
 """A sequence of commands and answers; poll() takes it a step further."""

@@ -6,7 +6,10 @@ import select
 import termios
 import time
 
-import serial
+from pushfric_core.errors import extra
+
+with extra("serial", "a serial port"):
+    import serial
 
 WRITE_TIMEOUT = 0.5  # [s]
 
