@@ -158,9 +158,9 @@ def complaint(error: Any) -> str:
     Args:
         error: a UsageError.
     """
-    parameter = getattr(error, "param", None)
+    parameter: Any = getattr(error, "param", None)
     details = getattr(error.__cause__, "errors", None)  # of pydantic, which reads the values in newer versions of typer
-    context = getattr(error, "ctx", None)
+    context: Any = getattr(error, "ctx", None)
     see = f"{context.command_path if context is not None else 'pushfric'} --help"
     if parameter is not None and details is not None:
         wrong = details()[0]
