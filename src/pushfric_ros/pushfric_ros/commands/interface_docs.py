@@ -143,6 +143,10 @@ def section(described: Description) -> str:
         for role, name, kind, qos, when in rows
         if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
     ]
+    together: dict[tuple[str, ...], list[str]] = {}
+    for role, name, *rest in topics:
+        together.setdefault((role, *rest), []).append(name)
+    topics = [(role, ", ".join(names), *rest) for (role, *rest), names in together.items()]
     settings = [
         (
             f"`{one.name}`",
@@ -159,10 +163,19 @@ def section(described: Description) -> str:
     if topics:
         parts.append(table(("", "name", "type", "QoS", "when"), topics))
     if of_cell:
-        parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(of_cell))}.\n")
+        parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
         parts.append(table(("parameter", "type", "default", "what"), own))
     return "\n".join(parts)
+
+
+def by_section(keys: list[str]) -> list[str]:
+    """Keys of a cell's file; where a whole section is among them, its name stands for it."""
+    whole = {name: {row[0] for row in rows} for name, rows in cell_docs.sections().items() if name}
+    whole = {name: section for name, section in whole.items() if section <= {*keys}}
+    return [f"all of `{name}`" for name in whole] + [
+        key for key in keys if not any(key in section for section in whole.values())
+    ]
 
 
 def quality(qos: str) -> str:
