@@ -139,7 +139,7 @@ def section(described: Description) -> str:
     """The part of the document about one node."""
     rows = [(*endpoint, when) for endpoint, when in described.endpoints.items()]
     topics = [
-        (role, f"`{name}`", kind, quality(qos), when)
+        (role, f"`{name}`", kind, "; ".join(filter(None, (quality(qos), when))))
         for role, name, kind, qos, when in rows
         if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
     ]
@@ -161,7 +161,7 @@ def section(described: Description) -> str:
     own = [row for row in settings if row[0] not in of_cell]
     parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n"]
     if topics:
-        parts.append(table(("", "name", "type", "QoS", "when"), topics))
+        parts.append(table(("", "name", "type", "QoS; when"), topics))
     if of_cell:
         parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
