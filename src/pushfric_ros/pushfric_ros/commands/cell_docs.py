@@ -17,7 +17,7 @@ END = "<!-- End of these tables. -->\n"
 
 HEAD = ("key", "type", "default", "what")
 
-TYPES = {bool: "true or false", int: "whole number", float: "number", str: "text"}
+TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
 
 
 def tables() -> str:
