@@ -39,8 +39,8 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import Decoder, encoder
 from pushfric_core.bags.contents import Definition
-from pushfric_core.bags.data_points import TYPES, read
 from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.recorded import TYPES, Recorded
 from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
@@ -383,7 +383,7 @@ def _small_bag() -> bytes:
 
 
 def _read_bag(path: pathlib.Path) -> None:
-    read(path, load_object(OBJECT_NAME), EstimatorSettings(), lambda line: None, partial=True)
+    Recorded(path).read(load_object(OBJECT_NAME), EstimatorSettings(), lambda line: None, partial=True)
 
 
 def _decode_with(data: bytes, _: pathlib.Path) -> None:

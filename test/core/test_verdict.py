@@ -13,8 +13,8 @@ from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.verdict import InputCheck
 from pushfric_core.geometry.planar import Twist, rotation, velocity_at
+from pushfric_core.uncertainty.outlier_rejection import Change
 from pushfric_core.uncertainty.reasons import ReasonCode
-from pushfric_core.uncertainty.screening import Change
 
 FEET = four_feet()
 

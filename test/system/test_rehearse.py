@@ -18,6 +18,8 @@ QUICK = {
     "kill -9 of the actuator",
     "impossible settings",
     "a wrong digit in a report",
+    "another axis is reported to move",
+    "a wrong digit in the first work offset",
 }
 
 

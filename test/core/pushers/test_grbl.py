@@ -21,6 +21,8 @@ SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$
 IDLE = "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
 JOG = b"\x90$J=G21G90X1.500F1200.000\n"
 """A stroke so short that `begin_move` sends it as one piece."""
+ASKED, ASKED_AGAIN = b"$I\n$$\n$$\n$#\n$G\n", b"$#\n$G\n"
+"""What a driver asks when it connects, and after a reset."""
 PATIENT = {"silence": 2.0}
 """Silence allowed on a busy machine, in tests that are not about silence."""
 
@@ -176,7 +178,7 @@ def test_a_damaged_report_is_ignored(line):
 
 def test_connecting_asks_who_and_how(peer):
     pusher = connect(peer)
-    assert peer.heard == b"$I\n$$\n$$\n"
+    assert peer.heard == ASKED
     assert pusher.mode is Mode.IDLE
     assert pusher.name == f"Grbl 1.1h.20190830 at {peer.port}"
     assert pusher.limits == Limits(float("inf"), pytest.approx(0.1), pytest.approx(0.5))
@@ -232,7 +234,7 @@ def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
     pusher = Grbl(peer.port, greeting_timeout=1.0)
     pusher.connect()
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"$I\n$$\n$$\n"
+    assert peer.heard == ASKED
     assert pusher.mode is Mode.IDLE
     assert pusher.doubt is None
 
@@ -245,7 +247,7 @@ def test_a_controller_deaf_to_questions_is_held_and_reset_and_not_believed(peer)
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x85\x18$I\n$$\n$$\n"
+    assert peer.heard == b"!\x85\x18" + ASKED
     assert pusher.mode is Mode.ALARM
     assert pusher.doubt == "it answered only after a reset"
 
@@ -309,7 +311,7 @@ def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
     pusher.connect()
     peer.say(GREETING + "[MSG:'$H'|'$X' to unlock]\r\n")
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"$I\n$$\n$$\n"
+    assert peer.heard == ASKED
     assert pusher.mode is Mode.ALARM
     pusher.recover()
     drive(pusher, lambda: b"$X" in peer.heard, peer)
@@ -321,14 +323,14 @@ def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
 def test_home_is_where_the_stroke_begins(peer):
     peer.replies[b"$H"] = ""
     pusher = connect(peer, home=True)
-    assert peer.heard == b"$I\n$$\n$$\n"  # a connection does not move
+    assert peer.heard == ASKED  # a connection does not move
     peer.heard = b""
     pusher.recover()
     drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
     peer.status = "<Idle|MPos:-199.000,0.000,0.000|FS:0,0>"
     peer.say("ok\r\n")
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"\x18$H\n"
+    assert peer.heard == b"\x18" + ASKED_AGAIN + b"$H\n"
     assert report_now(pusher, peer).position == pytest.approx(0.0)
     begin_move(pusher, peer, 0.001)
     assert peer.heard == b"\x90$J=G21G90X-198.000F1200.000\n"
@@ -362,7 +364,7 @@ def test_homing_is_stopped_by_a_reset(peer):
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
     pusher.stop()
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x85\x18"
+    assert peer.heard == b"!\x85\x18" + ASKED_AGAIN
     assert pusher.mode is Mode.ALARM
 
 
@@ -386,7 +388,7 @@ def test_recovery_resets_and_unlocks(peer):
     drive(pusher, lambda: b"$X" in peer.heard, peer)
     peer.status = IDLE
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"\x18$X\n"
+    assert peer.heard == b"\x18" + ASKED_AGAIN + b"$X\n"
     assert pusher.mode is Mode.IDLE
 
 
@@ -578,7 +580,7 @@ def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
     peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard.replace(b"!\x85", b"") == b"\x18"
+    assert peer.heard.replace(b"!\x85", b"") == b"\x18" + ASKED_AGAIN
     assert pusher.mode is Mode.IDLE
 
 
@@ -589,7 +591,7 @@ def test_a_refused_line_stops_and_is_named(peer):
     pusher.move_to(0.0015, 0.02)
     fail(pusher, CommandRefused, re.escape('"$J=G21G90X1.500F1200.000" refused: error:15 Travel exceeded'), peer)
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == JOG + b"!\x85\x18"
+    assert peer.heard == JOG + b"!\x85\x18" + ASKED_AGAIN
 
 
 def test_an_error_of_other_firmware_is_named_as_such():
@@ -607,7 +609,7 @@ def test_an_alarm_during_a_push_is_raised_and_stays(peer):
     peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
     fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == JOG + b"!\x85\x18"
+    assert peer.heard == JOG + b"!\x85\x18" + ASKED_AGAIN
     assert pusher.mode is Mode.ALARM
 
 
@@ -621,7 +623,7 @@ def test_recovery_waits_for_the_stop_that_an_alarm_has_caused(peer):
     drive(pusher, lambda: b"$X" in peer.heard, peer)
     peer.status = IDLE
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x85\x18\x18$X\n"
+    assert peer.heard == b"!\x85\x18" + ASKED_AGAIN + b"\x18" + ASKED_AGAIN + b"$X\n"
 
 
 def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
@@ -646,7 +648,7 @@ def test_a_reset_that_was_dropped_is_sent_again(peer):
     drive(pusher, lambda: peer.heard == b"!\x85\x18", peer)
     peer.status, peer.on_reset = "<Alarm|MPos:0.600,0.000,0.000|FS:0,0>", GREETING
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x85\x18\x18"
+    assert peer.heard == b"!\x85\x18\x18" + ASKED_AGAIN
     assert pusher.mode is Mode.ALARM
 
 
@@ -764,7 +766,7 @@ def test_reconnecting_neither_moves_nor_homes(peer):
     pusher.connect()
     peer.say(GREETING)
     drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"$I\n$$\n$$\n"
+    assert peer.heard == ASKED
     assert pusher.mode is Mode.ALARM
     with pytest.raises(NotReady, match="the pusher's mode is alarm, expected idle"):
         pusher.move_to(0.01, 0.01)

@@ -13,9 +13,21 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from pushfric_core.pushers.clock import suspended
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.pusher import Jumped, LeftTheWay, Mode, NotConnected, PusherError, Timeout, TooFast
-from pushfric_core.pushers.stroke import Plausibility, Stroke
+from pushfric_core.pushers.pusher import (
+    Jumped,
+    LeftTheWay,
+    Mode,
+    NotConnected,
+    NotReady,
+    PusherError,
+    PusherReport,
+    Suspended,
+    Timeout,
+    TooFast,
+)
+from pushfric_core.pushers.stroke import Plausibility, Stroke, unevenness
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.simulated.line_damage import random_damage
@@ -494,6 +506,142 @@ def test_a_wrong_work_offset_displaces_nothing(stage):
     assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
 
 
+def reported(data: bytes, axis: int, way: Callable[[], float]) -> bytes:
+    """The same reports, with another axis that has gone this far [mm]."""
+
+    def moved(match: re.Match[bytes]) -> bytes:
+        places = match[1].split(b",")
+        places[axis] = b"%.3f" % (float(places[axis]) + way())
+        return b"MPos:" + b",".join(places)
+
+    return re.sub(rb"MPos:([-.\d]+,[-.\d]+,[-.\d]+)", moved, data)
+
+
+@pytest.mark.parametrize(("axis", "letter"), [(1, "Y"), (2, "Z")])
+@pytest.mark.parametrize("moving", [True, False], ids=["in a stroke", "at rest"])
+def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving):
+    """A byte of a jog may change from X to Y or Z: then the reports of the pusher's own axis are as they should be."""
+    pusher = under_way(stage, 0.03) if moving else stage.driver()
+    begin = time.monotonic()
+    stage.line.to_host = lambda data: reported(data, axis, lambda: 20 * (time.monotonic() - begin))
+    if not moving:
+        pusher.ask(0)
+    places = rf"axis {letter} went from 0\.000 mm to \d+\.\d{{3}} mm; only X may move"
+
+    def asked() -> bool:
+        pusher.ask(0)
+        return False
+
+    with pytest.raises(LeftTheWay, match=places):
+        stage.drive(pusher, asked)
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.rest() < 0.03
+    assert pusher.doubt is not None
+    with pytest.raises(NotReady, match="is not known until it is recovered: axis"):
+        pusher.move_to(0.01, SPEED)
+    stage.line.heal()
+    pusher.recover()
+    stage.drive(pusher, lambda: not pusher.busy)
+    pusher.move_to(0.01, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+
+
+def test_a_damaged_digit_of_another_axis_ends_no_stroke(stage):
+    pusher = under_way(stage, 0.03)
+    stage.line.to_host = once(b",0.000,0.000|", b",0.000,7.000|")
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
+    assert pusher.dropped == 1
+
+
+@pytest.mark.parametrize("wrong", [b"WCO:9.000", b"WCO:-9.000"])
+@pytest.mark.parametrize("often", [True, False])
+def test_the_first_work_offset_is_confirmed_by_its_parts(stage, wrong, often):
+    stage.line.to_host = (lambda data: data.replace(b"WCO:0.000", wrong)) if often else once(b"WCO:0.000", wrong)
+    pusher = Grbl(stage.line.port, silence=2.0)
+    pusher.connect()
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert pusher._last.position == 0.0
+    if often:  # nothing moves while the two contradict each other
+        pusher.move_to(0.03, SPEED)
+        stage.fails(pusher, Jumped, r"the work offset of .* is \(-?9\.000, 0\.000, 0\.000\) mm now, it was \(0\.000, 0\.000")
+        assert stage.rest() < 0.03
+        assert pusher.doubt is not None
+
+
+def test_an_offset_that_changes_is_a_doubt(stage):
+    """As after a G92 that somebody else sent."""
+    pusher = under_way(stage)
+    stage.line.to_host = lambda data: data.replace(b"WCO:0.000", b"WCO:1.000")
+    stage.fails(pusher, Jumped, "the work offset of")
+    assert pusher.doubt is not None
+
+
+@pytest.mark.parametrize("parts", [b"[G54:4.000,0.000,0.000]", b"[G92:4.000,0.000,0.000]"])
+def test_a_shift_that_a_reset_ends_is_a_doubt(stage, parts):
+    name = parts[:4]
+    stage.line.to_host = lambda data: data.replace(name + b":0.000,0.000,0.000]", parts).replace(b"WCO:0.000", b"WCO:4.000")
+    pusher = stage.driver()
+    assert pusher._last.position == -0.004
+    stage.line.heal()
+    pusher.stop()
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert pusher.doubt == "a reset changed its work offset from (4.000, 0.000, 0.000) mm to (0.000, 0.000, 0.000) mm"
+
+
+@pytest.mark.parametrize("late", [0.08, 0.15])
+@pytest.mark.parametrize("way", ["delay_to_host", "delay_to_controller"])
+def test_answers_that_come_late_leave_a_stroke_even(stage, late, way):
+    pusher = stage.driver()
+    setattr(stage.line, way, late)
+    for _ in range(9):
+        pusher.ask(0)
+        stage.drive(pusher, lambda: pusher._asked is None)
+    pusher._latencies.extend([late] * 9)  # a busy machine may add to it, until the controller seems too slow
+    pusher.move_to(0.03, SPEED)
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    mid = sorted(report.speed for report in reports if 0.006 < report.position < 0.024)
+    assert mid[len(mid) // 2] == pytest.approx(SPEED, rel=0.001)
+    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
+
+
+def test_a_controller_that_answers_too_late_gets_no_stroke(stage):
+    pusher = stage.driver()
+    stage.line.delay_to_host = 0.3
+    for _ in range(9):
+        pusher.ask(0)
+        stage.drive(pusher, lambda: pusher._asked is None)
+    with pytest.raises(NotReady, match=r"answers after 0\.\d\d s, expected 0\.17 s or less: a push would not be even"):
+        pusher.move_to(0.03, SPEED)
+
+
+def test_a_computer_that_was_suspended_sends_nothing_more(stage, monkeypatch):
+    """The clock of a suspended computer goes on, its processes do not; so does the controller."""
+    pusher = under_way(stage, 0.05)
+    slept = suspended() + 4.0
+    monkeypatch.setattr("pushfric_core.pushers.grbl.suspended", lambda: slept)
+    stage.fails(pusher, Suspended, r"this computer was suspended for 4\.\d s")
+    rest = stage.rest()
+    assert rest < 0.01 + DEAD_MAN + LATE
+    assert pusher.doubt is not None
+    with pytest.raises(NotReady):
+        pusher.move_to(0.05, SPEED)
+    assert stage.rest() == rest
+
+
+def test_unevenness_is_that_of_the_middle_of_a_stroke():
+    def at(position: float, speed: float) -> PusherReport:
+        return PusherReport(position, speed, Mode.RUNNING, None)
+
+    even = [at(position / 100, 0.02) for position in range(11)]
+    assert unevenness(even, 0.0, 0.1) == 0.0
+    assert unevenness([at(0.001, 0.0), *even, at(0.099, 0.001)], 0.0, 0.1) == 0.0
+    varied = [at(0.03 + position / 200, (0.01, 0.03)[position % 2]) for position in range(8)]
+    assert unevenness(varied, 0.0, 0.1) == pytest.approx(0.5)
+    assert unevenness(varied, 0.1, 0.0) == pytest.approx(0.5)
+    assert unevenness(varied[:4], 0.0, 0.1) == 0.0  # too few
+
+
 def test_an_impossible_feed_is_not_published(stage):
     pusher = under_way(stage, 0.03)
     stage.line.to_host = once(b"FS:1", b"FS:91")
@@ -626,7 +774,7 @@ def test_the_bytes_that_are_ever_sent(stage):
     lines = bytes(sent).translate(None, b"?!\x85\x18\x90").split(b"\n")
     jogs = [line for line in lines if re.fullmatch(rb"\$J=G21G90X-?\d+\.\d{3}F1200\.000", line)]
     assert len(jogs) > 5
-    assert set(lines) - set(jogs) == {b"$I", b"$$", b"$X", b""}
+    assert set(lines) - set(jogs) == {b"$I", b"$$", b"$#", b"$G", b"$X", b""}
 
 
 def test_the_line_dtr_stays_as_it_is_when_the_host_dies(stage):

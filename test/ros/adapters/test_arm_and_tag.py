@@ -4,7 +4,7 @@ import pathlib
 
 import pytest
 
-from pushfric_core.bags import data_points
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.table_1 import TABLE_1
@@ -41,7 +41,7 @@ def test_an_arm_and_a_tag_give_the_friction_of_the_object(ros, tmp_path, monkeyp
     directions = {round(state.direction.x, 2) for state in states if state.push_id == 0}
     assert len(directions) > 5  # the tip moved along a curve
     model = load_object(cell.object)
-    found = data_points.read(tmp_path / "bag", model, cell.estimator, lambda _: None, partial=True).observations
+    found = Recorded(tmp_path / "bag").read(model, cell.estimator, lambda _: None, partial=True).observations
     assert len({point.push_id for point in found}) >= len(arm_and_tag.PUSHES) - 1
 
 

@@ -6,7 +6,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.handover import PushCount
+from pushfric_core.bags.resumption import PushCount
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg

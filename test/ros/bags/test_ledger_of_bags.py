@@ -12,7 +12,7 @@ from rich.console import Console
 from semantic_damage import DAMAGES, SECOND, STREAMS, Recording, damaged
 from typer.testing import CliRunner
 
-from pushfric_core.bags import data_points
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
@@ -40,7 +40,7 @@ def whole():
 def reading_of(bag):
     """What a bag gives, and what is said of it."""
     warnings = []
-    reading = data_points.read(bag, load_object(str(DEMO / "object.yaml")), data_points.recorded_settings(bag), warnings.append)
+    reading = Recorded(bag).read(load_object(str(DEMO / "object.yaml")), Recorded(bag).settings, warnings.append)
     return reading, warnings
 
 
@@ -164,25 +164,25 @@ def test_an_interrupted_run_is_named_but_adds_up(recording, tmp_path):
 
 
 def test_what_other_settings_or_another_object_give_is_not_compared():
-    settings, model = data_points.recorded_settings(DEMO), load_object(str(DEMO / "object.yaml"))
+    settings, model = Recorded(DEMO).settings, load_object(str(DEMO / "object.yaml"))
     sparse = dataclasses.replace(settings, trajectory=TrajectoryConfig(stride=8))
     other = dataclasses.replace(model, outline=Outline.rectangle(0.1272, 0.0642))
     for chosen, of in ((sparse, model), (settings, other)):
-        reading = data_points.read(DEMO, of, chosen, lambda _: None)
+        reading = Recorded(DEMO).read(of, chosen, lambda _: None)
         assert contents(reading) != contents(reading_of(DEMO)[0])
         assert reading.ledger.doubts == []
 
 
 def test_a_bag_of_no_run_adds_up(recording, tmp_path):
     bag = recording.write(tmp_path / "bag", [m for m in recording.messages if "fault" in m.topic])
-    assert data_points.ledger_of(bag) is None
+    assert Recorded(bag).ledger() is None
     assert call("bag", "verify", bag).exit_code == 0
 
 
 def test_without_the_object_the_streams_are_still_checked(recording, tmp_path):
     bag = recording.write(tmp_path / "bag", wild(recording, POSE, [300], DAY))
     (bag / "object.yaml").unlink()
-    assert len(data_points.ledger_of(bag).doubts) == 1
+    assert len(Recorded(bag).ledger().doubts) == 1
 
 
 def test_aborted_pushes_are_counted_against_the_plan():

@@ -111,7 +111,7 @@ def test_a_good_cell_passes_and_its_pusher_is_told_nothing_that_moves_it(tmp_pat
         "ROS 2", "packages", "build", "clock", "disk", "discovery", "multicast",
         "cell", "plan", "camera", "exposure", "calibration", "object", "port", "controller", "limits",
     ]  # fmt: skip
-    assert set(controller.heard) == {"$I", "$$"}  # neither unlocked nor homed
+    assert set(controller.heard) == {"$I", "$$", "$#", "$G"}  # neither unlocked nor homed
     assert checks["controller"].finding.startswith("Grbl 1.1h.20190830 at ")
     assert checks["controller"].finding.endswith(", alarm")
     assert checks["camera"].finding.startswith(f"{tmp_path}/camera.avi: 640 x 480 px, ")
@@ -446,7 +446,7 @@ def test_a_controller_without_homing_is_idle_where_it_stands():
         check, limits = grbl_checks.check_controller(GrblConfig(controller.port), pusher())
     assert (check.level, check.finding.endswith(", idle, at 0.0 mm")) == (OK, True)
     assert limits == Limits(math.inf, pytest.approx(0.1), pytest.approx(0.5))
-    assert set(controller.heard) == {"$I", "$$"}
+    assert set(controller.heard) == {"$I", "$$", "$#", "$G"}
 
 
 @pytest.mark.parametrize(

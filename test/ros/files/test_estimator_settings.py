@@ -10,8 +10,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from typer.testing import CliRunner
 
-from pushfric_core.bags import data_points
 from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
@@ -90,7 +90,7 @@ def test_other_texts_are_refused(text, error):
 
 def test_a_bag_is_estimated_as_it_was_recorded(tmp_path):
     bag = bag_of(tmp_path / "bag", UNUSUAL.to_text())
-    assert data_points.recorded_settings(bag) == UNUSUAL
+    assert Recorded(bag).settings == UNUSUAL
     model = Estimator(load_object(NAME).support_points, UNUSUAL.estimator)
     for observation in DATA:
         if observation.push_id not in UNUSUAL.excluded:
@@ -119,7 +119,7 @@ def test_a_bound_on_mu_c_that_the_run_did_not_use_is_ignored(tmp_path):
 
 
 def test_a_bag_without_settings_was_recorded_with_the_defaults(tmp_path):
-    assert data_points.recorded_settings(bag_of(tmp_path / "bag", None)) == EstimatorSettings()
+    assert Recorded(bag_of(tmp_path / "bag", None)).settings == EstimatorSettings()
 
 
 def test_unknown_settings_are_refused(tmp_path):
@@ -127,4 +127,4 @@ def test_unknown_settings_are_refused(tmp_path):
     with pytest.raises(
         InvalidInput, match=r"bag: /cell/estimator_settings is not understood: expected any of terms, .*, got colour$"
     ):
-        data_points.recorded_settings(bag)
+        _ = Recorded(bag).settings

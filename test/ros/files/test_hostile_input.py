@@ -20,7 +20,7 @@ from std_msgs.msg import String
 from pushfric_core.bags import samples, zhou2015
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.data_points import check_source, read, recorded_settings
+from pushfric_core.bags.recorded import Recorded, check_source
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.bounded_yaml import DEPTH_LIMIT, INTEGER_LIMIT, NODE_LIMIT, TEXT_LIMIT, load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -196,9 +196,9 @@ def test_a_topic_of_another_type_is_refused(tmp_path):
         writer.write("/cell/observation", 1, serialize_message(String(data="surprise")))
         writer.write("/cell/estimator_settings", 1, serialize_message(Observation()))
     with pytest.raises(InvalidInput, match="/cell/observation holds messages of std_msgs/msg/String, expected pushfric_msgs"):
-        read(tmp_path / "bag", load_object("rubber_rect4"), EstimatorSettings(), pytest.fail)
+        Recorded(tmp_path / "bag").read(load_object("rubber_rect4"), EstimatorSettings(), pytest.fail)
     with pytest.raises(InvalidInput, match="/cell/estimator_settings holds messages of pushfric_msgs/msg/Observation"):
-        recorded_settings(tmp_path / "bag")
+        _ = Recorded(tmp_path / "bag").settings
 
 
 def test_malformed_messages_in_a_whole_bag_are_refused_one_by_one(tmp_path):
@@ -208,7 +208,7 @@ def test_malformed_messages_in_a_whole_bag_are_refused_one_by_one(tmp_path):
             writer.write("/cell/observation", stamp, raw)
     refused: list[str] = []
     with pytest.raises(InvalidInput, match="its observations give no data point of rubber_rect4"):
-        read(tmp_path / "bag", load_object("rubber_rect4"), EstimatorSettings(), refused.append)
+        Recorded(tmp_path / "bag").read(load_object("rubber_rect4"), EstimatorSettings(), refused.append)
     assert len(refused) == 3
     assert all("not a pushfric_msgs/msg/Observation" in line for line in refused)
 

@@ -8,8 +8,8 @@ import pytest
 from problems import three_feet
 from rclpy.serialization import deserialize_message, serialize_message
 
-from pushfric_core.bags.data_points import recognize
 from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.batch import recognize
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.estimation.recognition import Hypothesis, Ranked, Ranking, Recognizer
 from pushfric_core.files.object_file import load_object, save_object

@@ -5,8 +5,8 @@ import pathlib
 
 import pytest
 
-from pushfric_core.bags import data_points
 from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.recorded import ObservationSource
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
@@ -40,7 +40,7 @@ def test_the_composed_graph_carries_out_a_plan(ros, specs, tmp_path):
 
 
 def test_every_node_of_the_graph_is_an_executable(specs):
-    source = data_points.ObservationSource("poses", "/cell", ("a", "b"))
+    source = ObservationSource("poses", "/cell", ("a", "b"))
     replay = graph.replay("bag", "object", source, 1.0, EstimatorSettings())
     names = {spec.executable for spec in (*graph.with_view(specs, "wood_rect4", ViewConfig()), *replay)}
     setup = (pathlib.Path(__file__).parents[3] / "src/pushfric_ros/setup.py").read_text()
@@ -62,7 +62,7 @@ def test_what_leads_a_run_waits_for_the_view(specs):
     shown = {spec.name: spec for spec in graph.with_view(specs, "wood_rect4", ViewConfig(port=9000))}
     assert shown["view"].parameters == {"object": "wood_rect4", "host": "127.0.0.1", "port": 9000, "token": ""}
     assert shown["experiment"].parameters["awaits"] == ["estimator", "recorder", "view"]
-    source = data_points.ObservationSource("poses", "/cell", ("a", "b"))
+    source = ObservationSource("poses", "/cell", ("a", "b"))
     replay = graph.with_view(graph.replay("bag", "object", source, 1.0, EstimatorSettings()), "object", ViewConfig())
     assert {spec.name: spec.parameters.get("awaits") for spec in replay} == {
         "estimator": None,

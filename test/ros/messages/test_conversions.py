@@ -16,8 +16,8 @@ from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.trajectories.observation import Observation
+from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
-from pushfric_core.uncertainty.screening import Change, Rejected
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,

@@ -28,8 +28,10 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import Mode, NotReady
+from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
@@ -524,20 +526,20 @@ def test_a_reset_that_is_asked_for_again_and_again_ends(ros, controller, tmp_pat
 
 def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, capfd):
     """In turn: the pusher rested at 10 mm and still does; it is reported elsewhere; it moved when the old process died."""
-    memory = PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port"))
+    memory = PositionMemory(str(tmp_path / "memory"), controller.port)
     controller._carriage, controller._offset = 10.0, 0.0
     memory.keep(0.010)
     cell = Cell(ros, tmp_path / "port", memory=str(tmp_path / "memory")).ready()
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
     cell.wait_for_mode(PusherState.MODE_IDLE)
-    ros.wait_for(lambda: PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port")).recall() == 0.02, what="the memory")
+    ros.wait_for(lambda: PositionMemory(str(tmp_path / "memory"), controller.port).recall() == 0.02, what="the memory")
     cell.halfway(controller, distance=0.05)
-    assert math.isnan(PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port")).recall())
+    assert math.isnan(PositionMemory(str(tmp_path / "memory"), controller.port).recall())
 
 
 @pytest.mark.parametrize("kept", [0.010, math.nan])
 def test_a_new_process_that_cannot_know_waits_for_a_person(ros, controller, tmp_path, capfd, kept):
-    PositionMemory(str(tmp_path / "memory"), str(tmp_path / "port")).keep(kept)
+    PositionMemory(str(tmp_path / "memory"), controller.port).keep(kept)
     cell = Cell(ros, tmp_path / "port", memory=str(tmp_path / "memory"))
     cell.refuses(controller, capfd, UNVOUCHED)
     assert cell.reset().success
@@ -553,6 +555,38 @@ def test_a_new_process_that_cannot_know_does_not_home_by_itself(ros, tmp_path, c
         assert cell.reset().message == "homing"
         cell.wait_for_mode(PusherState.MODE_IDLE)
         assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+def test_a_pusher_is_known_again_by_any_name_of_its_port(ros, controller, tmp_path, capfd):
+    """It moved when the old process died, and the new one calls its port otherwise."""
+    (tmp_path / "by-id").symlink_to(controller.port)
+    PositionMemory(str(tmp_path / "memory"), identity_of(str(tmp_path / "port")).text).keep(math.nan)
+    cell = Cell(ros, tmp_path / "by-id", memory=str(tmp_path / "memory"))
+    cell.refuses(controller, capfd, UNVOUCHED)
+
+
+def test_a_controller_that_stayed_on_homes_again_when_the_next_process_starts(ros, tmp_path, capfd):
+    """Its positions before homing are of no meaning, so nothing is said about them."""
+    with SimulatedGrbl(time.monotonic, homing=True, restarts=False) as controller:
+        for _ in range(2):
+            cell = Cell(ros, controller.port, home=True, memory=str(tmp_path / "memory")).ready()
+            assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+            cell.wait_for_mode(PusherState.MODE_IDLE)
+            memory = PositionMemory(str(tmp_path / "memory"), controller.port)
+            ros.wait_for(lambda memory=memory: memory.recall() == 0.01, what="the memory")
+            cell.change(Transition.TRANSITION_DEACTIVATE)
+            cell.change(Transition.TRANSITION_CLEANUP)
+            controller._restart(keep_coordinates=True)  # the next driver may not rest on its greeting
+    assert "was at" not in capfd.readouterr().err
+
+
+def test_a_push_that_was_not_even_says_so(ros, controller):
+    """The line holds answers back, again and again, for longer than the motion that was sent lasts."""
+    with FaultyLine(controller.port) as line:
+        cell = Cell(ros, line.port, silence=5.0).ready()
+        cell._other.create_timer(0.5, lambda: setattr(line, "delay_to_host", 0.4 - line.delay_to_host))
+        message = cell.result(cell.send(0.03, 0.02)).result.message
+        assert re.fullmatch(r"reached, unevenly: its speed varied by \d+ %", message)
 
 
 def test_a_manager_takes_it_through_its_states(ros, controller, tmp_path):

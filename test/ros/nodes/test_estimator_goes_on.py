@@ -14,14 +14,15 @@ from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
 
-from pushfric_core.bags import data_points
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import mcap_file
-from pushfric_core.bags.handover import Handover
 from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.recorded import Recorded, prior_beside
 from pushfric_core.bags.recovery import recover
+from pushfric_core.bags.resumption import Resumption
 from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation import batch
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, prior, save_model
@@ -67,7 +68,7 @@ def seen_in(messages):
 
 def fitted(data):
     """The last estimate of some data points."""
-    return data_points.estimate(Estimator(MODEL.support_points), data, pytest.fail)
+    return batch.estimate(Estimator(MODEL.support_points), data, pytest.fail)
 
 
 class Cell:
@@ -111,7 +112,7 @@ class Cell:
         )
 
     def die(self):
-        self.ros.wait_for(lambda: Handover(self.bag, "/cell", ()).start is not None, LONG, "the start in the bag")
+        self.ros.wait_for(lambda: Resumption(self.bag, "/cell", ()).start is not None, LONG, "the start in the bag")
         self.estimator.kill()
         self.estimator.wait()
 
@@ -131,8 +132,8 @@ class Cell:
         """The estimate from the bag as far as it is written, once the bag holds every data point."""
 
         def found():
-            settings = data_points.recorded_settings(self.bag)
-            return data_points.read(self.bag, MODEL, settings, lambda _: None, partial=True).observations
+            settings = Recorded(self.bag).settings
+            return Recorded(self.bag).read(MODEL, settings, lambda _: None, partial=True).observations
 
         count = self.estimates[-1].data_points
         self.ros.wait_for(lambda: len(found()) == count, LONG, "the data points in the bag")
@@ -217,7 +218,7 @@ def test_a_model_is_published_at_once_gone_on_from_and_written(ros, cell_of, tmp
     assert (written.made.data_points, written.made.pushes) == (5 + both, 7)
     assert [point.push_id for point in prior(out, MODEL)[:5]] == [2**31 - 7 + k for k in range(5)]
     recover(tmp_path / "bag", tmp_path / "recovered")
-    assert data_points.prior_beside(tmp_path / "recovered") is not None
+    assert prior_beside(tmp_path / "recovered") is not None
 
 
 @pytest.mark.parametrize(
@@ -296,29 +297,29 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
     begins, again = EstimationStart(object=NAME), EstimationStart(object="wood_rect3")
     with BagWriter(tmp_path / "bag") as writer:
         write = states_written(writer)
-        assert Handover(tmp_path / "bag", "/cell", ["pusher_state"]).start is None
+        assert Resumption(tmp_path / "bag", "/cell", ["pusher_state"]).start is None
         write(begins, *STATES[:5])
         writer.flush()
-        handover = Handover(tmp_path / "bag", "/cell", ["pusher_state"])
-        assert handover.start.object == NAME
-        assert handover.read_on() is None  # the old estimator's last words may not be written yet
+        resumption = Resumption(tmp_path / "bag", "/cell", ["pusher_state"])
+        assert resumption.start.object == NAME
+        assert resumption.read_on() is None  # the old estimator's last words may not be written yet
         again.header.stamp.nanosec = 2
         write(*STATES[5:9], again, EstimationStart(continuation=7), at=2)  # the start is recorded late
         writer.flush()
-        assert handover.read_on() is None  # that was the number of another estimator
-        write(EstimationStart(continuation=handover.continuation), at=3)
+        assert resumption.read_on() is None  # that was the number of another estimator
+        write(EstimationStart(continuation=resumption.continuation), at=3)
         writer.flush()
-        assert [each.msg.position for each in handover.read_on()] == [msg.position for msg in STATES[5:9]]
-        assert handover.start.object == "wood_rect3"
-        handover.hold("pusher_state", STATES[11])  # 9 and 10 were published before it was subscribed
-        handover.hold("pusher_state", STATES[12])
-        assert handover.held is None
+        assert [each.msg.position for each in resumption.read_on()] == [msg.position for msg in STATES[5:9]]
+        assert resumption.start.object == "wood_rect3"
+        resumption.hold("pusher_state", STATES[11])  # 9 and 10 were published before it was subscribed
+        resumption.hold("pusher_state", STATES[12])
+        assert resumption.held is None
         write(*STATES[9:13], at=4)
-        assert handover.read_on() == []  # not flushed
-        assert handover.held is None
+        assert resumption.read_on() == []  # not flushed
+        assert resumption.held is None
         writer.flush()
-        assert len(handover.read_on()) == 4
-        assert [held.msg.position for held in handover.held] == [msg.position for msg in STATES[11:13]]
+        assert len(resumption.read_on()) == 4
+        assert [held.msg.position for held in resumption.held] == [msg.position for msg in STATES[11:13]]
 
 
 def test_data_points_by_topic_follow_those_of_a_model(ros, tmp_path):

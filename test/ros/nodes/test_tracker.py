@@ -437,7 +437,7 @@ def test_poses_wait_for_those_who_must_not_miss_one(ros, tmp_path):
     assert not cell.poses
     late = ros.node("late", namespace="/cell")
     late.create_subscription(PoseWithCovarianceStamped, "object_pose", lambda _: None, SENSOR_QUEUE)
-    ros.wait_for(lambda: not cell.tracker._audience.missing, what="the late node")
+    ros.wait_for(lambda: not cell.tracker._required_subscribers.missing, what="the late node")
     assert_close(cell.see(TRUTH), TRUTH)
 
 

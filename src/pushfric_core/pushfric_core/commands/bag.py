@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pushfric_core.bags import data_points
 from pushfric_core.bags.bag import Bag, each
 from pushfric_core.bags.contents import Standing
+from pushfric_core.bags.recorded import Recorded, cells
 from pushfric_core.bags.recovery import recover as recovered
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console, warn
@@ -84,9 +84,9 @@ def verify(
 def _doubts(bag: pathlib.Path) -> list[str]:
     """What does not add up between the messages of a bag, one line each."""
     doubts = []
-    for cell in data_points.cells(Bag(bag)):
+    for cell in cells(Bag(bag)):
         try:
-            ledger = data_points.ledger_of(bag, cell)
+            ledger = Recorded(bag, cell).ledger()
         except InvalidInput as error:  # a bag, but with a run that nobody understands
             doubts.append(str(error))
         else:

@@ -6,13 +6,14 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from pushfric_core.bags import data_points
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.commands.options import CellOption, GridOption, Input, ObjectOption, PartialFlag, SupportPointsOption
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation import batch
 from pushfric_core.estimation.recognition import Recognizer
 from pushfric_core.files.model_file import library
 from pushfric_core.offline.chosen_settings import ChosenSettings
@@ -34,7 +35,8 @@ def recognize(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    chosen = settings.of(source, namespace)
+    recorded = Recorded(source, namespace)
+    chosen = settings.over(recorded.settings)
     model, where = object_of(source, object_name)
     if models is not None and (grid is not None or support_points is not None):
         raise InvalidInput("give --library without --grid and --support-points: models have their own support points")
@@ -42,9 +44,9 @@ def recognize(
     hypotheses = model.hypotheses if models is None else library(models, model)
     if not hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses, or --library FOLDER")
-    seen = data_points.read(source, model, chosen, warn, partial, namespace).observations
-    data = data_points.relied_on(seen, model, chosen, warn)
-    ranking = data_points.recognize(Recognizer(hypotheses, chosen.estimator), data, warn)
+    seen = recorded.read(model, chosen, warn, partial).observations
+    data = chosen.relied_on(seen, model.support_points, warn)
+    ranking = batch.recognize(Recognizer(hypotheses, chosen.estimator), data, warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from pushfric_core.bags import data_points
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
@@ -50,14 +50,15 @@ def region(
     if source is None and not object_name:
         raise InvalidInput(f"give a bag, or --object OBJ.yaml or one of {', '.join(TABLE_1)}")
     model = load_object(object_name) if source is None else object_of(source, object_name)[0]
-    settings = data_points.recorded_settings(source, namespace) if source is not None else EstimatorSettings()
+    recorded = None if source is None else Recorded(source, namespace)
+    settings = EstimatorSettings() if recorded is None else recorded.settings
     try:
         config = settings.region if region_margin is None else RegionConfig(region_margin)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
     settings = settings.without(exclude_push or ())
-    seen = [] if source is None else data_points.read(source, model, settings, warn, partial, namespace).observations
-    data = data_points.relied_on(seen, model, settings, warn)
+    seen = [] if recorded is None else recorded.read(model, settings, warn, partial).observations
+    data = settings.relied_on(seen, model.support_points, warn)
     half_planes = narrowed(model.outline, data, config.region_margin, warn)
     planned = planned_pushes(half_planes, pushes) if plan is not None else []
     if plan is not None and not planned:

@@ -23,8 +23,8 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty import contact_friction
 from pushfric_core.uncertainty.contact_friction import ContactForces, MuC, Tip
+from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason
-from pushfric_core.uncertainty.screening import Change, Rejected
 from pushfric_core.uncertainty.spread import Spread
 from pushfric_core.wording import observations_of
 

@@ -11,8 +11,8 @@ from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers.program import Status
 from pushfric_core.uncertainty.contact_friction import MuC, Slip
+from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason
-from pushfric_core.uncertainty.screening import Change, Rejected
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate

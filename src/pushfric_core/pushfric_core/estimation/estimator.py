@@ -33,8 +33,8 @@ from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Sol
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
-from pushfric_core.uncertainty.screening import REASONS, Rejected, Screening
-from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, NOISELESS, Spread, Variety, effects, is_due, rise, spread
+from pushfric_core.uncertainty.outlier_rejection import REASONS, OutlierRejection, Rejected
+from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, NOISELESS, Excitation, Spread, effects, is_due, rise, spread
 from pushfric_core.wording import counted, observations_of
 
 TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
@@ -164,7 +164,7 @@ class Estimator:
 
     What it says is a function of the observations and the settings alone: not of the order of the pushes, nor of when somebody
     asked. There are two exceptions: whether the object has changed is a question of time; and if there are more than
-    `spread.EXACT` observations, screening looks only after every second, third, ... of them.
+    `spread.EXACT` observations, outlier rejection looks only after every second, third, ... of them.
 
     Args:
         support_points: (n, 2) hypothesised supports in the object frame [m].
@@ -210,7 +210,7 @@ class Estimator:
                 raise ValueError("confidence and screening ask where p_CF is, but it is given; leave them to auto")
         able = config.exact and self._center is None
         self._open = able and config.confidence is not False
-        self._screens = able and config.screening is not False
+        self._rejects = able and config.screening is not False
         self._size = float(np.ptp(self.support_points, axis=0).max())
         self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
         n = len(self.support_points)
@@ -230,9 +230,9 @@ class Estimator:
         self._next = 0
         self._newest: Observation | None = None
         self._seen: list[Observation] = []  # all observations, also those of rejected pushes, in order of arrival
-        self._screening = Screening(self.support_points) if self._screens else None
+        self._rejection = OutlierRejection(self.support_points) if self._rejects else None
         self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
-        self._screened = 0  # number of observations at the last screening
+        self._last_rejection = 0  # number of observations when outliers were last rejected
         self._last_spread: Spread | None = None
         self._spread_of = 0  # number of observations that it rests on
         self._forget()
@@ -282,11 +282,11 @@ class Estimator:
             self._newest = observation
         if observation.push_id not in self._rejected:
             self._append(observation)
-        if self._screening is not None:
-            self._screening.add(observation)
-            if is_due(len(self._seen), self._screened):
-                self._screened = len(self._seen)
-                self._reject(self._screening)
+        if self._rejection is not None:
+            self._rejection.add(observation)
+            if is_due(len(self._seen), self._last_rejection):
+                self._last_rejection = len(self._seen)
+                self._reject(self._rejection)
         self._program.solve()  # from one optimum to the next, however many observations come at once
 
     def keep(self, push_id: int) -> Estimate:
@@ -312,9 +312,9 @@ class Estimator:
             self._take(observation)
         return self.estimate()
 
-    def _reject(self, screening: Screening) -> None:
+    def _reject(self, rejection: OutlierRejection) -> None:
         """Leave the bad pushes out, and take those back that are so no longer."""
-        bad = {push_id: what for push_id, what in screening.look().items() if push_id not in self._kept}
+        bad = {push_id: what for push_id, what in rejection.look().items() if push_id not in self._kept}
         for push_id in sorted(bad.keys() - self._rejected.keys()):
             self._take_out(push_id)
         back = self._rejected.keys() - bad.keys()
@@ -368,7 +368,7 @@ class Estimator:
         groups = self._program.conflicts()
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         data_points, pushes = len(self._observations), len(self._pushes)
-        lack = self._variety.lack(pushes)
+        lack = self._excitation.lack(pushes)
         told = self._open and lack is None and solution.status is Status.OPTIMAL
         if told and (self._spread_of != data_points if at_rest else is_due(data_points, self._spread_of)):
             self._last_spread, self._spread_of = self._spread(solution), data_points
@@ -387,7 +387,7 @@ class Estimator:
             solution.objective / data_points if self._moments_alone and data_points else None,
             Observations(self._listed, data_points),
             self.rejected,
-            None if self._screening is None else self._screening.change,
+            None if self._rejection is None else self._rejection.change,
             self.outline,
         )
 
@@ -400,12 +400,12 @@ class Estimator:
 
     def _forget(self) -> None:
         """Begin to look at the observations from the first one on."""
-        self._variety, self._input = Variety(self._size), InputCheck(self.support_points)
+        self._excitation, self._input = Excitation(self._size), InputCheck(self.support_points)
         self._unchecked: list[Observation] = []  # observations that the input check has not seen yet: only a verdict needs it
         self._last_spread, self._spread_of = None, 0
 
     def _look_at(self, observation: Observation) -> None:
-        self._variety.add(observation.push_id, observation.contact_point, observation.contact_normal)
+        self._excitation.add(observation.push_id, observation.contact_point, observation.contact_normal)
         self._unchecked.append(observation)
 
     def _spread(self, solution: Optimum) -> Spread | None:

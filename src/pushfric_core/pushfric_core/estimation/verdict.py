@@ -17,9 +17,9 @@ import numpy as np
 from pushfric_core.geometry.planar import Array, Twist, cross, velocity_at
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.uncertainty.misplacement import ContactCheck
+from pushfric_core.uncertainty.geometry_check import ContactCheck
+from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
-from pushfric_core.uncertainty.screening import Change, Rejected
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate

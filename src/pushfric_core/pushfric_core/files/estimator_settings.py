@@ -8,12 +8,14 @@ from typing import Any, ClassVar
 
 import numpy.typing as npt
 
+from pushfric_core.estimation.batch import Warn, usable_by
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.files.file_errors import shortened
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.support import FreeRadii
 from pushfric_core.settings import AUTO, merged, read, setting
+from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
 
 TOPIC = "estimator_settings"
@@ -69,6 +71,18 @@ class EstimatorSettings:
         for push_id in self.kept:
             estimator.keep(push_id)
         return estimator
+
+    def relied_on(self, data: Iterable[Observation], support_points: npt.ArrayLike, warn: Warn) -> list[Observation]:
+        """The observations that the estimate of a live run would rest on: without those of pushes that are unlike the others.
+
+        `warn` is called with a line for each push, and for each single observation, that is left out.
+        """
+        config = dataclasses.replace(self.estimator, confidence=False, tie_break=False)  # they leave out no push
+        estimator = dataclasses.replace(self, estimator=config).new_estimator(support_points)
+        estimator.add(usable_by(estimator, data, warn))
+        for push in estimator.rejected:
+            warn(f"push {push.push_id} is left out: {push.reason}")
+        return list(estimator.observations)
 
     def without(self, pushes: Iterable[int]) -> "EstimatorSettings":
         """The same settings, with these pushes left out as well."""

@@ -1,12 +1,10 @@
 """The settings of an estimation from a file: those recorded with it, except for those that the user chose."""
 
 import dataclasses
-import pathlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pushfric_core.bags import data_points
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -22,17 +20,12 @@ class ChosenSettings:
     slipping: tuple[int, ...] = ()  # pushes known to slip, in addition to those of the recorded run
     kept: tuple[int, ...] = ()  # pushes kept even if they are unlike the others, in addition to those of the recorded run
 
-    def of(self, source: pathlib.Path, namespace: str | None = None) -> EstimatorSettings:
-        """The settings for a bag or a CSV.
+    def over(self, recorded: EstimatorSettings) -> EstimatorSettings:
+        """The recorded settings, except for those that the user chose.
 
-        Args:
-            source: the file or the bag.
-            namespace: of the cell; None: the bag has only one.
         Raises:
-            InvalidInput: the input cannot be read, or a chosen value is out of range.
+            InvalidInput: a chosen value is out of range.
         """
-        data_points.check_source(source)
-        recorded = data_points.recorded_settings(source, namespace)
         given = dict(self.estimator)
         if "cone" not in recorded.estimator.terms:
             given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c

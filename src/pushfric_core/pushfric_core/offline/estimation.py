@@ -4,9 +4,10 @@ import pathlib
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from pushfric_core.bags import data_points
-from pushfric_core.bags.data_points import Warn
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimation import batch
+from pushfric_core.estimation.batch import Warn
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.estimator import Estimator, free_radii
@@ -84,11 +85,12 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
         InvalidInput: the input, or a file that the choices name, is unusable.
         DamagedBag: messages are missing from the bag.
     """
-    settings = choices.settings.of(source, choices.namespace)
+    recorded = Recorded(source, choices.namespace)
+    settings = choices.settings.over(recorded.settings)
     model, _ = object_of(source, choices.object_name)
     model = with_support(model, choices.grid, choices.support_points)
     candidates = None if choices.refine is None else _candidates(model, choices.refine)
-    reading = data_points.read(source, model, settings, warn, choices.partial, choices.namespace)
+    reading = recorded.read(model, settings, warn, choices.partial)
     data = reading.observations
     estimator = settings.new_estimator(model.support_points)
     course = _course(estimator, data, warn, whole_course)
@@ -107,9 +109,9 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
 def _course(estimator: Estimator, data: list[Observation], warn: Warn, whole: bool) -> tuple[Estimate, ...]:
     """The last estimate, or the estimates after each observation."""
     if not whole:
-        return (data_points.estimate(estimator, data, warn),)
-    course = list(data_points.taken(estimator.add, data, warn))
-    data_points.last(course)
+        return (batch.estimate(estimator, data, warn),)
+    course = list(batch.taken(estimator.add, data, warn))
+    batch.last(course)
     return (*course[:-1], estimator.estimate())
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import pydantic
 
-from pushfric_core.bags import data_points
+from pushfric_core.bags.recorded import Recorded, check_source, object_beside
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -27,8 +27,8 @@ def object_of(path: pathlib.Path, name: str, option: str = "--object OBJ.yaml") 
     Raises:
         InvalidInput: there is no such object, or its file does not describe an object.
     """
-    data_points.check_source(path)
-    next_to_bag = data_points.object_beside(path)
+    check_source(path)
+    next_to_bag = object_beside(path)
     if not name and next_to_bag is None:
         raise InvalidInput(f"{path} does not name the pushed object; give {option} or one of {', '.join(TABLE_1)}")
     where = name or str(next_to_bag)
@@ -116,12 +116,12 @@ def load(
     """
     path = pathlib.Path(source)
     model, _ = object_of(path, os.fspath(object), "object='OBJ.yaml'")
-    settings = data_points.recorded_settings(path, namespace)
+    recorded = Recorded(path, namespace)
     said: list[str] = []
     try:
-        reading = data_points.read(path, model, settings, said.append, partial, namespace)
+        reading = recorded.read(model, recorded.settings, said.append, partial)
         said += [f"{path}: {doubt}" for doubt in reading.ledger.doubts]
     finally:
         for line in said:
             warnings.warn(line, stacklevel=2)
-    return Recording(reading.observations, model, settings)
+    return Recording(reading.observations, model, recorded.settings)

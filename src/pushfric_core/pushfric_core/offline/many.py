@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any
 
 from pushfric_core import __version__
-from pushfric_core.bags.data_points import bags_in, is_bag
+from pushfric_core.bags.recorded import bags_in, is_bag
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.model_file import save_model
 from pushfric_core.offline.estimation import Choices, estimate_from

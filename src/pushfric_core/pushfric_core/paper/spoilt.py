@@ -1,4 +1,4 @@
-"""Bad pushes and changed objects for the study: does screening find them, and does it leave the good pushes in?"""
+"""Bad pushes and changed objects for the study: does outlier rejection find them, and does it leave the good pushes in?"""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -34,7 +34,7 @@ Numbers = dict[str, Any]
 
 
 def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, Numbers]]:
-    """What screening says of runs with a bad push of each kind and with none, and of loads that are moved; by noise.
+    """What outlier rejection says of runs with a bad push of each kind and with none, and of loads that are moved; by noise.
 
     `found` says whether no data point that the fault changed is in the estimate, or whether the change was seen; `harmless`
     whether the fault changed none, because those that it would have changed were never made; `lost` how many of the `good`

@@ -22,15 +22,20 @@ again, never moves the pusher and never ends an alarm: both wait for `recover()`
 import contextlib
 import math
 import os
+import statistics
 import time
+from collections import deque
 from collections.abc import Generator
 from typing import TYPE_CHECKING
 
+from pushfric_core.pushers.clock import clock, suspended
 from pushfric_core.pushers.grbl_protocol import (
     ALARM,
     BUILD,
     ERROR,
     GREETING,
+    MODES,
+    PARAMETER,
     SETTING,
     STATE_MODES,
     Alarm,
@@ -38,8 +43,10 @@ from pushfric_core.pushers.grbl_protocol import (
     RealTime,
     StatusReport,
     parse_status,
+    work_offset_of,
 )
-from pushfric_core.pushers.grbl_settings import GrblSettings, check_axis
+from pushfric_core.pushers.grbl_settings import AXES, GrblSettings, check_axis
+from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.pusher import (
     Jumped,
     LeftTheWay,
@@ -50,6 +57,7 @@ from pushfric_core.pushers.pusher import (
     PusherConfig,
     PusherError,
     PusherReport,
+    Suspended,
     Timeout,
     TooFast,
 )
@@ -75,8 +83,12 @@ RESET_AGAIN = 1.0
 RESET_PATIENCE = 6.0  # a greeting after a reset may take this long
 CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
-SETTINGS_ASKED = 6
-REPORTS_UNTIL_WCO = 31  # the offset comes with every 30th report at the latest
+ASKED_FOR_TWO_ALIKE = 6  # settings and offsets, which have no checksum
+OFFSET_ROUNDING = 2e-3  # a sum of rounded numbers [mm]
+STILL = 0.05  # another axis that is reported farther from its place than this has moved [mm]
+LATEST = 0.7  # a controller whose answers take longer than this share of `ahead` gets no push
+SLEPT = 0.1  # a computer that was suspended for longer than this has lost sight of the pusher
+REPORTS_UNTIL_WCO = 62  # the offset comes with every 30th report at the latest, and counts once it has come twice
 IDLE_REPORTS = 10  # this many in a row away from the target mean that the motion ended early
 NOT_IDLE = 8  # error
 NOT_IDLE_OFTEN = 5  # this many of these errors may be waited out in one stroke
@@ -127,7 +139,7 @@ class Grbl:
         self._ahead, self._silence, self._factor, self._only_look = ahead, silence, real_time_factor, only_look
         self._patience = max(SILENCE, silence)  # at rest
         self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
-        self._index = "XYZABC".index(self._letter)
+        self._index = AXES.index(self._letter)
         self._zero = 0.0  # work coordinate of stroke position 0 [mm]
         self._port: serial.Serial | None = None
         self._damaged = 0  # reports
@@ -148,7 +160,14 @@ class Grbl:
         self._asked_last = 0.0  # when the question behind the newest report was sent
         self._believed = 0  # reports
         self._feed = math.inf  # in the last report [m/s]
-        self._claimed_offset: tuple[float, ...] | None = None
+        self._claimed_offset: tuple[float, ...] | None = None  # reported, and not confirmed yet
+        self._parameters: dict[str, str] = {}  # answers to $#
+        self._modes = ""  # answer to $G
+        self._place: tuple[float, ...] | None = None  # of all axes in the last report
+        self._still: tuple[float, ...] | None = None  # where the other axes must stay
+        self._strayed = False  # whether the last report said that one of them had moved
+        self._slept = suspended()
+        self._latencies: deque[float] = deque(maxlen=9)  # of the last answers to ? [s]
         self._plausibility.forget()
         self._status: StatusReport | None = None
         self._statuses = 0
@@ -187,7 +206,7 @@ class Grbl:
 
     @property
     def place(self) -> str:
-        return self._path
+        return identity_of(self._path).text
 
     @property
     def doubt(self) -> str | None:
@@ -230,12 +249,12 @@ class Grbl:
         self._script = self._connecting()
 
     def close(self) -> None:
-        deadline = time.monotonic() + CLOSE_TIMEOUT
+        deadline = clock() + CLOSE_TIMEOUT
         # the port is being left whatever goes wrong, and _drop() sends the stop once more if it is still due
         with contextlib.suppress(PusherError):
             if self._in_motion:
                 self.stop()
-            while self._in_motion and time.monotonic() < deadline:
+            while self._in_motion and clock() < deadline:
                 self.poll()
                 time.sleep(0.005)
         self._drop()
@@ -253,8 +272,14 @@ class Grbl:
             raise ValueError(f"speed must be positive, got {speed}")
         if self.mode is not Mode.IDLE:
             raise NotReady(f"the pusher's mode is {self.mode.value}, expected idle")
+        if self._doubt is not None:
+            raise NotReady(f"where the pusher stands is not known until it is recovered: {self._doubt}")
+        latency = statistics.median(self._latencies or [0.0])
+        if latency > LATEST * self._ahead:
+            slow = f"the controller at {self._path} answers after {latency:.2f} s"
+            raise NotReady(f"{slow}, expected {LATEST * self._ahead:.2f} s or less: a push would not be even (setting ahead)")
         self._moving = True
-        self._script = self._streaming(position, speed)
+        self._script = self._streaming(position, speed, latency)
 
     def stop(self) -> None:
         self._recovery_due = False
@@ -282,9 +307,12 @@ class Grbl:
         if self._port is None:
             raise NotConnected(f"{self._path} is not open")
         self._fresh, self._now_stamp = None, stamp
-        before, self._polled = self._polled, time.monotonic()
+        before, self._polled = self._polled, clock()
         try:
             self._read()
+            if self._connected and (slept := suspended() - self._slept) > SLEPT:
+                self._slept += slept
+                raise Suspended(f"this computer was suspended for {slept:.1f} s")
             if self._moving and before is not None and self._polled - before > self._silence:
                 stood = f"{self._polled - before:.2f} s; silence is {self._silence:g} s"
                 raise Timeout(f"this process stood still for {stood}")
@@ -294,7 +322,7 @@ class Grbl:
             self._drop()
             raise
         except PusherError as error:
-            if isinstance(error, Jumped | LeftTheWay | TooFast):
+            if isinstance(error, Jumped | LeftTheWay | TooFast | Suspended):
                 self._doubt = str(error)
             if self._connected and not self._halting:
                 self.stop()
@@ -345,6 +373,10 @@ class Grbl:
             self._version = f"Grbl {build[1]}"
         elif (setting := SETTING.match(line)) is not None and self._pending == "$$":
             self._settings[int(setting[1])] = setting[2]
+        elif (parameter := PARAMETER.fullmatch(line)) is not None and self._pending == "$#":
+            self._parameters[parameter[1]] = parameter[2]
+        elif (modes := MODES.fullmatch(line)) is not None and self._pending == "$G":
+            self._modes = modes[1]
 
     def _take_greeting(self, version: str) -> None:
         self._greeted, self._version = True, self._version or f"Grbl {version}"  # $I says more than the greeting
@@ -356,19 +388,19 @@ class Grbl:
 
     def _take_status(self, status: StatusReport) -> None:
         """Take a status report; one that cannot be true changes nothing."""
-        now = time.monotonic()
+        now = clock()
         # the report answers the first open question or an earlier one, so the pusher was there at that time or later
         asked = self._silent_since if self._silent_since is not None else self._asked_last
-        offset = self._offset
-        if status.work_offset is not None and status.work_offset != offset:
-            # a damaged offset would displace all later positions, so a new one counts only once it has come twice
-            if offset is None or status.work_offset == self._claimed_offset:
-                offset = status.work_offset
-            self._claimed_offset = status.work_offset
-        position = status.work_position
-        if position is None and status.machine_position is not None:
-            zero = offset or (0.0,) * (self._index + 1)
-            position = tuple(m - o for m, o in zip(status.machine_position, zero, strict=False))
+        position, place = status.work_position, status.machine_position or status.work_position
+        if place is not None and not self._others_are_still(place):
+            self._stamp = self._asked = None
+            self._last_ask = -math.inf
+            return
+        if status.work_offset is not None:
+            self._take_offset(status.work_offset)
+        if position is None and place is not None:
+            zero = self._offset or (0.0,) * (self._index + 1)
+            position = tuple(m - o for m, o in zip(place, zero, strict=False))
         stamp = self._now_stamp if self._stamp is None else self._stamp
         if position is not None and len(position) > self._index:
             # rounded to the nanometre, far below a report's last digit, so that nothing is shown as -0.000
@@ -381,13 +413,46 @@ class Grbl:
             report = PusherReport(here, self._speed(here, feed, stamp, _moves(status)), self.mode, stamp)
         else:
             report = None
+        if self._silent_since is not None:
+            self._latencies.append(now - self._silent_since)
         self._stamp = self._asked = self._silent_since = None
-        self._status, self._statuses, self._offset, self._asked_last = status, self._statuses + 1, offset, asked
+        self._status, self._statuses, self._place, self._asked_last = status, self._statuses + 1, place, asked
         if status.overrides and status.overrides[0] != 100 and self._moving:
             self.send(RealTime.FULL_FEED)
         if report is not None:
             self._fresh = self._last = report._replace(mode=self.mode)
             self._believed += 1
+
+    def _take_offset(self, offset: tuple[float, ...]) -> None:
+        """Take the work offset of a report. It displaces all positions, so a new one must come twice to mean anything."""
+        again, self._claimed_offset = _agree(offset, self._claimed_offset, self._unit), offset
+        if self._offset is None:
+            self._offset = offset if again else None
+        elif again and not _agree(offset, self._offset, self._unit):
+            before, now = (_shown(one, self._unit) for one in (self._offset, offset))
+            self._trouble = self._trouble or Jumped(f"the work offset of {self._path} is ({now}) mm now, it was ({before}) mm")
+
+    def _others_are_still(self, place: tuple[float, ...]) -> bool:
+        """Whether the other axes are where they were; two reports in a row that they are not are the end of any motion."""
+        still = self._still
+        if still is None or self._homing or self._only_look:
+            return True
+        if len(place) != len(still):
+            self._damaged += 1
+            return False
+        away = [abs(now - before) * self._unit for now, before in zip(place, still, strict=True)]
+        away[self._index] = 0.0
+        axis = away.index(max(away))
+        if away[axis] <= STILL:
+            self._strayed = False
+            return True
+        self._damaged += 1
+        if self._strayed and self._connected:
+            went = f"from {still[axis] * self._unit:.3f} mm to {place[axis] * self._unit:.3f} mm"
+            self._trouble = self._trouble or LeftTheWay(f"axis {AXES[axis]} went {went}; only {self._letter} may move")
+            self._still = None
+        self._strayed = True
+        return False
 
     def _can_be_true(self, position: float, status: StatusReport, asked: float, now: float) -> bool:
         if self._homing:  # positions start again
@@ -440,7 +505,7 @@ class Grbl:
             raise trouble
         if self._halting or self._homing or self._silent_since is None:
             return
-        silent = time.monotonic() - self._silent_since
+        silent = clock() - self._silent_since
         if self._moving and silent > self._silence:
             what = f"said nothing for {silent:.2f} s in mid-stroke; silence is {self._silence:g} s"
             raise Timeout(f"the controller at {self._path} {what}")
@@ -473,7 +538,7 @@ class Grbl:
         port.close()
 
     def _ask(self, stamp: int | None) -> None:
-        now = time.monotonic()
+        now = clock()
         if self._asked is not None and now - self._asked < (ASK_AGAIN_MOVING if self._moving else ASK_AGAIN):
             return
         self.send(RealTime.ASK)
@@ -495,15 +560,16 @@ class Grbl:
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
         yield from self._ask_for_settings()
         self._check_settings()
+        yield from self._ask_for_offset()
         self._plausibility.forget()  # now that the unit of reports is known
         yield from self._find_place()
         self._connected = True
 
     def _hear(self) -> Script:
         """Wait for the greeting of a board that boots when its port is opened, or the answer of one that runs already."""
-        deadline = time.monotonic() + self._greeting_timeout
+        deadline = clock() + self._greeting_timeout
         while not self._greeted and not self._statuses:
-            if time.monotonic() > deadline:
+            if clock() > deadline:
                 if self._only_look:
                     raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud")
                 break
@@ -524,10 +590,10 @@ class Grbl:
         """Hold a moving pusher, at its first report, and wait until it rests; with only_look, do neither."""
         status = self._status or (yield from self._report())
         while True:
-            before = self._last
+            before = self._place
             if not _moves(status):
                 again = yield from self._report()
-                same = before is not None and self._last is not None and before.position == self._last.position
+                same = before is not None and before == self._place
                 if again.state == status.state == "Alarm" or (same and not _moves(again)):
                     return again
                 status = again
@@ -540,22 +606,48 @@ class Grbl:
     def _ask_for_settings(self) -> Script:
         """Ask for the settings until two answers agree: they say what a report means, and have no checksum."""
         before: dict[int, str] | None = None
-        for _ in range(SETTINGS_ASKED):
+        for _ in range(ASKED_FOR_TWO_ALIKE):
             self._settings = {}
             yield from self._command("$$")
             if self._settings == before:
                 return
             before = self._settings
-        raise NotConnected(f"{self.name}: its settings ($$) came {SETTINGS_ASKED} times, each time different")
+        raise NotConnected(f"{self.name}: its settings ($$) came {ASKED_FOR_TWO_ALIKE} times, each time different")
+
+    def _ask_for_offset(self) -> Script:
+        """Ask for the parts of the work offset until two answers agree, or one agrees with a report or with what is known.
+
+        If a controller does not name the parts, the offset of two reports that agree is taken.
+        """
+        known = before = self._offset
+        for _ in range(ASKED_FOR_TWO_ALIKE):
+            self._parameters, self._modes = {}, ""
+            try:
+                yield from self._command("$#")
+                yield from self._command("$G")
+            except CommandRefused:
+                return
+            offset = work_offset_of(self._parameters, self._modes)
+            if any(_agree(offset, other, self._unit) for other in (before, self._claimed_offset)) or not self._parameters:
+                break
+            before = offset
+        else:
+            raise NotConnected(f"{self.name}: its offsets ($#) came {ASKED_FOR_TWO_ALIKE} times, each time different")
+        if known is not None and offset is not None and not _agree(offset, known, self._unit):
+            was, now = (_shown(one, self._unit) for one in (known, offset))
+            self._doubt = f"a reset changed its work offset from ({was}) mm to ({now}) mm"
+            self._plausibility.forget()
+        self._offset, self._claimed_offset = offset or known, None
 
     def _find_place(self) -> Script:
-        """Wait until two reports in a row give the same place, at rest, because one may be damaged."""
-        before: float | None = None
+        """Wait until two reports in a row give the same place of all axes, at rest, because one may be damaged."""
+        before: tuple[float, ...] | None = None
         for _ in range(REPORTS_UNTIL_WCO):
             status = yield from self._report()
             known = status.work_position is not None or self._offset is not None
-            here = self._last.position if known and self._last is not None and not _moves(status) else None
+            here = self._place if known and self._last is not None and not _moves(status) else None
             if here is not None and here == before:
+                self._still, self._strayed = here, False
                 return
             before = here
 
@@ -574,6 +666,7 @@ class Grbl:
                 raise NotConnected(f"{self.name} is set to ${number}={shown}, expected {expected}")
 
     def _recovering(self) -> Script:
+        self._still = None
         yield from self._reset()  # some alarms need it
         yield from self._seek_home() if self._home else self._unlock()
         self._doubt = None
@@ -581,7 +674,7 @@ class Grbl:
     def _unlock(self) -> Script:
         if self.mode is Mode.ALARM:
             yield from self._command("$X")
-            yield from self._report()
+        yield from self._find_place()
 
     def _seek_home(self) -> Script:
         self._homing = True
@@ -594,18 +687,19 @@ class Grbl:
             self._zero += self._sign * self._last.position / MM
         self._plausibility.forget()
 
-    def _streaming(self, position: float, speed: float) -> Script:
+    def _streaming(self, position: float, speed: float, latency: float) -> Script:
         """Send the pieces of a stroke, as there is room for them, until the pusher rests at its end."""
         assert self._last is not None
         acceleration = self.limits.acceleration
         # a longer silence is allowed on a busy machine, to each piece
         ahead, wait = self._ahead * self._factor, max(0.0, self._silence - GrblSettings.silence)
-        self._stroke = stroke = Stroke(self._last.position, position, speed, acceleration, ahead, wait)
+        start, latency = self._last.position, latency * self._factor
+        self._stroke = stroke = Stroke(start, position, speed, acceleration, ahead, wait, latency)
         self.send(RealTime.FULL_FEED)
-        self._answer, began, waits = None, time.monotonic(), False
+        self._answer, began, waits = None, clock(), False
         idle, seen, believed, patience = 0, self._statuses, self._believed, NOT_IDLE_OFTEN
         while True:
-            now = time.monotonic()
+            now = clock()
             if self._pending is not None and (waited := now - self._sent_at) > self._silence:
                 line, self._pending = self._pending, None
                 raise Timeout(f'no answer to "{line}" for {waited:.2f} s; silence is {self._silence:g} s')
@@ -664,17 +758,19 @@ class Grbl:
             self._greeted = False
             self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
             self._send_reset()
-            again, deadline = time.monotonic() + RESET_AGAIN, time.monotonic() + RESET_PATIENCE
-            while not self._greeted and time.monotonic() < deadline:
-                if dropped and time.monotonic() > again:
+            again, deadline = clock() + RESET_AGAIN, clock() + RESET_PATIENCE
+            while not self._greeted and clock() < deadline:
+                if dropped and clock() > again:
                     self._send_reset()
                     dropped = False
                 yield
             if not self._greeted:  # whatever it reports then, it may have restarted unheard
                 raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
-            settled = time.monotonic() + RESET_AGAIN
-            while self._owed and time.monotonic() < settled:  # a second reset would wipe out what is sent now
+            settled = clock() + RESET_AGAIN
+            while self._owed and clock() < settled:  # a second reset would wipe out what is sent now
                 yield
+            if self._offset is not None:  # a reset ends shifts (G92) and may choose another coordinate system
+                yield from self._ask_for_offset()
             yield from self._report()
         finally:
             self._resetting = False
@@ -686,9 +782,9 @@ class Grbl:
     def _resting(self) -> Script:
         """Wait for the end of a feed hold: a reset before it costs the position. A stuck controller is reset anyway."""
         braking = self.limits.max_speed / self.limits.acceleration
-        deadline = time.monotonic() + 1 + (braking if math.isfinite(braking) else 0)
+        deadline = clock() + 1 + (braking if math.isfinite(braking) else 0)
         before = None
-        while time.monotonic() < deadline:
+        while clock() < deadline:
             try:
                 status = yield from self._report()
             except Timeout:
@@ -702,19 +798,19 @@ class Grbl:
             before = None if moving else place
 
     def _send_line(self, line: str) -> None:
-        self._pending, self._answer, self._sent_at = line, None, time.monotonic()
+        self._pending, self._answer, self._sent_at = line, None, clock()
         self._write(line.encode() + b"\n")
 
     def _command(self, line: str, timeout: float = ANSWER_TIMEOUT) -> Script:
         self._send_line(line)
-        deadline = time.monotonic() + timeout
+        deadline = clock() + timeout
         while self._answer is None or self._answer == WIPED:
-            if time.monotonic() > deadline:
+            if clock() > deadline:
                 self._pending = None
                 raise Timeout(f'no answer to "{line}" within {timeout:g} s')
             if self._answer == WIPED:
                 self._send_line(line)
-            if time.monotonic() - self._last_ask >= ASK_AGAIN:
+            if clock() - self._last_ask >= ASK_AGAIN:
                 self._ask(None)  # some firmware reads its input only while more arrives
             yield
         if isinstance(self._answer, CommandRefused):
@@ -722,14 +818,24 @@ class Grbl:
 
     def _report(self) -> Generator[None, None, StatusReport]:
         seen = self._statuses
-        deadline = time.monotonic() + self._patience
+        deadline = clock() + self._patience
         while self._statuses == seen or self._status is None:
-            if time.monotonic() > deadline:
+            if clock() > deadline:
                 raise Timeout(f"no answer to ? within {self._patience:g} s")
-            if time.monotonic() - self._last_ask >= ASK_EVERY:
+            if clock() - self._last_ask >= ASK_EVERY:
                 self._ask(None)
             yield
         return self._status
+
+
+def _agree(offset: tuple[float, ...] | None, other: tuple[float, ...] | None, unit: float) -> bool:
+    if offset is None or other is None or len(offset) != len(other):
+        return False
+    return all(abs(one - another) * unit <= OFFSET_ROUNDING for one, another in zip(offset, other, strict=True))
+
+
+def _shown(offset: tuple[float, ...], unit: float) -> str:
+    return ", ".join(f"{value * unit:.3f}" for value in offset)
 
 
 def _moves(status: StatusReport) -> bool:

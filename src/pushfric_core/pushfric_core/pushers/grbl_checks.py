@@ -11,7 +11,7 @@ from serial.tools.list_ports import comports
 
 from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_settings import GrblSettings
+from pushfric_core.pushers.grbl_settings import AXES, GrblSettings
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError, PusherReport
 
 RAMP_SHARE = 0.1
@@ -92,7 +92,7 @@ def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Ch
 
 def check_limits(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
     """Compare the controller's settings with what the cell's file asks of it."""
-    axis = "XYZABC".index(grbl.axis[-1])
+    axis = AXES.index(grbl.axis[-1])
     travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
     finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
     if config.stroke > limits.travel + ROUNDING:

@@ -1,6 +1,7 @@
 """The GRBL 1.1 parser: status reports, errors, alarms and real-time commands on the serial line."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -59,6 +60,9 @@ STATUS = re.compile(r"<([A-Za-z]+)(?::(\d{1,4}))?((?:\|[^<>|]+)*)>")
 GREETING = re.compile(r"grbl(?:hal)? (\d{1,4}\.\S{1,40}) \[.*\]", re.IGNORECASE)
 BUILD = re.compile(r"\[VER:([^:\]]{1,40})")
 SETTING = re.compile(r"\$(\d{1,4})=([^ (]*)")
+PARAMETER = re.compile(r"\[(G\d\d(?:\.\d)?|TLO):([-\d.,]{1,200})\]", re.ASCII)
+MODES = re.compile(r"\[GC:([ -Z]{1,200})\]")
+TOOL_AXIS = 2  # whose offset a tool's length is part of, where it is one number
 ERROR = re.compile(r"error:\s*(\d{1,4})")
 ALARM = re.compile(r"ALARM:\s*(\d{1,4})")
 NUMBER = re.compile(r"-?\d{1,7}(?:\.\d{1,6})?", re.ASCII)  # as in a report; controllers send no others
@@ -117,6 +121,29 @@ def parse_status(line: str) -> StatusReport | None:
         )
     except ValueError:
         return None  # bytes were lost inside a number; the next report is a twentieth of a second away
+
+
+def work_offset_of(parameters: Mapping[str, str], modes: str) -> tuple[float, ...] | None:
+    """The work offset as the sum of its parts; None if they are not all there.
+
+    Args:
+        parameters: what the controller answers to `$#`, by name.
+        modes: what it answers to `$G`.
+    Returns:
+        The offset of each axis, in the unit of reports.
+    """
+    systems = [word for word in modes.split() if re.fullmatch(r"G5[4-9](\.\d)?", word)]
+    if len(systems) != 1 or not {*systems, "G92", "TLO"} <= parameters.keys():
+        return None
+    try:
+        system, shift, tool = ([_number(text) for text in parameters[name].split(",")] for name in (*systems, "G92", "TLO"))
+    except ValueError:
+        return None
+    if len(tool) == 1:
+        tool = [tool[0] if axis == TOOL_AXIS else 0.0 for axis in range(len(system))]
+    if not len(system) == len(shift) == len(tool):
+        return None
+    return tuple(sum(parts) for parts in zip(system, shift, tool, strict=True))
 
 
 def _number(text: str) -> float:

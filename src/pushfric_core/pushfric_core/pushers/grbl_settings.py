@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from pushfric_core.settings import REQUIRED, check_ranges, setting
 
+AXES = "XYZABC"
+
 
 @dataclass(frozen=True)
 class GrblSettings:
@@ -31,5 +33,5 @@ class GrblSettings:
 
 def check_axis(axis: str) -> None:
     """Raises ValueError if no controller has such an axis."""
-    if re.fullmatch("-?[XYZABC]", axis) is None:
+    if re.fullmatch(f"-?[{AXES}]", axis) is None:
         raise ValueError(f"axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got {axis!r}")

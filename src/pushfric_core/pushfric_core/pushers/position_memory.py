@@ -1,4 +1,4 @@
-"""Where a pusher rested, kept for the next process: one file of the user's for each port."""
+"""Where a pusher rested, kept for the next process: one file of the user's for each pusher."""
 
 import json
 import math
@@ -20,8 +20,9 @@ class PositionMemory:
 
         Args:
             folder: `auto`: the user's state folder; empty: nothing is kept.
-            place: what identifies the pusher, such as its port.
+            place: what identifies the pusher, as `Pusher.place`.
         """
+        self.place = place
         if folder == AUTO:
             state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local/state"
             folder = str(pathlib.Path(state) / "pushfric")
@@ -52,6 +53,14 @@ class PositionMemory:
             return
         self._file.parent.mkdir(parents=True, exist_ok=True)
         written = self._file.with_suffix(".new")
-        written.write_text(json.dumps({"position": None if math.isnan(position) else position}))
+        with open(written, "w", encoding="utf-8") as file:
+            json.dump({"position": None if math.isnan(position) else position}, file)
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(written, self._file)
+        folder = os.open(self._file.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the new name, too, outlasts a power cut
+        finally:
+            os.close(folder)
         self._kept = position

@@ -64,6 +64,10 @@ class TooFast(PusherError):
     fault = PusherFault.SPEED
 
 
+class Suspended(Timeout):
+    """The computer was suspended, and the pusher may have gone on meanwhile."""
+
+
 class Jumped(PusherError):
     """The pusher is reported where it cannot have gone, so the controller's position is no longer true."""
 
@@ -173,7 +177,10 @@ class Pusher(Protocol):
 
     @property
     def place(self) -> str:
-        """What tells it from other pushers, such as its port."""
+        """What tells it from other pushers, once it is connected: a serial number, or the socket that it is plugged into.
+
+        A path, from the root, means that nothing better is known.
+        """
 
     @property
     def doubt(self) -> str | None:

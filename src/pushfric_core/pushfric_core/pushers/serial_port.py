@@ -4,12 +4,13 @@ import contextlib
 import os
 import select
 import termios
-import time
 
 from pushfric_core.errors import extra
 
 with extra("serial", "a serial port"):
     import serial
+
+from pushfric_core.pushers.clock import clock
 
 WRITE_TIMEOUT = 0.5  # [s]
 
@@ -49,9 +50,9 @@ def write_all(port: serial.Serial, data: bytes) -> None:
     Raises:
         OSError: the port takes no bytes for WRITE_TIMEOUT, or is gone.
     """
-    deadline = time.monotonic() + WRITE_TIMEOUT
+    deadline = clock() + WRITE_TIMEOUT
     while data:
-        if not select.select([], [port.fd], [], max(0.0, deadline - time.monotonic()))[1]:
+        if not select.select([], [port.fd], [], max(0.0, deadline - clock()))[1]:
             raise TimeoutError(f"it takes no bytes for {WRITE_TIMEOUT:g} s")
         with contextlib.suppress(BlockingIOError):
             data = data[os.write(port.fd, data) :]

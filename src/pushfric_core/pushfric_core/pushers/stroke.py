@@ -6,21 +6,35 @@ are along the stroke, in m and m/s; times are those of the controller, in s.
 """
 
 import math
+import statistics
+from collections.abc import Iterable
 
-from pushfric_core.pushers.pusher import LeftTheWay, Timeout, TooFast
+from pushfric_core.pushers.pusher import LeftTheWay, PusherReport, Timeout, TooFast
 
 PIECES = 3  # queued ahead
 MOST_PIECES = 12  # a controller's planner holds 15 lines or more
+PIECE_LASTS = 1.2  # times as long as its answer takes
 OFF_WAY = 2e-3  # a report this far off the commanded way ends the stroke [m]
 FASTER, FASTER_BY = 1.2, 1e-3  # than asked: factor, and [m/s]
 REPORTS_TOO_FAST = 2  # in a row
+MIDDLE = (0.2, 0.8)  # of the way, where the ramps are over
+FEWEST_SPEEDS = 5
 LONGER, LONGER_BY = 4.0, 5.0  # than a stroke should take: factor, and [s]
 
 
 class Stroke:
     """From rest to rest, along one line, at one speed."""
 
-    def __init__(self, start: float, target: float, speed: float, acceleration: float, ahead: float, wait: float = 0.0) -> None:
+    def __init__(
+        self,
+        start: float,
+        target: float,
+        speed: float,
+        acceleration: float,
+        ahead: float,
+        wait: float = 0.0,
+        latency: float = 0.0,
+    ) -> None:
         """Begin at `start`.
 
         Args:
@@ -30,13 +44,15 @@ class Stroke:
             acceleration: of the controller; infinite if not known [m/s^2].
             ahead: how long it may go on without a new piece, before it brakes [s].
             wait: how much longer than usual each piece may wait for its answer [s].
+            latency: how old a report is when it comes: the pusher has gone on meanwhile [s].
         """
         way = target - start
         braking = speed**2 / (2 * acceleration)
         self.start, self.target, self.speed = start, target, speed
         self._forward = math.copysign(1.0, way)
-        self._room = speed * ahead + braking
-        piece = max(speed * ahead / PIECES, self._room / MOST_PIECES)
+        self._room = speed * (ahead + latency) + braking
+        # the next piece is sent when the answer to the last one has come
+        piece = max(speed * ahead / PIECES, self._room / MOST_PIECES, PIECE_LASTS * speed * latency)
         self._count = max(1, math.ceil(abs(way) / piece))
         self._way = way
         self._sent = 0
@@ -101,6 +117,20 @@ class Stroke:
     def _end_of(self, piece: int) -> float:
         # from the start, never from the piece before, so that no errors add up
         return self.target if piece == self._count else self.start + self._way * piece / self._count
+
+
+def unevenness(reports: Iterable[PusherReport], start: float, target: float) -> float:
+    """How much the speed varied in the middle of a stroke: its standard deviation as a share of its mean; 0 if too few reports.
+
+    Args:
+        reports: of the stroke.
+        start, target: of the stroke [m].
+    """
+    low, high = (start + share * (target - start) for share in MIDDLE)
+    speeds = [abs(report.speed) for report in reports if min(low, high) <= report.position <= max(low, high)]
+    if len(speeds) < FEWEST_SPEEDS or not any(speeds):
+        return 0.0
+    return statistics.pstdev(speeds) / statistics.fmean(speeds)
 
 
 class Plausibility:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from pushfric_core.bags.data_points import Warn, taken
+from pushfric_core.estimation.batch import Warn, taken
 from pushfric_core.estimation.push_choice import RankedPush
 from pushfric_core.estimation.region import HalfPlanes, Region, line_of_motion
 from pushfric_core.geometry.outline import Outline

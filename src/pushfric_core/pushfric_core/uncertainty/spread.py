@@ -186,7 +186,7 @@ def _ellipse(variances: Array) -> Array:
     return np.asarray((axes * np.maximum(values, 0.01 * variances.max())) @ axes.T)
 
 
-class Variety:
+class Excitation:
     """Whether the pushes come from enough places and sides to tell p_CF at all; the order of the pushes does not matter.
 
     Args:

@@ -88,7 +88,7 @@ class CameraConfig:
 
 
 @dataclass(frozen=True)
-class AudienceConfig:
+class RequiredSubscribersConfig:
     """The nodes that must not miss a pose. From the graph."""
 
     heard_by: tuple[str, ...] = setting((), "nodes that must receive the poses before the first one is published")

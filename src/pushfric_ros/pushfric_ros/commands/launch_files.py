@@ -4,7 +4,7 @@ import dataclasses
 import pathlib
 from collections.abc import Mapping, Sequence
 
-from pushfric_core.bags import data_points
+from pushfric_core.bags.recorded import Recorded, object_beside
 from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.cell.node_settings import ViewConfig
 from pushfric_ros.commands.cell_options import AUTO_VIEW, view_at
@@ -33,9 +33,10 @@ def _demo(values: Mapping[str, str], folder: pathlib.Path) -> tuple[str, Sequenc
 
 def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
     bag = pathlib.Path(values["bag"])
-    settings = data_points.recorded_settings(bag, values["namespace"] or None)
-    source = data_points.source_of(bag, settings.with_forces, values["namespace"] or None)
-    object_name = values["object"] or str(data_points.object_beside(bag))
+    recorded = Recorded(bag, values["namespace"] or None)
+    settings = recorded.settings
+    source = recorded.source(settings.with_forces)
+    object_name = values["object"] or str(object_beside(bag))
     specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
     return source.namespace, _shown(specs, object_name, values["view"], ViewConfig())
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from pushfric_core.commands.console import warn
 from pushfric_core.errors import PushfricError
+from pushfric_core.estimation.batch import taken
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
@@ -13,7 +14,7 @@ from pushfric_core.wording import counted
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 
 if TYPE_CHECKING:
-    from pushfric_core.bags.data_points import Reading
+    from pushfric_core.bags.recorded import Reading
 
 
 def left_behind(bag: pathlib.Path) -> str:
@@ -36,8 +37,6 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
         planned: number of pushes that the run was to carry out.
         aborted: number of those that did not reach their end.
     """
-    from pushfric_core.bags import data_points
-
     said = [f"{aborted} of {counted(planned, 'push was', 'pushes were')} aborted"] if aborted else []
     try:
         model, settings, reading = _recorded(bag)
@@ -47,7 +46,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
     estimator = settings.new_estimator(model.support_points)
     # the node has told of the data points that it refused
     counts = (0, 0)
-    for estimate in data_points.taken(estimator.add, reading.observations, lambda _: None):
+    for estimate in taken(estimator.add, reading.observations, lambda _: None):
         counts = estimate.data_points, estimate.pushes
     live_counts = (0, 0) if live is None else (live.data_points, live.pushes)
     if counts != live_counts:
@@ -88,16 +87,14 @@ def failures(bag: pathlib.Path, namespace: str) -> list[str]:
 
 def course_of(bag: pathlib.Path) -> tuple[list[Estimate], Observations]:
     """The estimates after each data point, and the data points, from a recorded bag; for figures."""
-    from pushfric_core.bags import data_points
-
     model, settings, reading = _recorded(bag)
     estimator = settings.new_estimator(model.support_points)
-    return list(data_points.taken(estimator.add, reading.observations, warn)), estimator.observations
+    return list(taken(estimator.add, reading.observations, warn)), estimator.observations
 
 
 def _recorded(bag: pathlib.Path) -> "tuple[ObjectModel, EstimatorSettings, Reading]":
     """The object of a bag, the settings it was estimated with, and what it gives."""
-    from pushfric_core.bags import data_points  # not before the run has ended: it would hold 10 MB meanwhile
+    from pushfric_core.bags.recorded import Recorded  # not before the run has ended: it would hold 10 MB meanwhile
 
-    model, settings = load_object(str(bag / OBJECT_FILE)), data_points.recorded_settings(bag)
-    return model, settings, data_points.read(bag, model, settings, warn)
+    model, recorded = load_object(str(bag / OBJECT_FILE)), Recorded(bag)
+    return model, recorded.settings, recorded.read(model, recorded.settings, warn)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.bags import data_points
+from pushfric_core.bags.recorded import Recorded, prior_beside
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console, fail, warn
 from pushfric_core.commands.json_option import JsonOption
@@ -38,11 +38,12 @@ def replay(
     ] = False,
 ) -> None:
     model, object_file = object_of(bag, object_name)
-    settings = data_points.recorded_settings(bag, namespace)
-    reading = data_points.read(bag, model, settings, warn, partial, namespace)
+    recorded = Recorded(bag, namespace)
+    settings = recorded.settings
+    reading = recorded.read(model, settings, warn, partial)
     data, doubts = reading.observations, "; ".join(reading.ledger.doubts)
-    source = data_points.source_of(bag, settings.with_forces, namespace)
-    model_file = str(data_points.prior_beside(bag) or "")
+    source = recorded.source(settings.with_forces)
+    model_file = str(prior_beside(bag) or "")
     specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file)
     if (shown := view_at(view, ViewConfig())) is not None:
         specs = graph.with_view(specs, object_file, shown)
@@ -51,7 +52,7 @@ def replay(
 
     def show(last: FrictionEstimate | None) -> None:
         nonlocal printed
-        expected = len(data_points.relied_on(data, model, settings, lambda _: None))
+        expected = len(settings.relied_on(data, model.support_points, lambda _: None))
         if last is None or last.data_points < expected:
             arrived = 0 if last is None else last.data_points
             fail(f"the live graph made only {arrived} of the {expected} data points in the bag; try a lower --rate", 1)

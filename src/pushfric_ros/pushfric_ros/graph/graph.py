@@ -16,7 +16,7 @@ from pushfric_ros.cell.node_settings import NAMESPACE, ViewConfig
 from pushfric_ros.node_kit import network
 
 if TYPE_CHECKING:  # only a replay reads bags
-    from pushfric_core.bags.data_points import ObservationSource
+    from pushfric_core.bags.recorded import ObservationSource
 
 PACKAGE = "pushfric_ros"
 

@@ -33,8 +33,8 @@ from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, che
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import UNIT, Observation
 from pushfric_core.uncertainty.contact_friction import Kind, MuC, Slip
+from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
-from pushfric_core.uncertainty.screening import Change, Rejected
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,

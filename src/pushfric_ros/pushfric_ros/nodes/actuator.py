@@ -7,7 +7,6 @@ lost, but moves nothing. Active, it accepts goals. It takes the first two steps 
 """
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +23,7 @@ from std_srvs.srv import Trigger
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.frames import TABLE
+from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import (
     Mode,
@@ -35,6 +35,7 @@ from pushfric_core.pushers.pusher import (
     PusherFault,
     PusherReport,
 )
+from pushfric_core.pushers.stroke import unevenness
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.cell.node_settings import FrameConfig
@@ -52,6 +53,7 @@ FIRST_RETRY, LAST_RETRY = 0.1, 5.0
 FORCE_SILENCE = 0.5
 GRACE = 3.0  # a port may appear this late without an error message; simulated time begins once a simulated port is there
 ROUNDING = 1e-5  # tolerance of positions [m]
+UNEVEN = 0.1  # a speed that varies by more than this is worth a note; a share of the mean
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
 UNKNOWN = "where the pusher stands is not known: "
 REMEDIES = {
@@ -92,23 +94,19 @@ class ActuatorNode(LifecycleNode):
         self._stopped: str | None = None  # why nothing moves until a reset, although the position is known
         self._ending = False
         self._enabled = self._forced = -math.inf  # when enable was last true, and a force measured; in wall time [s]
-        self._memory = PositionMemory(config.memory, self._pusher.place)
-        self._lost_at = self._memory.recall()
-        self._unsure = self._lost_at is not None and math.isnan(self._lost_at)
+        self._memory: PositionMemory | None = None  # of the pusher that is connected, or was last
         self._goal: ServerGoalHandle | None = None
         self._may_go: Future | None = None  # until the goal's owner and the required nodes have shown a sign of life
         self._revoked: str | None = None  # why the goal may not go on
         self._push_id = PusherState.NO_PUSH
         self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
         self._travelled = 0.0  # of the stroke
+        self._course: list[PusherReport] = []  # reports of the stroke
         self._arrival: Future | None = None
         self._diagnostics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
         self._told_fault: PusherFault | None = None
-        self._guarded, self._gap = (
-            time.monotonic(),
-            0.0,
-        )  # when the conditions of a push were last checked; how long before that
+        self._guarded, self._gap = clock(), 0.0  # when the conditions of a push were last checked; how long before that
         self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
@@ -172,7 +170,7 @@ class ActuatorNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Accept goals, after homing if it is configured and still due. Refused until the controller has answered."""
-        if self._pusher.mode is Mode.DISCONNECTED or self._pusher.busy:
+        if self._report.mode is Mode.DISCONNECTED or self._pusher.busy:
             self.get_logger().error(f"cannot be activated yet: {self._problem or 'the controller is being connected'}")
             return TransitionCallbackReturn.FAILURE
         if self._config.home and not self._located and not self._unsure:
@@ -247,7 +245,7 @@ class ActuatorNode(LifecycleNode):
 
     def _guard(self) -> None:
         """Stop a push if any of its conditions fails: enable, owner, required nodes, force."""
-        config, goal, now = self._config, self._goal, time.monotonic()
+        config, goal, now = self._config, self._goal, clock()
         self._gap, self._guarded = now - self._guarded, now
         moves = goal is not None or (self._pusher.busy and self._pusher.mode is Mode.HOMING)
         if moves and (disabled := self._disabled) is not None:
@@ -270,7 +268,7 @@ class ActuatorNode(LifecycleNode):
     @property
     def _disabled(self) -> str | None:
         """Why nothing may move, as far as the topic enable says; None if it may."""
-        ago, limit = time.monotonic() - self._enabled, self._config.enable_timeout
+        ago, limit = clock() - self._enabled, self._config.enable_timeout
         if not limit or ago <= limit:
             return None
         if math.isinf(ago):
@@ -295,19 +293,19 @@ class ActuatorNode(LifecycleNode):
         return None
 
     def _on_enable(self, msg: Bool) -> None:
-        self._enabled = time.monotonic() if msg.data else -math.inf
+        self._enabled = clock() if msg.data else -math.inf
 
     def _on_wrench(self, msg: WrenchStamped) -> None:
         force = math.hypot(msg.wrench.force.x, msg.wrench.force.y, msg.wrench.force.z)
         if math.isfinite(force):
-            self._forced = time.monotonic()
+            self._forced = clock()
         if self._goal is not None and force > self._config.max_force and self._stopped is None:
             self._halt(PusherFault.FORCE, f"the force was {force:.1f} N, more than max_force {self._config.max_force:g} N")
 
     def _remember(self, moves: bool = False) -> None:
         """Keep what is known of the position for the next process."""
         report = self._report
-        if report.mode is Mode.DISCONNECTED and not moves:
+        if self._memory is None or (report.mode is Mode.DISCONNECTED and not moves):
             return
         rests = not moves and self._located and self._goal is None and report.mode is Mode.IDLE and report.speed == 0
         try:
@@ -321,10 +319,10 @@ class ActuatorNode(LifecycleNode):
         self._guard()
         pusher = self._pusher
         if math.isinf(self._quiet_until) and self.get_clock().now().nanoseconds:
-            self._quiet_until = time.monotonic() + GRACE
+            self._quiet_until = clock() + GRACE
         try:
             if pusher.mode is Mode.DISCONNECTED and not pusher.busy:
-                if time.monotonic() < self._retry_at:
+                if clock() < self._retry_at:
                     return
                 pusher.connect()
             report = pusher.poll(self.get_clock().now().nanoseconds)
@@ -341,7 +339,7 @@ class ActuatorNode(LifecycleNode):
         if self._recovering:
             self._recovering, self._located, self._problem = False, True, None
             self._unsure, self._fault = False, PusherFault.NONE
-        if self._start_due and pusher.mode is not Mode.DISCONNECTED:
+        if self._start_due and self._report.mode is not Mode.DISCONNECTED:
             self._start_due = False
             self.trigger_activate()
 
@@ -354,11 +352,17 @@ class ActuatorNode(LifecycleNode):
         if self._goal is not None:  # also while it waits, so that its client knows that it is not forgotten
             if self._start is not None:
                 self._travelled = report.position - self._start
+                self._course.append(report)
             self._goal.publish_feedback(Push.Feedback(travelled=self._travelled, speed=report.speed))
 
     def _on_connected(self, report: PusherReport) -> None:
         self.get_logger().info(f"connected to {self._pusher.name}")
-        if self._lost_at is not None and not abs(report.position - self._lost_at) <= KEPT:
+        self._recall()
+        # before it has homed, its positions count from wherever it stood when it was switched on
+        counted_from_home = self._located or not self._config.home
+        if self._lost_at is not None and not (
+            abs(report.position - self._lost_at) <= KEPT or (math.isfinite(self._lost_at) and not counted_from_home)
+        ):
             self._located, self._unsure = False, True
             before = "not idle" if math.isnan(self._lost_at) else f"at {self._lost_at:.4f} m"
             what = f"{before} when the connection was lost, said to be at {report.position:.4f} m now"
@@ -373,6 +377,19 @@ class ActuatorNode(LifecycleNode):
         self._lost_at, self._told, self._retry_after = None, None, FIRST_RETRY
         self._quiet_until = 0.0
 
+    def _recall(self) -> None:
+        """Find out what was kept about the pusher that is connected now."""
+        before, place = self._memory, self._pusher.place
+        if before is not None and before.place == place:
+            return
+        self._memory = PositionMemory(self._config.memory, place)
+        if before is None:
+            self._lost_at = self._memory.recall()
+            if self._config.memory and place.startswith("/"):
+                self.get_logger().info(f"{place} has no serial number: where it rests is kept by this path")
+        elif not place.startswith("/"):
+            self._lost_at = math.nan  # another one
+
     def _fail(self, error: PusherError) -> None:
         """End the stroke under way, log the error once, and connect again later if the connection is lost."""
         self._recovering = False
@@ -380,12 +397,12 @@ class ActuatorNode(LifecycleNode):
             self._arrival.set_exception(error)
         lost = self._pusher.mode is Mode.DISCONNECTED
         self._problem, self._fault = error, error.fault
-        if not lost or (str(error) != self._told and time.monotonic() >= self._quiet_until):
+        if not lost or (str(error) != self._told and clock() >= self._quiet_until):
             self.get_logger().error(f"{error}, retrying" if lost else str(error))
             self._told = str(error)
         if lost:
             self._lose()
-            self._retry_at = time.monotonic() + self._retry_after
+            self._retry_at = clock() + self._retry_after
             self._retry_after = min(2 * self._retry_after, LAST_RETRY)
         else:  # the controller may be silent for a while now
             self._located = self._located and self._pusher.mode is not Mode.ALARM and self._pusher.doubt is None
@@ -521,7 +538,7 @@ class ActuatorNode(LifecycleNode):
 
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
         self._goal, self._revoked, self._fault = goal, None, PusherFault.NONE
-        self._may_go, self._accepted, self._travelled = Future(), time.monotonic(), 0.0
+        self._may_go, self._accepted, self._travelled = Future(), clock(), 0.0
         goal.execute()
 
     def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:
@@ -536,10 +553,11 @@ class ActuatorNode(LifecycleNode):
         try:
             assert self._may_go is not None
             await self._may_go  # nothing moves for a client that shows no sign of life, or without the required nodes
-            self._start = start
+            self._start, self._course = start, []
             problem = await self._stroke(goal, start + push.distance, push.speed)
             self._start = None
             travelled = self._report.position - start
+            uneven = unevenness(self._course, start, start + push.distance)
             if push.retract and problem is None:
                 back = min(self._config.retract_speed, self._config.max_speed)
                 problem = await self._stroke(goal, start, back)
@@ -552,7 +570,8 @@ class ActuatorNode(LifecycleNode):
             goal.canceled()
             return Push.Result(outcome=Push.Result.OUTCOME_CANCELED, travelled=travelled, message="stopped on request")
         goal.succeed()
-        return Push.Result(outcome=Push.Result.OUTCOME_REACHED, travelled=travelled, message="reached")
+        note = f", unevenly: its speed varied by {100 * uneven:.0f} %" if uneven > UNEVEN else ""
+        return Push.Result(outcome=Push.Result.OUTCOME_REACHED, travelled=travelled, message=f"reached{note}")
 
     async def _stroke(self, goal: ServerGoalHandle, position: float, speed: float) -> str | None:
         """Move there unless canceled or revoked; return what went wrong, if anything."""

@@ -8,16 +8,16 @@ from rclpy.node import Node
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.frames import TABLE
 from pushfric_ros.adapters.body import MountConfig
-from pushfric_ros.cell.node_settings import AudienceConfig, FrameConfig
+from pushfric_ros.cell.node_settings import FrameConfig, RequiredSubscribersConfig
 from pushfric_ros.cell.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.bodies import follow
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 
 
 class PoseSourceNode(Node):
@@ -35,7 +35,7 @@ class PoseSourceNode(Node):
         topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         self._out = topics.advertise(PoseWithCovarianceStamped, "object_pose", RELIABLE)
-        self._audience = Audience(self, self._out, declare(self, AudienceConfig).heard_by)
+        self._required_subscribers = RequiredSubscribers(self, self._out, declare(self, RequiredSubscribersConfig).heard_by)
         follow(topics, source, self._on_body, self._on_problem)
 
     def _on_body(self, body: Any) -> None:
@@ -46,7 +46,7 @@ class PoseSourceNode(Node):
         except ValueError as error:
             self._on_problem(error)
             return
-        if not self._audience.missing:
+        if not self._required_subscribers.missing:
             self._out.publish(msg)
             self._poses += 1
         self._problem = ""
@@ -67,7 +67,7 @@ class PoseSourceNode(Node):
         """Why no pose is published; empty if nothing is known against one."""
         if silent := without_publisher(self):
             return f"no publisher of {', '.join(silent)}"
-        missing = self._audience.missing
+        missing = self._required_subscribers.missing
         return self._problem or (f"waiting for {', '.join(missing)} to receive the poses" if missing else "")
 
 

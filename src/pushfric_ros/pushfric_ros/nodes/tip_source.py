@@ -28,7 +28,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
 
 if TYPE_CHECKING:
-    from pushfric_core.bags.handover import PushCount
+    from pushfric_core.bags.resumption import PushCount
 
 COUNT_PERIOD = 0.2
 """Time between two looks into the bag, while a node that was started again counts the pushes in it, in wall time [s]."""
@@ -70,7 +70,7 @@ class TipSourceNode(Node):
         """The pushes that a node before this one has numbered; None if this is the first one of the run."""
         if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
             return None
-        from pushfric_core.bags.handover import PushCount  # imported late: few nodes of this kind need to read bags
+        from pushfric_core.bags.resumption import PushCount  # imported late: few nodes of this kind need to read bags
 
         try:
             before = PushCount(pathlib.Path(self._bag), self.get_namespace())

@@ -21,16 +21,16 @@ from pushfric_core.geometry.planar import Pose, transform
 from pushfric_core.vision.camera import Image, load_camera, picture_from
 from pushfric_core.vision.frame_source import Device
 from pushfric_core.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
-from pushfric_ros.cell.node_settings import AudienceConfig, CameraConfig, FrameConfig, ObjectConfig
+from pushfric_ros.cell.node_settings import CameraConfig, FrameConfig, ObjectConfig, RequiredSubscribersConfig
 from pushfric_ros.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit import executable
-from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform
 
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -115,7 +115,9 @@ class TrackerNode(Node):
         self._diagnostics = topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", RELIABLE)
-        self._audience = Audience(self, self._pose_out, declare(self, AudienceConfig).heard_by)
+        self._required_subscribers = RequiredSubscribers(
+            self, self._pose_out, declare(self, RequiredSubscribersConfig).heard_by
+        )
         self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
         self._transforms = TransformBroadcaster(self, prefix, fixed=True)
@@ -227,7 +229,7 @@ class TrackerNode(Node):
         covariance = UNMEASURED * np.eye(6)
         covariance[np.ix_((0, 1, 5), (0, 1, 5))] = sighting.covariance
         msg.pose.covariance = covariance.ravel()
-        if not self._audience.missing:
+        if not self._required_subscribers.missing:
             self._pose_out.publish(msg)
         self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
 
@@ -293,7 +295,7 @@ class TrackerNode(Node):
             return f"no frames from {self._source}"
         if not seen:
             return self._reason
-        missing = self._audience.missing
+        missing = self._required_subscribers.missing
         return f"waiting for {', '.join(missing)} to receive the poses" if missing else ""
 
 

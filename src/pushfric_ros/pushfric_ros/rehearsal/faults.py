@@ -24,6 +24,8 @@ RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positi
 WATCHED = 1.0  # a pusher that rests is watched for this long [s]
 TRIES = 5
 LATE_GREETING = 3.0  # [s]
+LATE_ANSWERS = 0.08  # [s]
+SEEN_TWICE = 3.0  # a work offset comes with every 30th report at the latest [s]
 TRUE = 1e-4  # a published position must be true within this [m]
 LATELY = 0.5  # a state describes a moment at most this far from its stamp [s]
 HOSTILE = ((b"$120=", b"0"), (b"$100=", b"0.000"), (b"$22=", b"1e999"), (b"$110=", b"9" * 4300), (b"$27=", b"-1"))
@@ -169,6 +171,57 @@ def report_damaged(stage: Stage) -> None:
     stage.under_way()
     stage.states.clear()
     stage.line.to_host = once(b"Pos:", b"Pos:9")
+
+
+def another_axis(stage: Stage) -> float:
+    """From now on, reports say that another axis moves as fast as the pusher, as after a damaged letter of a command."""
+    stage.under_way()
+    begin, other = time.monotonic(), int(stage.given.axis[-1] == "X")
+
+    def strayed(match: re.Match[bytes]) -> bytes:
+        places = match[1].split(b",")
+        places[other] = b"%.3f" % (float(places[other]) + 1e3 * stage.given.speed * (time.monotonic() - begin))
+        return b"Pos:" + b",".join(places)
+
+    stage.line.to_host = lambda data: re.sub(rb"Pos:([-.\d]+(?:,[-.\d]+)+)", strayed, data)
+    return begin
+
+
+def offset_damaged(stage: Stage) -> None:
+    """Put a wrong digit into the first work offset that a new actuator hears; its push must end where it should."""
+    stage.end_actuator()
+    stage.line.to_host = once(b"WCO:", b"WCO:9")
+    stage.start_actuator()
+    stage.make_ready()
+    stage.under_way()
+
+
+def offset_changed(stage: Stage) -> float:
+    """From now on, reports have another work offset, as if another program had set one."""
+    stage.under_way()
+    stage.line.to_host = lambda data: data.replace(b"WCO:", b"WCO:9")
+    return time.monotonic()
+
+
+def late_answers(stage: Stage) -> None:
+    """Delay all that the controller says; the push must be as it should be."""
+    stage.line.delay_to_host = LATE_ANSWERS
+    stage.pause(WATCHED)
+    stage.under_way()
+
+
+def known_by_another_name(stage: Stage) -> str | None:
+    """A new actuator must wait for a person, although its port has another name."""
+    name = stage.folder / "by-another-name"
+    name.symlink_to(stage.line.port)
+    stage.port = str(name)
+    try:
+        stage.start_actuator()
+        return waits_for_a_person(stage)
+    finally:
+        stage.end_actuator()
+        stage.port = stage.line.port
+        name.unlink()
 
 
 def published_nonsense(stage: Stage) -> str | None:
@@ -382,14 +435,17 @@ def looked_at(stage: Stage) -> None:
         raise Excess(f"the doctor found {check.finding!r}")
 
 
+killed_actuator = signalled(signal.SIGKILL, client=False)
+
 FAULTS = (
     Fault("a byte of a command is lost", damaged(once(b".", b"")), None),
     Fault("a digit is added to a command", damaged(once(b"X", b"X9")), None),
     Fault("every feed is changed to five times the commanded one", damaged(faster), None),
     Fault("another program sets inches, increments and 200 % feed", modes_changed),
-    Fault("kill -9 of the actuator", signalled(signal.SIGKILL, client=False)),
+    Fault("kill -9 of the actuator", killed_actuator),
     Fault("SIGSTOP of the actuator", signalled(signal.SIGSTOP, client=False), check=goes_on_and_moves_nothing),
     Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),
+    Fault("kill -9 of the actuator, then another name of its port", killed_actuator, check=known_by_another_name),
     Fault("kill -9 of the push's client", signalled(signal.SIGKILL, client=True), OWNER),
     Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
     Fault("SIGSTOP of a cell's experiment", cell_signalled(signal.SIGSTOP, "experiment"), OWNER, cell_ends),
@@ -399,6 +455,10 @@ FAULTS = (
     Fault("somebody calls actuator/stop", stopped, check=is_released),
     Fault("the greeting after a stop comes 3 s late", late_greeting, check=is_released),
     Fault("impossible settings", hostile_settings),
+    Fault("another axis is reported to move", another_axis, check=waits_for_a_person),
+    Fault("a wrong digit in the first work offset", offset_damaged),
+    Fault("the work offset changes in mid-push", offset_changed, SEEN_TWICE, waits_for_a_person),
+    Fault("all answers come 80 ms late", late_answers),
     Fault("a wrong digit in a report", report_damaged, check=published_nonsense),
     Fault("the doctor looks at a moving controller", looked_at),
 )

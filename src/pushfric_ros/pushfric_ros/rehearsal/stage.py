@@ -20,7 +20,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_config import GrblConfig
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
-from pushfric_core.pushers.grbl_settings import GrblSettings
+from pushfric_core.pushers.grbl_settings import AXES, GrblSettings
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
@@ -111,6 +111,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
                 self.line = leaving.enter_context(FaultyLine(given.port, given.baud))
             except OSError as error:
                 raise InvalidInput(f"cannot open {given.port}: {error}") from error
+            self.port = self.line.port  # the name by which an actuator calls it
             self.line.heard = self._listen
             leaving.callback(self._come_to_rest)
             with self.driver(only_look=True) as pusher:
@@ -173,7 +174,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
                 self._lines.append(text)
                 continue
             place = status.machine_position or status.work_position
-            index = "XYZABC".index(self.given.axis[-1])
+            index = AXES.index(self.given.axis[-1])
             if place is None or len(place) <= index:
                 continue
             self._raw = place[index] * self._unit
@@ -291,7 +292,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         stroke = self.position + given.stroke
         config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, stroke, min(self.limits.max_speed, 10.0))
         config = replace(config, memory=str(self.folder / "memory"))
-        return config, GrblConfig(port=self.line.port, baud=given.baud, axis=given.axis, silence=given.silence)
+        return config, GrblConfig(port=self.port, baud=given.baud, axis=given.axis, silence=given.silence)
 
     def start_actuator(self) -> None:
         config, driver = self.config()

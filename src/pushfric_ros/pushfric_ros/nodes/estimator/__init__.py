@@ -35,7 +35,7 @@ from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STAT
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import OUTLASTS
-from pushfric_core.uncertainty.misplacement import tip_stays_away
+from pushfric_core.uncertainty.geometry_check import tip_stays_away
 from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
@@ -43,18 +43,18 @@ from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.cell.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_ros.messages.conversions import observation_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.audience import Audience
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
 from pushfric_ros.nodes.estimator.planner_answers import PlannerAnswers
 from pushfric_ros.nodes.estimator.publications import Publications
 
 if TYPE_CHECKING:
-    from pushfric_core.bags.handover import Handover
+    from pushfric_core.bags.resumption import Resumption
 
 PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, in wall time [s]."""
@@ -89,13 +89,13 @@ class EstimatorNode(Node):
         self._begin(model.object if self._handover is None else self._handover.start.object)
         # the compiled solver is loaded now, not with the first data point
         self._settings.new_estimator(self._object.support_points).estimate()
-        self._observations_out = self._told_to = None
+        self._observations_out = self._required_subscribers = None
         Heartbeat(self)
         if config.source is DataPointSource.OBSERVATIONS:
             topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
         else:
             self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
-            self._told_to = Audience(self, self._observations_out, ["recorder"])
+            self._required_subscribers = RequiredSubscribers(self, self._observations_out, ["recorder"])
             self._transforms = TransformBroadcaster(self, prefix)
             topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
             topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
@@ -145,23 +145,23 @@ class EstimatorNode(Node):
         finally:
             super().destroy_node()
 
-    def _interrupted(self) -> "Handover | None":
+    def _interrupted(self) -> "Resumption | None":
         """What an estimator that died in this run has left behind; None if this is the run's first estimator."""
         if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
             return None
-        from pushfric_core.bags.handover import Handover  # imported late: few estimators need to read bags
+        from pushfric_core.bags.resumption import Resumption  # imported late: few estimators need to read bags
 
         inputs = ("object_pose", "pusher_state", *["wrench"] * self._settings.with_forces)
         try:
-            handover = Handover(pathlib.Path(self._bag), self.get_namespace(), inputs)
+            resumption = Resumption(pathlib.Path(self._bag), self.get_namespace(), inputs)
         except (OSError, ValueError) as error:
             raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
-        return None if handover.start is None else handover
+        return None if resumption.start is None else resumption
 
     def _go_on(self) -> None:
         """Take the messages of the bag; once it holds all earlier ones, take those that came by topic meanwhile."""
         assert self._handover is not None
-        if self._told_to is not None and self._told_to.missing:
+        if self._required_subscribers is not None and self._required_subscribers.missing:
             return
         try:
             found = self._handover.read_on()

@@ -115,7 +115,7 @@ class Change(NamedTuple):
     shift: tuple[float, float]  # of p_CF [m]
 
 
-class Screening:
+class OutlierRejection:
     """Looks at the data points of one object, push by push.
 
     Args:

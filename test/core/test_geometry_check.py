@@ -11,8 +11,8 @@ from problems import four_feet, observations_of, square
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Twist, velocity_at
-from pushfric_core.uncertainty import misplacement
-from pushfric_core.uncertainty.misplacement import ContactCheck
+from pushfric_core.uncertainty import geometry_check
+from pushfric_core.uncertainty.geometry_check import ContactCheck
 from pushfric_core.uncertainty.reasons import ReasonCode
 
 FEET = four_feet()
@@ -112,7 +112,7 @@ def test_data_points_of_impossible_size_are_left_out():
 
 def test_the_pushes_of_a_long_run_are_taken_together(monkeypatch):
     whole = found([along(0.003)(one) for one in pushes(4, count=40)])
-    monkeypatch.setattr(misplacement, "CLUSTERS", 16)
+    monkeypatch.setattr(geometry_check, "CLUSTERS", 16)
     assert found([along(0.003)(one) for one in pushes(4, count=40)]) == whole
 
 

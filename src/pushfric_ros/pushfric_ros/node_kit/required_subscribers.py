@@ -7,7 +7,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
 
-class Audience:
+class RequiredSubscribers:
     """The nodes that must not miss a message of a reliable publisher.
 
     A subscriber gets everything that is published after the publisher was matched with it. A node that is started again knows

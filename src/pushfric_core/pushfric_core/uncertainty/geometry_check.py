@@ -44,7 +44,7 @@ ALIKE = 1.01
 """Two explanations that leave errors this similar are equally good; then the simpler one is told."""
 
 
-class Misplacement(NamedTuple):
+class GeometryFault(NamedTuple):
     """One way in which contacts are off."""
 
     reason: Reason
@@ -94,14 +94,14 @@ class ContactCheck:
             self._depth.change(push, np.ones(1), before, least)
             self._shift.change(push, normal, before, least)
 
-    def found(self) -> list[Misplacement]:
+    def found(self) -> list[GeometryFault]:
         """What is off beyond doubt."""
         along, across = self._off_along(), self._off_across()
         if along is not None and across is not None and across.size < along.size:
             across = None  # where the object turns, a tip that is off sideways is a little inside the outline, too
         return [one for one in (across, along) if one is not None]
 
-    def _off_across(self) -> Misplacement | None:
+    def _off_across(self) -> GeometryFault | None:
         """Whether the tip is inside the outline, or away from it."""
         fit = _better(self._depth, self._shift)
         if fit is self._depth:
@@ -110,7 +110,7 @@ class ContactCheck:
                 if fit.lengths()[0] > 0
                 else ("away from", "small", "further ahead", "early")
             )
-            return Misplacement(
+            return GeometryFault(
                 Reason(
                     ReasonCode.TIP_OFF_ACROSS,
                     f"the tip seems to be {1e3 * fit.size:.1f} mm {where} the outline while it pushes: "
@@ -122,7 +122,7 @@ class ContactCheck:
             )
         if fit is self._shift:
             x, y = 1e3 * fit.lengths()
-            return Misplacement(
+            return GeometryFault(
                 Reason(
                     ReasonCode.OUTLINE_SHIFTED,
                     f"the outline seems to be shifted by ({x:.1f}, {y:.1f}) mm in the object frame, because the tip is inside "
@@ -133,12 +133,12 @@ class ContactCheck:
             )
         return None
 
-    def _off_along(self) -> Misplacement | None:
+    def _off_along(self) -> GeometryFault | None:
         """Whether contacts lie elsewhere along the edges."""
         fit = _better(self._line, self._frame)
         if fit is self._line:
             side = "right" if fit.lengths()[0] > 0 else "left"
-            return Misplacement(
+            return GeometryFault(
                 Reason(
                     ReasonCode.LINE_OFF_SIDEWAYS,
                     f"the object moves as if its contacts were {1e3 * fit.size:.1f} mm further to the {side}, seen along the "
@@ -149,7 +149,7 @@ class ContactCheck:
             )
         if fit is self._frame:
             x, y = 1e3 * fit.lengths()
-            return Misplacement(
+            return GeometryFault(
                 Reason(
                     ReasonCode.CONTACTS_DISPLACED,
                     f"the object moves as if its contacts were displaced by ({x:.1f}, {y:.1f}) mm in the object frame: "

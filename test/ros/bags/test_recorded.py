@@ -10,10 +10,10 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from typer.testing import CliRunner
 
-from pushfric_core.bags import data_points
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import EstimatorConfig
@@ -66,10 +66,10 @@ def bag_of(folder, wrenches):
 def test_data_points_without_a_force_are_reported(tmp_path, wrenches):
     warnings, model = [], load_object(NAME)
     bag = bag_of(tmp_path / "bag", wrenches)
-    every = data_points.read(bag, model, EstimatorSettings(), warnings.append).observations
+    every = Recorded(bag).read(model, EstimatorSettings(), warnings.append).observations
     assert len(every) >= 5
     assert not warnings
-    found = data_points.read(bag, model, WITH_FORCES, warnings.append).observations
+    found = Recorded(bag).read(model, WITH_FORCES, warnings.append).observations
     last = 10**18 + (wrenches - 1) * FRAME + 2  # poses, states and forces come 1 ns apart
     complete = [o.stamp for o in every if o.stamp + round(o.duration * 5e8) < last]
     assert [o.stamp for o in found] == complete
@@ -93,7 +93,7 @@ def two_cells(tmp_path_factory):
         for cell in ("left", "right"):
             for topic in demo.summary.topics:
                 writer.add_topic(topic.name.replace("/cell", f"/{cell}"), topic.type_name, topic.qos_profiles)
-        settings = data_points.recorded_settings(DEMO)
+        settings = Recorded(DEMO).settings
         for message in demo.messages():
             for cell, later in (("left", 0), ("right", 1)):
                 raw = message.raw
@@ -121,7 +121,7 @@ def test_the_settings_are_those_of_the_chosen_cell(two_cells, cell, excluded):
         run = CliRunner().invoke(cli.app, ["estimate", str(bag), *options, "--json"])
         return json.loads(run.stdout)
 
-    assert data_points.recorded_settings(two_cells, cell).excluded == excluded
+    assert Recorded(two_cells, cell).settings.excluded == excluded
     leave_out = [text for push in excluded for text in ("--exclude-push", str(push))]
     chosen, alone = figures(two_cells, "--namespace", cell), figures(DEMO, *leave_out)
     assert chosen["data_points"] == alone["data_points"]
@@ -142,5 +142,5 @@ def test_a_cell_without_data_points_is_no_choice(tmp_path):
                 writer.write("/a/object_pose", message.log_time_ns, message.raw)
         text = String(data=EstimatorSettings().without([0, 1]).to_text())
         writer.write("/a/estimator_settings", demo.summary.end_ns, encoder("std_msgs/msg/String")(text))
-    assert data_points.source_of(tmp_path / "bag").namespace == "/cell"
-    assert data_points.recorded_settings(tmp_path / "bag") == data_points.recorded_settings(DEMO)
+    assert Recorded(tmp_path / "bag").source(False).namespace == "/cell"
+    assert Recorded(tmp_path / "bag").settings == Recorded(DEMO).settings

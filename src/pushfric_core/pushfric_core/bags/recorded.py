@@ -1,11 +1,11 @@
-"""Estimation from files, without a graph: a bag or a CSV -> observations -> the estimate with which a live run would end."""
+"""What was recorded, a bag or a CSV of observations: its settings, its observations, and an account of its messages."""
 
-import dataclasses
+import functools
 import os
 import pathlib
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterable, Iterator
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,8 @@ from pushfric_core.bags.samples import (
     pusher_sample_from_msg,
 )
 from pushfric_core.errors import InvalidInput, PushfricError, extra
-from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.batch import Warn
 from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator
-from pushfric_core.estimation.recognition import Ranking, Recognizer
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import prior
@@ -43,17 +42,13 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import counted_of
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
-from pushfric_core.uncertainty.misplacement import tip_stays_away
+from pushfric_core.uncertainty.geometry_check import tip_stays_away
 
 if TYPE_CHECKING:
     from pushfric_core.bags.bag import Bag
 
-Warn = Callable[[str], None]
-
-Taken = TypeVar("Taken")
-
 POSE_TOPICS, OBSERVATION_TOPICS, WRENCH = ("object_pose", "pusher_state"), ("observation",), "wrench"
-"""The topics from which data points are made, the topic of data points themselves, and that of forces."""
+"""The topics from which observations are made, the topic of observations themselves, and that of forces."""
 
 TYPES = {
     "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -112,41 +107,158 @@ def prior_beside(path: pathlib.Path) -> pathlib.Path | None:
     return file if path.suffix != ".csv" and file.is_file() else None
 
 
-def source_of(path: pathlib.Path, with_forces: bool = False, namespace: str | None = None) -> ObservationSource:
-    """The source of a bag's data points: poses if there are any, so that they are made as in a live run.
+class Recorded:
+    """A bag, or a CSV of observations, which is opened once.
 
     Args:
-        path: the bag.
-        with_forces: poses are useful only with the topic of the force sensor.
+        path: the file or the bag.
         namespace: of the cell; None: the bag has only one.
     Raises:
-        InvalidInput: the bag contains neither poses with pusher states nor observations, or those of several cells, or cannot
-            be read.
+        InvalidInput: there is no such file, it is a folder of several bags, or it cannot be read.
+        MissingPackage: it is a bag, and the packages that read bags are not installed.
     """
-    return _source(_opened(path), with_forces, namespace)
+
+    def __init__(self, path: pathlib.Path, namespace: str | None = None) -> None:
+        check_source(path)
+        self.path, self._namespace = path, namespace
+        self._bag = None if path.suffix == ".csv" else _opened(path)
+
+    @functools.cached_property
+    def settings(self) -> EstimatorSettings:
+        """The settings of the recorded run's estimator; the defaults for a CSV, and for a bag without settings.
+
+        Raises:
+            InvalidInput: the settings in the bag cannot be read, or it holds several cells.
+        """
+        bag = self._bag
+        if bag is None:
+            return EstimatorSettings()
+        topic = f"{self._cell(bag)}/{SETTINGS_TOPIC}"
+        type_name = _recorded_types(bag).get(topic)
+        if type_name is None:
+            return EstimatorSettings()
+        _check_type(bag, topic, type_name)
+        (last,) = deque(bag.messages([topic]), maxlen=1)
+        try:
+            return EstimatorSettings.from_text(content(bag, last, lambda message: str(message.data)))
+        except ValueError as error:
+            raise InvalidInput(f"{self.path}: {topic} is not understood: {error}") from error
+
+    def source(self, with_forces: bool) -> ObservationSource:
+        """The source of a bag's observations: poses if there are any, so that they are made as in a live run.
+
+        Args:
+            with_forces: poses are useful only with the topic of the force sensor.
+        Raises:
+            InvalidInput: the bag contains neither poses with pusher states nor observations, or those of several cells.
+        """
+        if self._bag is None:
+            raise InvalidInput(f"{self.path}: expected a bag")
+        return self._source(self._bag, with_forces)
+
+    def read(self, model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool = False) -> "Reading":
+        """The observations, with those of the model that the recorded run went on from first.
+
+        Args:
+            model: the object.
+            settings: how poses become observations, which pushes are left out, and whether forces are needed.
+            warn: called with a line for each message that is refused, and one for a damaged bag.
+            partial: accept a bag from which messages are missing.
+        Raises:
+            InvalidInput: the file cannot be read, or does not contain the observations that are needed.
+            DamagedBag: messages are missing from the bag.
+        """
+        ledger, record, path = Ledger(), None, self.path
+        if self._bag is None:
+            found = read_observations(path, model.outline)
+        else:
+            found, record = self._observations(self._bag, model, settings, warn, partial, ledger)
+        for push_id in settings.excluded:
+            if all(observation.push_id != push_id for observation in found):
+                raise InvalidInput(f"{path}: no data point of push {push_id}, which is to be left out")
+        reading = Reading(found, settings.excluded, ledger, record)
+        if settings.with_forces and all(observation.force is None for observation in reading.observations):
+            raise InvalidInput(f"{path}: no data point has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
+        return reading
+
+    def ledger(self) -> Ledger | None:
+        """What does not add up in a bag of a run, and what became of its messages; None if the bag holds no run.
+
+        Without the object's file next to the bag, it is not known which observations its poses give.
+
+        Raises:
+            InvalidInput: the bag, or a file next to it, cannot be read.
+        """
+        ledger, file, settings = Ledger(), object_beside(self.path), self.settings
+        try:
+            source = self.source(settings.with_forces)
+        except InvalidInput:
+            return None
+        assert self._bag is not None
+        model = None if file is None else load_object(str(file))
+        outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
+        record = RunRecord(self._bag, source.namespace)
+        made = _account(self._bag, source, outline, settings, ledger, record, lambda _: None)
+        before = prior_beside(self.path)
+        earlier = [] if model is None or before is None else prior(before, model)
+        record.close(ledger, None if model is None else made, settings, len(earlier))
+        return ledger
+
+    def _observations(
+        self, bag: "Bag", model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool, ledger: Ledger
+    ) -> tuple[list[Observation], RunRecord]:
+        path = self.path
+        if not partial:
+            bag.require_whole()
+        if bag.damage is not None:
+            warn(bag.what_is_missing())
+        for note in bag.notes:
+            warn(note)
+        source = self._source(bag, settings.with_forces)
+        earlier = [] if (file := prior_beside(path)) is None else prior(file, model)
+        record = RunRecord(bag, source.namespace)
+        found = _account(bag, source, model.outline, settings, ledger, record, warn)
+        if not found:
+            raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
+        if record.unfinished is not None:
+            warn(f"{path}: {record.unfinished}")
+        record.close(ledger, found if _is_recorded(path, model) else None, settings, len(earlier))
+        return earlier + found, record
+
+    def _source(self, bag: "Bag", with_forces: bool) -> ObservationSource:
+        poses = (*POSE_TOPICS, WRENCH) if with_forces else POSE_TOPICS
+        recorded = _recorded_types(bag)
+        cell = self._cell(bag)
+        for kind, wanted in (("poses", poses), ("observations", OBSERVATION_TOPICS)):
+            topics = tuple(f"{cell}/{name}" for name in wanted)
+            if cell is not None and set(topics) <= set(recorded):
+                for topic in topics:
+                    _check_type(bag, topic, recorded[topic])
+                return ObservationSource(kind, cell, topics)
+        where = "" if self._namespace is None else f" of {cell or '/'}"
+        raise InvalidInput(
+            f"{bag.path}: no data points{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
+        )
+
+    def _cell(self, bag: "Bag") -> str | None:
+        """The namespace of the cell to read: the one that is given, or the only one with observations; None: there is none.
+
+        Raises:
+            InvalidInput: there are several, and none is given.
+        """
+        if self._namespace is not None:
+            return f"/{self._namespace.strip('/')}".rstrip("/")
+        found = cells(bag)
+        if len(found) > 1:
+            names = ", ".join(cell or "/" for cell in found)
+            raise InvalidInput(f"{bag.path}: holds the data points of {len(found)} cells, {names}; choose one with --namespace")
+        return found[0] if found else None
 
 
 def _opened(path: pathlib.Path) -> "Bag":
-    """A bag. Raises MissingPackage if the libraries that read bags are not installed."""
     with extra("bags", f"the bag {path}"):
         from pushfric_core.bags.bag import Bag  # not above: a CSV needs none of these libraries
     return Bag(path)
-
-
-def _source(bag: "Bag", with_forces: bool, namespace: str | None) -> ObservationSource:
-    poses = (*POSE_TOPICS, WRENCH) if with_forces else POSE_TOPICS
-    recorded = _recorded_types(bag)
-    cell = _cell(bag, namespace)
-    for kind, wanted in (("poses", poses), ("observations", OBSERVATION_TOPICS)):
-        topics = tuple(f"{cell}/{name}" for name in wanted)
-        if cell is not None and set(topics) <= set(recorded):
-            for topic in topics:
-                _check_type(bag, topic, recorded[topic])
-            return ObservationSource(kind, cell, topics)
-    where = "" if namespace is None else f" of {cell or '/'}"
-    raise InvalidInput(
-        f"{bag.path}: no data points{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
-    )
 
 
 def _recorded_types(bag: "Bag") -> dict[str, str]:
@@ -154,23 +266,8 @@ def _recorded_types(bag: "Bag") -> dict[str, str]:
     return {topic.name: topic.type_name for topic in bag.summary.topics if topic.message_count}
 
 
-def _cell(bag: "Bag", namespace: str | None) -> str | None:
-    """The namespace of the cell to read: the one that is given, or the only one with data points; None: there is none.
-
-    Raises:
-        InvalidInput: there are several, and none is given.
-    """
-    if namespace is not None:
-        return f"/{namespace.strip('/')}".rstrip("/")
-    found = cells(bag)
-    if len(found) > 1:
-        names = ", ".join(cell or "/" for cell in found)
-        raise InvalidInput(f"{bag.path}: holds the data points of {len(found)} cells, {names}; choose one with --namespace")
-    return found[0] if found else None
-
-
 def cells(bag: "Bag") -> list[str]:
-    """The namespaces of the cells with data points."""
+    """The namespaces of the cells with observations."""
     recorded = set(_recorded_types(bag))
     found = {
         name.rpartition("/")[0]
@@ -185,33 +282,6 @@ def _check_type(bag: "Bag", topic: str, type_name: str) -> None:
     expected = TYPES[topic.rpartition("/")[2]]
     if type_name != expected:
         raise InvalidInput(f"{bag.path}: {topic} holds messages of {type_name[:80]}, expected {expected}")
-
-
-def recorded_settings(path: pathlib.Path, namespace: str | None = None) -> EstimatorSettings:
-    """The settings of the recorded run's estimator; the defaults for a CSV, and for a bag without settings.
-
-    Args:
-        path: the file or the bag.
-        namespace: of the cell; None: the bag has only one.
-    Raises:
-        InvalidInput: the bag, or the settings in it, cannot be read, or it holds several cells.
-    """
-    if path.suffix == ".csv":
-        return EstimatorSettings()
-    bag = _opened(path)
-    wanted = f"{_cell(bag, namespace)}/{SETTINGS_TOPIC}"
-    topics = {name: type_name for name, type_name in _recorded_types(bag).items() if name == wanted}
-    for topic, type_name in topics.items():
-        _check_type(bag, topic, type_name)
-    last = deque(bag.messages(topics) if topics else (), maxlen=1)
-    try:
-        return (
-            EstimatorSettings.from_text(content(bag, last[0], lambda message: str(message.data)))
-            if last
-            else EstimatorSettings()
-        )
-    except ValueError as error:
-        raise InvalidInput(f"{path}: {last[0].topic} is not understood: {error}") from error
 
 
 class Reading:
@@ -238,82 +308,6 @@ class Reading:
             record.started if record is not None else (),
             record.aborted if record is not None else (),
         )
-
-
-def read(
-    path: pathlib.Path,
-    model: ObjectModel,
-    settings: EstimatorSettings,
-    warn: Warn,
-    partial: bool = False,
-    namespace: str | None = None,
-) -> Reading:
-    """The data points of a CSV file or a bag, with those of the model that the recorded run went on from first.
-
-    Args:
-        path: the file or the bag.
-        model: the object.
-        settings: how poses become data points, which pushes are left out, and whether forces are needed.
-        warn: called with a line for each message that is refused, and one for a damaged bag.
-        partial: accept a bag from which messages are missing.
-        namespace: of the cell; None: the bag has only one.
-    Raises:
-        InvalidInput: the file cannot be read, or does not contain the data points that are needed.
-        DamagedBag: messages are missing from the bag.
-    """
-    check_source(path)
-    ledger, record = Ledger(), None
-    if path.suffix == ".csv":
-        found = read_observations(path, model.outline)
-    else:
-        bag = _opened(path)
-        if not partial:
-            bag.require_whole()
-        if bag.damage is not None:
-            warn(bag.what_is_missing())
-        for note in bag.notes:
-            warn(note)
-        source = _source(bag, settings.with_forces, namespace)
-        earlier = [] if (file := prior_beside(path)) is None else prior(file, model)
-        record = RunRecord(bag, source.namespace)
-        found = _account(bag, source, model.outline, settings, ledger, record, warn)
-        if not found:
-            raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
-        if record.unfinished is not None:
-            warn(f"{path}: {record.unfinished}")
-        record.close(ledger, found if _is_recorded(path, model) else None, settings, len(earlier))
-        found = earlier + found
-    for push_id in settings.excluded:
-        if all(observation.push_id != push_id for observation in found):
-            raise InvalidInput(f"{path}: no data point of push {push_id}, which is to be left out")
-    reading = Reading(found, settings.excluded, ledger, record)
-    if settings.with_forces and all(observation.force is None for observation in reading.observations):
-        raise InvalidInput(f"{path}: no data point has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
-    return reading
-
-
-def ledger_of(path: pathlib.Path, namespace: str | None = None) -> Ledger | None:
-    """What does not add up in a bag of a run, and what became of its messages; None if the bag holds no run.
-
-    Without the object's file next to the bag, it is not known which observations its poses give.
-
-    Raises:
-        InvalidInput: the bag, or a file next to it, cannot be read.
-    """
-    bag, ledger, file = _opened(path), Ledger(), object_beside(path)
-    settings = recorded_settings(path, namespace)
-    try:
-        source = _source(bag, settings.with_forces, namespace)
-    except InvalidInput:
-        return None
-    model = None if file is None else load_object(str(file))
-    outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
-    record = RunRecord(bag, source.namespace)
-    made = _account(bag, source, outline, settings, ledger, record, lambda _: None)
-    before = prior_beside(path)
-    earlier = [] if model is None or before is None else prior(before, model)
-    record.close(ledger, None if model is None else made, settings, len(earlier))
-    return ledger
 
 
 def _account(
@@ -404,57 +398,3 @@ def _recorded(
             ledger.accounts[OBSERVATIONS].enter(REFUSED)
         else:
             yield observation
-
-
-def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], warn: Warn) -> Iterator[Taken]:
-    """The result of each data point, one by one, as in a live node; `warn` is called with a line for each that is left out."""
-    for observation in data:
-        try:
-            yield take(observation)
-        except PushfricError as error:
-            warn(f"data point of push {observation.push_id} refused: {error}")
-
-
-def last(results: Iterable[Taken]) -> Taken:
-    """The result of the last data point.
-
-    Raises:
-        InvalidInput: all data points were left out.
-    """
-    newest = deque(results, maxlen=1)
-    if not newest:
-        raise InvalidInput("no data point could be used, expected at least one")
-    return newest[0]
-
-
-def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
-    """The estimate from all observations at once, to the bit the one after the last; raises and warns as `taken` and `last`."""
-    usable = _usable(estimator, data, warn)
-    last(usable)
-    return estimator.add(usable)
-
-
-def _usable(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> list[Observation]:
-    def checked(observation: Observation) -> Observation:
-        estimator.check(observation)
-        return observation
-
-    return list(taken(checked, data, warn))
-
-
-def relied_on(data: Iterable[Observation], model: ObjectModel, settings: EstimatorSettings, warn: Warn) -> list[Observation]:
-    """The data points that the estimate of a live run would rest on: without those of pushes that are unlike the others.
-
-    `warn` is called with a line for each push, and for each single data point, that is left out.
-    """
-    config = dataclasses.replace(settings.estimator, confidence=False, tie_break=False)  # they leave out no push
-    estimator = dataclasses.replace(settings, estimator=config).new_estimator(model.support_points)
-    estimator.add(_usable(estimator, data, warn))
-    for push in estimator.rejected:
-        warn(f"push {push.push_id} is left out: {push.reason}")
-    return list(estimator.observations)
-
-
-def recognize(recognizer: Recognizer, data: Iterable[Observation], warn: Warn) -> Ranking:
-    """The ranking after the last data point; raises and warns as `taken` and `last`."""
-    return last(taken(recognizer.add, data, warn))

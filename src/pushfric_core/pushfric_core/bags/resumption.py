@@ -30,7 +30,7 @@ class Input(NamedTuple):
     log_time_ns: int = 0  # when it was recorded
 
 
-class Handover:
+class Resumption:
     """The bag of a run whose estimator may have died, read while it is recorded.
 
     Args:

@@ -1,0 +1,37 @@
+"""What tells one serial device from another."""
+
+import os
+import types
+
+import pytest
+
+from pushfric_core.pushers import identity
+from pushfric_core.pushers.identity import Identity, identity_of
+
+
+def test_every_link_to_a_port_leads_to_the_same_device(tmp_path):
+    master, slave = os.openpty()
+    try:
+        port = os.ttyname(slave)
+        (tmp_path / "by-id").symlink_to(port)
+        (tmp_path / "again").symlink_to(tmp_path / "by-id")
+        assert identity_of(port) == Identity(port, False)
+        assert identity_of(str(tmp_path / "again")) == Identity(port, False)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+@pytest.mark.parametrize(
+    ("device", "text"),
+    [
+        ({"serial_number": "A50285BI"}, "usb:0403:6001:A50285BI:1.0"),
+        ({"serial_number": "A50285BI", "usb_interface_path": "/sys/bus/1-2:1.1"}, "usb:0403:6001:A50285BI:1.1"),
+        ({}, "usb-socket:1-2:1.0"),
+    ],
+)
+def test_a_usb_device_is_known_by_its_number_else_by_its_socket(monkeypatch, device, text):
+    usb = {"serial_number": None, "usb_interface_path": "/sys/bus/1-2:1.0", "location": "1-2:1.0", "vid": 0x0403, "pid": 0x6001}
+    monkeypatch.setattr(identity, "SysFS", lambda path: types.SimpleNamespace(**usb | device))
+    assert identity_of("/dev/ttyUSB0") == Identity(text, True)
+    assert identity_of("/dev/ttyUSB7") == Identity(text, True)
