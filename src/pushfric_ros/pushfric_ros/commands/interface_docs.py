@@ -138,7 +138,7 @@ def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
 def section(described: Description) -> str:
     """The part of the document about one node."""
     rows = [(*endpoint, when) for endpoint, when in described.endpoints.items()]
-    topics = [
+    topics: list[tuple[str, ...]] = [
         (role, f"`{name}`", kind, "; ".join(filter(None, (quality(qos), when))))
         for role, name, kind, qos, when in rows
         if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
