@@ -172,6 +172,7 @@ def test_every_extra_is_used():
     assert {name for name in extras("pushfric_core")[0] if name != "test"} == {*USES}
 
 
+@pytest.mark.timeout(600)
 def test_each_extra_brings_what_it_is_for(install, folder):
     environment = install("")
     listed = run(folder, environment / "bin/pushfric", "--help").stdout
