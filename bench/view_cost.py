@@ -15,7 +15,7 @@ import numpy as np
 
 from bench import pipeline
 from bench.verdict import Verdict
-from pushfric_ros.cell.node_settings import ViewConfig
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import NodeSpec
 

@@ -44,6 +44,8 @@ from pushfric_core.bags.recorded import TYPES, Recorded
 from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
+from pushfric_core.cell.cell_file import load_cell
+from pushfric_core.cell.node_settings import RecorderConfig, ViewConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.bounded_yaml import load_yaml
@@ -70,8 +72,6 @@ from pushfric_core.vision.camera import Lens, load_camera, picture_from
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points
 from pushfric_msgs.srv import PredictPush, SelectPush, StablePushes
-from pushfric_ros.cell.cell_file import load_cell
-from pushfric_ros.cell.node_settings import RecorderConfig, ViewConfig
 from pushfric_ros.messages.conversions import (
     observation_to_msg,
     predictions_to_msg,

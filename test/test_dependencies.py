@@ -18,6 +18,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from pushfric_core.commands import dependencies
+from pushfric_core.vision.camera import Camera, save_camera
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PACKAGES = ("pushfric_core", "pushfric_msgs", "pushfric_ros")
@@ -320,7 +321,7 @@ USERS = {
     "scipy": ["reproduce", "--out", "OUT"],
     "serial": ["rehearse", "docs/example_cell/cell.yaml"],
     "shapely": ["region", "bags/rubber_rect4"],
-    "tornado": ["calibrate", "table", "pictures", "--camera", "none.yaml", "--view", "0"],
+    "tornado": ["calibrate", "table", "pictures", "--camera", "OUT.yaml", "--view", "0"],
     "typer": ["--version"],
     "yaml": ["estimate", "bags/rubber_rect4"],
     "zstandard": ["bag", "verify", "bags/rubber_rect4"],
@@ -333,6 +334,7 @@ PACKAGE_OF = {module: [package] for package, module in dependencies.MODULES.item
 
 @pytest.mark.parametrize("module", USERS)
 def test_a_missing_module_is_one_line(module, tmp_path):
+    save_camera(Camera.looking_down(640, 480, (0.0, 0.0), 0.001), tmp_path / "out.yaml")
     ended = pushfric_without([module], *(argument.replace("OUT", str(tmp_path / "out")) for argument in USERS[module]))
     *_, line = ended.stderr.splitlines()
     assert (ended.returncode, line.partition(":")[0]) in ((2, "error"), (1, "error"))

@@ -39,6 +39,11 @@ setup(
             *(f"{name}_node = pushfric_ros.node_kit.executable:main" for name in NODES),
         ],
         "pushfric.commands": ["cell = pushfric_ros.commands"],
+        "pushfric.node_graph": [
+            "clicking = pushfric_ros.commands.clicking:click_points",
+            "frames = pushfric_ros.commands.topic_frames:TopicFrames",
+            "stroke = pushfric_ros.commands.stroke:along_the_stroke",
+        ],
         "pushfric.sources": [
             "odometry = pushfric_ros.adapters.odometry:OdometryConfig",
             "pose_array = pushfric_ros.adapters.pose_array:PoseArrayConfig",

@@ -17,10 +17,10 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
+from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_core.vision.camera import Camera, Lens, load_camera, save_camera
 from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PusherState, Reason, RejectedPush
 from pushfric_msgs.srv import SelectPush
-from pushfric_ros.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import Supervisor

@@ -10,14 +10,14 @@ from nav_msgs.msg import Odometry
 from rclpy.parameter import Parameter
 
 from pushfric_core.bags.samples import pose_sample_from_msg
+from pushfric_core.cell.mount import Body, MountConfig
+from pushfric_core.cell.plugins import SOURCES, plugin
 from pushfric_core.geometry.planar import Pose as Planar
 from pushfric_core.geometry.planar import compose, transform
-from pushfric_ros.adapters.body import Body, MountConfig
 from pushfric_ros.adapters.odometry import OdometryConfig
 from pushfric_ros.adapters.pose_array import PoseArrayConfig
 from pushfric_ros.adapters.pose_stamped import PoseStampedConfig
 from pushfric_ros.adapters.transforms import FIXED, MOVING, TransformsConfig
-from pushfric_ros.cell.plugins import SOURCES, plugin
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.nodes.pose_source import PoseSourceNode

@@ -15,6 +15,7 @@ import yaml
 from rich.console import Console
 from sensor_msgs.msg import CompressedImage, Image
 
+from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_core.commands import cli, dependencies
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
@@ -27,7 +28,6 @@ from pushfric_core.simulated import grbl_firmware
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_ros.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.doctor import Check, Grade, camera, discovery, interfaces, machine, scene

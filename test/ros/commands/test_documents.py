@@ -17,6 +17,7 @@ from documents import PAGES, ROOT, agrees, blocks, inline, sessions, tokens
 from problems import observations_of
 from typer.testing import CliRunner
 
+from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.commands import cli
 from pushfric_core.commands.json_option import spelled_out
 from pushfric_core.files.object_file import load_object
@@ -26,7 +27,6 @@ from pushfric_core.geometry.support import Support
 from pushfric_core.trajectories.ledger import REASONS
 from pushfric_core.vision.camera import Camera, load_camera, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
-from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands.launch_files import CELL, DEMO, REPLAY
 
 COMMANDS = cli.catalog()

@@ -8,8 +8,8 @@ from functools import partial
 
 import pytest
 
+from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import security
 from pushfric_ros.commands.security import Permission
 from pushfric_ros.node_kit import person as person_module

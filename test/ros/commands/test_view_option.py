@@ -3,11 +3,11 @@
 import pytest
 import typer.main
 
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.commands import cli
+from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.cell.node_settings import ViewConfig
 from pushfric_ros.commands import replay, run
-from pushfric_ros.commands.cell_options import AUTO_VIEW, view_at
 
 CELL = ViewConfig(host="10.0.0.5", port=9000, token="a-secret-word")
 

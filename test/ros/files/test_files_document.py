@@ -11,6 +11,7 @@ import yaml
 from problems import observations_of
 from typer.testing import CliRunner
 
+from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.commands.cli import app
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import REQUIRED
@@ -20,7 +21,6 @@ from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.ledger import account
 from pushfric_core.report.report import truth
 from pushfric_core.trajectories.ledger import POSES, USED, Ledger
-from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import cell_docs, doctor
 from pushfric_ros.commands.doctor import Check, Grade
 

@@ -7,10 +7,10 @@ import pytest
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import ObservationSource
+from pushfric_core.cell.node_settings import Discovery, PlanConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.cell.node_settings import Discovery, PlanConfig, ViewConfig
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import compose

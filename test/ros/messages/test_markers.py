@@ -12,6 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.cell.node_settings import FrameConfig
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_choice import next_pushes
@@ -21,7 +22,6 @@ from pushfric_core.geometry.frames import OBJECT, TABLE, put_prefix
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.vision.camera import Camera
-from pushfric_ros.cell.node_settings import FrameConfig
 from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg
 from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform, object_transform

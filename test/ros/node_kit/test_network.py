@@ -11,8 +11,8 @@ import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
 from sensor_msgs.msg import Image
 
+from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.cell.node_settings import Discovery
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.network import FILE_VARIABLES, IMAGES, RANGE, VARIABLES, asked_for, configured
 from pushfric_ros.node_kit.qos import SENSOR_QUEUE

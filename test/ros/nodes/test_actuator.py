@@ -38,6 +38,7 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.nodes import actuator
 from pushfric_ros.nodes.actuator import ActuatorNode
 
@@ -506,6 +507,19 @@ def test_a_force_that_is_no_number_stops_a_push(ros, controller, tmp_path, force
     assert re.fullmatch(message, cell.result(handle).result.message)
     cell.comes_to_rest(controller)
     ros.wait_for(lambda: cell.faults[-1:] == ["force"], what="the fault")
+
+
+def test_the_button_stops_a_push_without_the_graph(ros, controller, tmp_path):
+    """It is the button of this cell alone."""
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    assert press("/another_cell") is None
+    assert press(cell.node.get_namespace().strip("/")) == "stopped: nothing moves until actuator/reset is called"
+    assert cell.result(handle).result.message == "somebody asked for a stop"
+    rest = cell.comes_to_rest(controller)
+    assert not cell.send().accepted
+    assert controller.position() == rest
+    assert cell.reset().message == "released"
 
 
 def test_a_reset_that_is_asked_for_again_and_again_ends(ros, controller, tmp_path):

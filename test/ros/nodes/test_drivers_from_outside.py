@@ -13,11 +13,11 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 
+from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.commands import doctor
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import stamp_to_msg

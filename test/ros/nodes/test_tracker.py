@@ -15,13 +15,13 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
+from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
-from pushfric_ros.cell.cell_file import load_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE

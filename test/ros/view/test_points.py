@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from tornado.httpclient import AsyncHTTPClient
 
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.report.report import to_json
 from pushfric_core.vision.camera import Camera, Lens
-from pushfric_ros.cell.node_settings import ViewConfig
 from pushfric_ros.view.clicked_points import MOST, ClickedPoints
 from pushfric_ros.view.points_server import PNG, PointsServer
 

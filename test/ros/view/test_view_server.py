@@ -7,7 +7,7 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
-from pushfric_ros.cell.node_settings import ViewConfig
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_ros.view import server as view_server
 from pushfric_ros.view.server import Server
 

@@ -14,6 +14,11 @@ SECTIONS = {
         "export": "Write a model for a simulator or a planner: MJCF, SDF, URDF, a Drake directive, JSON or YAML.",
         "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
     },
+    "Camera": {
+        "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
+        "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the"
+        " pusher's entries.",
+    },
     "Paper": {
         "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",
         "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",

@@ -20,6 +20,9 @@ PICTURE_PERIOD = 1 / 30
 ACCEPTED = "a camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures"
 """What a source may be."""
 
+TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
+"""Sources that are topics, for a camera whose driver is a node, and their names."""
+
 REOPEN_PERIOD = 1.0
 """Time between attempts to find a camera that went away [s]."""
 

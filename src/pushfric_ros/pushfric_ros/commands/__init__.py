@@ -8,9 +8,6 @@ SECTIONS = {
         "replay": "Play a bag through the live graph, with the settings it was recorded with;"
         " this gives the estimate of the live run.",
         "doctor": "Check everything that a cell needs, without moving anything, and say what to do about each fault.",
-        "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
-        "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the"
-        " pusher's entries.",
         "security": "Write what the nodes of a cell may do, as a policy for SROS 2: only the experiment may push.",
     },
     "Pusher": {

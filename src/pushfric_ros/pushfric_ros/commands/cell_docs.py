@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from pushfric_core import settings
-from pushfric_ros.cell.cell_file import ROOT, SECTIONS, driver_kinds
+from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
 from pushfric_ros.commands.markdown import as_yaml, limits, table
 
 COMMAND = "python -m pushfric_ros.commands.cell_docs docs/cell.md"

@@ -5,12 +5,12 @@ import queue
 
 import cv2
 
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.commands.console import console
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.camera import Image, Lens, save_camera
 from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.table_calibration import TableCalibration, check_size
-from pushfric_ros.cell.node_settings import ViewConfig
 from pushfric_ros.view.clicked_points import MOST, ClickedPoints
 from pushfric_ros.view.points_server import PNG, PointsServer, Question, Reply
 

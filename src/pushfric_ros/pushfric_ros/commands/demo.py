@@ -11,7 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from pushfric_core.cell.cell_file import CellFile
+from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.json_option import JsonOption, write_json
@@ -28,9 +31,6 @@ from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.cell.cell_file import CellFile
-from pushfric_ros.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
-from pushfric_ros.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.recorded_run import course_of, left_behind
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph

@@ -5,8 +5,8 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE, NamespaceOption
 from pushfric_core.commands.options import in_range
-from pushfric_ros.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE, NamespaceOption
 from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.person import Person
 

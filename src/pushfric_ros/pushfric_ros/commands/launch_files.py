@@ -5,9 +5,9 @@ import pathlib
 from collections.abc import Mapping, Sequence
 
 from pushfric_core.bags.recorded import Recorded, object_beside
-from pushfric_ros.cell.cell_file import load_cell
-from pushfric_ros.cell.node_settings import ViewConfig
-from pushfric_ros.commands.cell_options import AUTO_VIEW, view_at
+from pushfric_core.cell.cell_file import load_cell
+from pushfric_core.cell.node_settings import ViewConfig
+from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
 from pushfric_ros.commands.demo import SPEED, demo_cell
 from pushfric_ros.commands.recorded_run import failures
 from pushfric_ros.graph import graph

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
 from pushfric_core.commands.console import console, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.commands.options import in_range
@@ -16,7 +17,6 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import check_within
 from pushfric_core.pushers.grbl_settings import GrblSettings
 from pushfric_core.report.report import to_json
-from pushfric_ros.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
 from pushfric_ros.rehearsal.faults import FAULTS, Outcome, rehearse
 from pushfric_ros.rehearsal.random_faults import KINDS, damages
 from pushfric_ros.rehearsal.random_faults import kills as killed

@@ -6,7 +6,9 @@ from typing import Annotated
 import typer
 
 from pushfric_core.bags.recorded import Recorded, prior_beside
+from pushfric_core.cell.node_settings import PlayerConfig, ViewConfig
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail, warn
 from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
@@ -14,8 +16,6 @@ from pushfric_core.commands.result import print_result
 from pushfric_core.commands.settings_options import option
 from pushfric_core.offline.inputs import object_of
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.cell.node_settings import PlayerConfig, ViewConfig
-from pushfric_ros.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import report_from_msg

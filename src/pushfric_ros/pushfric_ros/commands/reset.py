@@ -1,7 +1,7 @@
 """The command `reset`."""
 
 from pushfric_core.commands.application import Application
-from pushfric_ros.commands.cell_options import NamespaceOption
+from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.person import Person
 

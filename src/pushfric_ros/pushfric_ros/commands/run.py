@@ -8,16 +8,16 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.cell.cell_file import load_cell
+from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.options import RUNS
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
-from pushfric_ros.cell.cell_file import load_cell
-from pushfric_ros.cell.node_settings import ExperimentConfig, SimulatedRunConfig
-from pushfric_ros.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
 from pushfric_ros.commands.recorded_run import left_behind
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph

@@ -11,17 +11,17 @@ import cv2
 import numpy as np
 import typer
 
+from pushfric_core.cell.cell_file import CellFile, load_cell
+from pushfric_core.cell.node_settings import LOOPBACK
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.camera import load_camera
-from pushfric_ros.cell.cell_file import CellFile, load_cell
-from pushfric_ros.cell.node_settings import LOOPBACK
+from pushfric_core.vision.frame_source import TOPICS as CAMERA_TOPICS
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.node_kit.introspection import Endpoint, Introspection
-from pushfric_ros.nodes.tracker import TOPICS as CAMERA_TOPICS
 
 FILE = "policy.xml"
 VERSION = "0.2.0"

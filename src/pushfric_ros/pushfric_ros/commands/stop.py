@@ -1,15 +1,20 @@
 """The command `stop`."""
 
 from pushfric_core.commands.application import Application
-from pushfric_ros.commands.cell_options import NamespaceOption
+from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
-from pushfric_ros.node_kit.person import Person
+from pushfric_ros.node_kit.stop_button import press
 
 app = Application()
 
 
 @app.command()
 def stop(namespace: NamespaceOption = NAMESPACE) -> None:
+    if (answer := press(namespace)) is not None:
+        print(answer)
+        return
+    from pushfric_ros.node_kit.person import Person  # imported late: the graph is for the cells of other machines
+
     with Person(namespace, enclave(namespace, COMMAND_LINE)) as person:
         person.say_stop()
         print(person.call("actuator/stop"))

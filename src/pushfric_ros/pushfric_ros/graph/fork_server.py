@@ -33,7 +33,7 @@ PRELOADED = (
     "pushfric_ros.node_kit.diagnostics",
     "pushfric_ros.node_kit.parameters",
     "pushfric_core.files.object_file",
-    "pushfric_ros.cell.node_settings",
+    "pushfric_core.cell.node_settings",
     "pushfric_ros.messages.conversions",
 )
 """What the server imports: what several nodes need.

@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from pushfric_core.cell.cell_file import CellFile
+from pushfric_core.cell.node_settings import NAMESPACE, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.pushers.grbl_config import GrblConfig
 from pushfric_core.settings import merged, plain
 from pushfric_core.vision.tracker_settings import ContourConfig
-from pushfric_ros.cell.cell_file import CellFile
-from pushfric_ros.cell.node_settings import NAMESPACE, ViewConfig
 from pushfric_ros.node_kit import network
 
 if TYPE_CHECKING:  # only a replay reads bags

@@ -13,6 +13,8 @@ quality:
 from dataclasses import dataclass
 from enum import StrEnum
 
+from pushfric_core.cell.node_settings import QUALITIES
+
 
 class Reliability(StrEnum):
     """Whether a lost message is sent again."""
@@ -58,5 +60,5 @@ LATCHED = Qos(depth=1, durability=Durability.TRANSIENT_LOCAL)
 LATCHED_QUEUE = Qos(depth=500, durability=Durability.TRANSIENT_LOCAL)
 """For a subscriber to such a topic that needs every message, not just the last: deep, because they wait in a busy moment."""
 
-QUALITIES = {"sensor_data": SENSOR_DATA, "reliable": RELIABLE, "latched": LATCHED}
-"""The qualities that a publisher of the cell may have, as settings name them."""
+NAMED = dict(zip(QUALITIES, (SENSOR_DATA, RELIABLE, LATCHED), strict=True))
+"""The qualities that a publisher of the cell may have, by name."""

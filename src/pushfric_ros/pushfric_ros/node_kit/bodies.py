@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from pushfric_ros.adapters.body import Body, Source
-from pushfric_ros.messages.qos import QUALITIES
+from pushfric_ros.messages.qos import NAMED
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import profile
@@ -39,5 +39,5 @@ def follow(
                 on_body(body)
 
     for topic, (type_name, quality) in source.topics.items():
-        qos = profile(replace(QUALITIES[quality], depth=QUEUE))
+        qos = profile(replace(NAMED[quality], depth=QUEUE))
         topics.subscribe(message_class(type_name), topic, partial(take, topic), qos)

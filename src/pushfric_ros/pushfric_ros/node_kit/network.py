@@ -20,8 +20,8 @@ from collections.abc import Iterator, Mapping
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.cell.node_settings import Discovery
 from pushfric_ros.node_kit.domain import domain
 
 RCLError = rclpy_implementation.RCLError

@@ -20,6 +20,8 @@ from rclpy.task import Future
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
+from pushfric_core.cell.node_settings import FrameConfig
+from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.frames import TABLE
@@ -38,8 +40,6 @@ from pushfric_core.pushers.pusher import (
 from pushfric_core.pushers.stroke import unevenness
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.cell.node_settings import FrameConfig
-from pushfric_ros.cell.plugins import PUSHERS, plugin
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
@@ -47,6 +47,7 @@ from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.stop_button import StopButton
 
 READ_PERIOD = 0.005  # [s], as all below
 FIRST_RETRY, LAST_RETRY = 0.1, 5.0
@@ -55,6 +56,7 @@ GRACE = 3.0  # a port may appear this late without an error message; simulated t
 ROUNDING = 1e-5  # tolerance of positions [m]
 UNEVEN = 0.1  # a speed that varies by more than this is worth a note; a share of the mean
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
+STOPPED = "stopped: nothing moves until actuator/reset is called"
 UNKNOWN = "where the pusher stands is not known: "
 REMEDIES = {
     False: UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset",
@@ -110,7 +112,7 @@ class ActuatorNode(LifecycleNode):
         self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
-        self._life = Listener(self)
+        self._life, self._button = Listener(self), StopButton(self.get_namespace())
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/stop", self._on_stop)
         self.create_subscription(Empty, "stop", lambda _: self._halt(), RELIABLE)
@@ -138,6 +140,7 @@ class ActuatorNode(LifecycleNode):
     def destroy_node(self) -> None:
         """Stop the pusher before anything else ends."""
         self._pusher.close()
+        self._button.close()
         self._server.destroy()
         super().destroy_node()
 
@@ -314,6 +317,9 @@ class ActuatorNode(LifecycleNode):
             self.get_logger().warning(f"the pusher's position is not kept: {error}", once=True)
 
     def _poll(self) -> None:
+        if (who := self._button.pressed()) is not None:
+            self._halt()
+            self._button.answer(who, STOPPED)
         if not self._configured:
             return
         self._guard()
@@ -483,7 +489,7 @@ class ActuatorNode(LifecycleNode):
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._halt()
-        response.success, response.message = True, "stopped: nothing moves until actuator/reset is called"
+        response.success, response.message = True, STOPPED
         return response
 
     def _health(self) -> Health:

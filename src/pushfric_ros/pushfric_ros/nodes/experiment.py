@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
+from pushfric_core.cell.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import PlannedPush, placement
 from pushfric_core.files.object_file import load_object
@@ -29,7 +30,6 @@ from pushfric_core.vision.sighting import NO_OBJECT
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
-from pushfric_ros.cell.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Awaited, Diagnostics, Figure, Health, Level

@@ -20,9 +20,9 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.contents import BagMessage, Topic
 from pushfric_core.bags.run_record import content
+from pushfric_core.cell.node_settings import PlayerConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
-from pushfric_ros.cell.node_settings import PlayerConfig
 from pushfric_ros.messages.qos import Durability
 from pushfric_ros.messages.types import is_former, recorded_class
 from pushfric_ros.node_kit import executable

@@ -5,11 +5,11 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 
+from pushfric_core.cell.mount import MountConfig
+from pushfric_core.cell.node_settings import FrameConfig, RequiredSubscribersConfig
+from pushfric_core.cell.plugins import SOURCES, plugin
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.frames import TABLE
-from pushfric_ros.adapters.body import MountConfig
-from pushfric_ros.cell.node_settings import FrameConfig, RequiredSubscribersConfig
-from pushfric_ros.cell.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.bodies import follow
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher

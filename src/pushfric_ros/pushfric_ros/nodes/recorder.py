@@ -16,11 +16,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.cell.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE, load_object, save_object
 from pushfric_core.wording import counted
-from pushfric_ros.cell.node_settings import KnownTopic, RecorderConfig, RecordingConfig
-from pushfric_ros.messages.qos import QUALITIES, RELIABLE
+from pushfric_ros.messages.qos import NAMED, RELIABLE
 from pushfric_ros.messages.types import definition, message_class, type_hash
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
@@ -70,7 +70,7 @@ class RecorderNode(Node):
         self._waiting: list[tuple[str, bytes]] = []  # messages that wait for the first /clock
         self._refused: set[str] = set()
         for topic in known:
-            wanted = profile(QUALITIES[topic.quality])
+            wanted = profile(NAMED[topic.quality])
             self._record(topic.name, topic.type_name, [wanted], wanted)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         if config.discover:

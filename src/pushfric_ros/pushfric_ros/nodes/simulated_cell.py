@@ -21,6 +21,7 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import CameraInfo, Image
 
 from pushfric_core.bags.samples import pose_from_msg, pusher_sample_from_msg
+from pushfric_core.cell.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_core.errors import SolverFailed
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.contact import pushing_line
@@ -35,7 +36,6 @@ from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import load_camera
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.cell.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level

@@ -14,15 +14,15 @@ from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
+from pushfric_core.cell.node_settings import CameraConfig, FrameConfig, ObjectConfig, RequiredSubscribersConfig
+from pushfric_core.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import CAMERA, TABLE
 from pushfric_core.geometry.planar import Pose, transform
 from pushfric_core.vision.camera import Image, load_camera, picture_from
-from pushfric_core.vision.frame_source import Device
+from pushfric_core.vision.frame_source import TOPICS, Device
 from pushfric_core.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
-from pushfric_ros.cell.node_settings import CameraConfig, FrameConfig, ObjectConfig, RequiredSubscribersConfig
-from pushfric_ros.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level
@@ -60,7 +60,6 @@ TO_GREY = {
 PLANES = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
 """Size of all planes of an image relative to the luminance plane, which comes first."""
 
-TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
 """The values of `source` that are topics."""
 
 DISORDER = 1_000_000_000

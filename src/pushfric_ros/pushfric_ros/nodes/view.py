@@ -16,11 +16,11 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
+from pushfric_core.cell.node_settings import ObjectConfig, ViewConfig
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
-from pushfric_ros.cell.node_settings import ObjectConfig, ViewConfig
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare

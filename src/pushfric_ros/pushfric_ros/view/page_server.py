@@ -13,8 +13,8 @@ from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
+from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig, is_loopback
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.cell.node_settings import VIEW_PORT, ViewConfig, is_loopback
 
 PAGE = pathlib.Path(__file__).parent / "page"
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}

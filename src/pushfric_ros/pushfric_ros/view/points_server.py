@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.report.report import to_json
-from pushfric_ros.cell.node_settings import ViewConfig
 from pushfric_ros.view.page_server import Asked, PageServer
 
 PNG = "picture.png"

@@ -12,9 +12,9 @@ from typing import NamedTuple
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.report.report import to_json
 from pushfric_core.trajectories.observation import PUSH_IDS
-from pushfric_ros.cell.node_settings import ViewConfig
 from pushfric_ros.view.page_server import Asked, PageServer
 from pushfric_ros.view.story import Change
 

@@ -9,18 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.vision.camera import Image
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, SATURATED
-from pushfric_core.vision.frame_source import Device
+from pushfric_core.vision.frame_source import TOPICS, Device
 from pushfric_core.wording import counted
-from pushfric_ros.cell.node_settings import CameraConfig, PlanConfig
-from pushfric_ros.commands.frames import image_from_msg, message_type
+from pushfric_ros.commands.topic_frames import image_from_msg, message_type
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.visit import visit
-from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE
 
 FRAME_TIMEOUT = 5.0
 """How long to wait for the first frame [s]."""

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pushfric_core.cell.cell_file import CellFile
+from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.files.plan_file import load_plan
@@ -9,8 +11,6 @@ from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.sighting import NotSeen, Tracker
-from pushfric_ros.cell.cell_file import CellFile
-from pushfric_ros.cell.node_settings import PlanConfig
 
 COARSEST = 0.5e-3
 """Largest useful size of a pixel on the table [m]."""

@@ -20,6 +20,7 @@ from pushfric_core.bags.samples import (
     pusher_sample_from_msg,
     stamp_from_msg,
 )
+from pushfric_core.cell.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.online_estimation import OnlineEstimation
@@ -41,7 +42,6 @@ from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
 from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import SelectObject, SelectPush
-from pushfric_ros.cell.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_ros.messages.conversions import observation_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat

@@ -1,5 +1,6 @@
-"""The frames of the camera.source of a cell's file: a device, files, or a topic."""
+"""The frames of a topic, for a camera whose driver is a node."""
 
+import os
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -9,35 +10,16 @@ import numpy as np
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
+from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.camera import Image, picture_from
-from pushfric_core.vision.frame_source import ACCEPTED, DeviceFrames, Frames
+from pushfric_core.vision.frame_source import TOPICS
+from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.visit import Visit, visit
-from pushfric_ros.nodes.tracker import IMAGE_QUEUE, TOPICS, grey_from_msg
-
-ACCEPTED_WITH_TOPICS = f"{ACCEPTED}; or {' or '.join(TOPICS)}, for a camera whose driver is a node"
-"""What a source may be."""
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE, grey_from_msg
 
 FRAME_TIMEOUT = 10.0
 """How long to wait for the next frame of a topic [s]."""
-
-
-def frames_from(source: str, namespace: str, size: tuple[int, int] | None = None) -> Frames:
-    """The frames of a source, which is opened as a context manager.
-
-    Args:
-        source: as `camera.source` of a cell's file.
-        namespace: of the cell, if the source is a topic.
-        size: width and height to ask of a device [px]; None: its default.
-    Raises:
-        InvalidInput: there is nothing to read at `source`.
-    """
-    if source in TOPICS:
-        return TopicFrames(source, namespace)
-    try:
-        return DeviceFrames(source, size)
-    except InvalidInput as error:
-        raise InvalidInput(f"{error}; or {' or '.join(TOPICS)}, for a camera whose driver is a node") from error
 
 
 def message_type(source: str) -> type[Any]:
@@ -62,11 +44,14 @@ class TopicFrames:
     Args:
         source: one of `TOPICS`.
         namespace: of the cell.
+        discovery: where the nodes of the cell look for each other; None: as the environment says.
     """
 
     pictures, live = False, True
 
-    def __init__(self, source: str, namespace: str) -> None:
+    def __init__(self, source: str, namespace: str, discovery: Discovery | None) -> None:
+        if discovery is not None:
+            os.environ.update(network.asked_for(discovery))
         self.name = f"{namespace.rstrip('/')}/{TOPICS[source]}"
         self._source, self._namespace = source, namespace
         self._frames: deque[Image] = deque()

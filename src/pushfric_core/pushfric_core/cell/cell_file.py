@@ -11,13 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.object_file import yaml_content
-from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
-from pushfric_core.settings import fields_of, key_of, read, setting
-from pushfric_ros.adapters.body import MountConfig
-from pushfric_ros.cell.node_settings import (
+from pushfric_core.cell.mount import MountConfig
+from pushfric_core.cell.node_settings import (
     NAMESPACE,
     CameraConfig,
     Discovery,
@@ -30,7 +25,12 @@ from pushfric_ros.cell.node_settings import (
     TipConfig,
     ViewConfig,
 )
-from pushfric_ros.cell.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, tracker_kinds
+from pushfric_core.cell.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, tracker_kinds
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import yaml_content
+from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
+from pushfric_core.settings import fields_of, key_of, read, setting
 
 
 @dataclass(frozen=True)

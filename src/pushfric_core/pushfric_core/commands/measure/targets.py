@@ -9,13 +9,13 @@ import cv2
 import typer
 import yaml
 
+from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.file_errors import reading
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, make_object
 from pushfric_core.files.yaml_edit import Value, with_values
 from pushfric_core.vision.camera import Image
-from pushfric_ros.cell.cell_file import CellFile
 
 PUSHER_FILE = "pusher.yaml"
 """Name of the file for the pusher's entries if they do not go into the cell's file."""

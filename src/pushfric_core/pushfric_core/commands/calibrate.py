@@ -6,12 +6,15 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from pushfric_core.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
 from pushfric_core.commands.console import console
+from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
+from pushfric_core.commands.node_graph import borrowed
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.board import Board
-from pushfric_core.vision.board_pdf import save_board
 from pushfric_core.vision.camera import load_lens, save_camera
 from pushfric_core.vision.lens_calibration import lens_from_frames
 from pushfric_core.vision.table_calibration import (
@@ -21,10 +24,6 @@ from pushfric_core.vision.table_calibration import (
     table_from_frames,
 )
 from pushfric_core.wording import counted
-from pushfric_ros.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
-from pushfric_ros.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
-from pushfric_ros.commands.clicking import click_points
-from pushfric_ros.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 
 app = Application(no_args_is_help=True)
 
@@ -45,6 +44,8 @@ def board(
     square: Square = Board.square,
 ) -> None:
     """Write a ChArUco board as a PDF to scale. Print it at 100 % and check its ruler."""
+    from pushfric_core.vision.board_pdf import save_board  # imported late: the other commands need no matplotlib
+
     save_board(_board(columns, rows, square), out)
     console.print(f"{out}: print it at 100 %, and compare its ruler with a real one", markup=False)
 
@@ -120,6 +121,7 @@ def table(
     with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
         if shown is not None:
             places = [] if marks is None else read_table_places(marks).tolist()
+            click_points = borrowed("clicking", "--view")
             found = click_points(frames_from(source, namespace, (known.width, known.height)), known, places, shown, camera)
         elif source.endswith(".csv"):
             found = calibrate_table(known, [read_table_points(pathlib.Path(source))])

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Command
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.cell.node_settings import VIEW_PORT, ViewConfig
 
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of the cell.")]

@@ -1,18 +1,20 @@
 """Pictures of the tip at known stroke positions: the pusher goes there slowly, and rests for each picture."""
 
 import contextlib
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.camera import Image
 from pushfric_core.vision.frame_source import Frames
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.cell.cell_file import CellFile
 from pushfric_ros.graph.graph import COMMAND_LINE, enclave, pusher_alone
 from pushfric_ros.graph.supervisor import Supervisor
+from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.person import NoAnswer, Person
 
 STALE, AVERAGED = 3, 8
@@ -45,6 +47,7 @@ def along_the_stroke(
         NoAnswer: a motion did not arrive.
         InvalidInput: no frames come.
     """
+    os.environ.update(network.asked_for(cell.discovery))  # this process looks for others where the nodes do
     places: list[float] = []
     images: list[Image] = []
     with _supervised(cell, lambda name, line: say(f"{name}: {line}")) as (person, start), source:
@@ -108,18 +111,3 @@ def _still(source: Frames) -> Image:
     if len(taken) < STALE + AVERAGED:
         raise InvalidInput(f"{source.name} has ended")
     return np.asarray(np.rint(np.mean(taken[STALE:], axis=0)), dtype=np.uint8)
-
-
-def pictures(source: Frames, camera: Camera) -> list[Image]:
-    """All pictures of a source that ends.
-
-    Raises:
-        InvalidInput: a picture does not have the camera's size.
-    """
-    with source:
-        images = list(source)
-    for image in images:
-        if image.shape != (camera.height, camera.width):
-            got = f"{image.shape[1]} x {image.shape[0]}"
-            raise InvalidInput(f"{source.name}: calibrated for {camera.width} x {camera.height} px, a picture has {got}")
-    return images

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
-from pushfric_ros.messages.qos import QUALITIES
 
 LOOPBACK = "127.0.0.1"
 """Only this machine reaches it."""
@@ -31,6 +30,9 @@ class Discovery(enum.Enum):
 
 
 NAMESPACE = "/cell"
+
+QUALITIES = ("sensor_data", "reliable", "latched")
+"""The qualities of service that a publisher of the cell may have."""
 """Of a cell, unless it is given another."""
 
 

@@ -1,7 +1,6 @@
 """The command `measure`."""
 
 import enum
-import os
 import pathlib
 import sys
 from typing import Annotated, Any
@@ -11,10 +10,14 @@ import typer
 import yaml
 from rich.console import Console
 
+from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.frames import frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, object_text, permit, write
+from pushfric_core.commands.node_graph import borrowed
 from pushfric_core.commands.options import in_range
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel, load_object
@@ -30,16 +33,11 @@ from pushfric_core.report.measurement import (
     tip_picture,
 )
 from pushfric_core.report.report import to_json
-from pushfric_core.vision.camera import Camera, load_camera
+from pushfric_core.vision.camera import Camera, Image, load_camera
 from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.outline_measurement import height_of, measured_object, places_from
 from pushfric_core.vision.tip_measurement import measure_tip
 from pushfric_core.vision.tracker_settings import ContourConfig
-from pushfric_ros.cell.cell_file import CellFile, load_cell
-from pushfric_ros.commands.frames import frames_from
-from pushfric_ros.commands.measure.stroke import along_the_stroke, pictures
-from pushfric_ros.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, object_text, permit, write
-from pushfric_ros.node_kit import network
 
 app = Application()
 
@@ -120,13 +118,11 @@ def measure(
         raise InvalidInput("give --only object or --only tip: without a terminal, nobody can be asked to take the object away")
     camera = load_camera(file.camera.calibration)
     source = source or file.camera.source
-    # like the nodes, this process looks for others where the cell's file says
-    os.environ.update(network.asked_for(file.discovery))
     figures: dict[str, Any] = {"findings": [], "files": []}
     output = Console(stderr=json == STDOUT, highlight=False, markup=False, soft_wrap=True)
 
     def frames() -> Frames:
-        return frames_from(source, file.namespace, (camera.width, camera.height))
+        return frames_from(source, file.namespace, (camera.width, camera.height), file.discovery)
 
     with telling_what_is_left(lambda: f"{', '.join(figures['files']) or 'nothing'} was written"):
         for part in parts:
@@ -206,7 +202,7 @@ def _measure_tip(
     if cell.pusher is None:
         raise InvalidInput(f"{path}: others move this cell's robot, expected the section pusher")
     if positions:
-        images = pictures(source, camera)
+        images = _pictures(source, camera)
         if len(images) != len(positions):
             raise InvalidInput(f"{source.name}: {len(images)} pictures, but --positions names {len(positions)}")
     elif not source.live:
@@ -216,6 +212,7 @@ def _measure_tip(
     else:
         wanted = np.linspace(0.0, cell.pusher.stroke - SHORT_OF_THE_END, STROKES).tolist()
         _consent(cell.pusher, speed)
+        along_the_stroke = borrowed("stroke", "a motion of the pusher")
         positions, images = along_the_stroke(cell, source, wanted, min(speed, cell.pusher.max_speed), _say)
     tip = measure_tip(camera, positions, images, cell.pusher.tip_radius, tip_height)
     figures["findings"] += [f"{path}: {finding}" for finding in tip_findings(tip, cell.pusher, tip_height is not None)]
@@ -265,3 +262,18 @@ def _numbers(text: str) -> list[float]:
 
 def _say(line: str) -> None:
     console.print(line, highlight=False, markup=False)
+
+
+def _pictures(source: Frames, camera: Camera) -> list[Image]:
+    """All pictures of a source that ends.
+
+    Raises:
+        InvalidInput: a picture does not have the camera's size.
+    """
+    with source:
+        images = list(source)
+    for image in images:
+        if image.shape != (camera.height, camera.width):
+            got = f"{image.shape[1]} x {image.shape[0]}"
+            raise InvalidInput(f"{source.name}: calibrated for {camera.width} x {camera.height} px, a picture has {got}")
+    return images

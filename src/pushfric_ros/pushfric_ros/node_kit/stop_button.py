@@ -1,0 +1,83 @@
+"""A stop that needs no middleware: the actuator of a cell listens at an abstract address of Unix sockets (unix(7)).
+
+A command that stops the pusher must not wait until a node has found the graph. The address holds on this machine and for all
+its users, as the lock of the cell does. `./pushfric` presses the button before anything is loaded, so this module needs the
+standard library alone.
+"""
+
+import contextlib
+import hashlib
+import socket
+
+from pushfric_core.cell.node_settings import NAMESPACE
+from pushfric_ros.node_kit.domain import domain
+
+ANSWER_TIMEOUT = 0.5
+"""An actuator that does not answer within this time [s] is told by way of the graph."""
+
+LONGEST = 200  # characters of an answer
+
+
+class StopButton:
+    """The button of one cell.
+
+    Args:
+        namespace: of the cell.
+    Raises:
+        OSError: somebody else listens there.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        try:
+            self._socket.bind(_address(namespace))
+        except OSError:
+            self._socket.close()
+            raise
+
+    def pressed(self) -> str | bytes | None:
+        """Who has pressed it since the last call; None: nobody."""
+        with contextlib.suppress(BlockingIOError):
+            return self._socket.recvfrom(1)[1] or None
+        return None
+
+    def answer(self, who: str | bytes, text: str) -> None:
+        """Tell whoever pressed it what happened."""
+        with contextlib.suppress(OSError):  # they may have gone
+            self._socket.sendto(text.encode()[:LONGEST], who)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._socket.close()
+
+
+def press(namespace: str) -> str | None:
+    """Press the button of a cell on this machine; return what its actuator answers, or None if nobody answers in time.
+
+    Raises:
+        InvalidInput: ROS_DOMAIN_ID is not a domain.
+    """
+    address = _address(namespace)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as button:
+        button.bind("")  # the kernel chooses an address for the answer
+        button.settimeout(ANSWER_TIMEOUT)
+        try:
+            button.sendto(b"!", address)
+            return button.recv(LONGEST).decode(errors="replace")
+        except OSError:
+            return None
+
+
+def press_as_asked(arguments: list[str]) -> str | None:
+    """Press the button that the arguments of the command `stop` name; None if nobody answers, or if they are not so simple."""
+    match arguments:
+        case []:
+            return press(NAMESPACE)
+        case ["--namespace", namespace]:
+            return press(namespace)
+    return None
+
+
+def _address(namespace: str) -> str:
+    name = f"{domain()} /{namespace.strip('/')}"
+    return f"\0pushfric-stop-{hashlib.sha256(name.encode()).hexdigest()}"

@@ -1,0 +1,62 @@
+"""The stop that needs no middleware."""
+
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from pushfric_ros.node_kit.stop_button import StopButton, press, press_as_asked
+
+
+@pytest.fixture
+def answering():
+    """A button that answers whoever presses it."""
+    button, over, presses = StopButton("/cell"), threading.Event(), []
+
+    def listen() -> None:
+        while not over.wait(0.001):
+            if (who := button.pressed()) is not None:
+                presses.append(who)
+                button.answer(who, "stopped")
+
+    thread = threading.Thread(target=listen)
+    thread.start()
+    yield presses
+    over.set()
+    thread.join()
+    button.close()
+
+
+def test_nobody_answers_where_no_cell_runs():
+    assert press("/cell") is None
+
+
+def test_whoever_presses_it_is_answered(answering):
+    assert press("cell") == press_as_asked([]) == press_as_asked(["--namespace", "/cell"]) == "stopped"
+    assert len(answering) == 3
+    assert press("/other") is press_as_asked(["--help"]) is None
+
+
+def test_it_is_that_of_one_domain(answering, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "99")
+    assert press("/cell") is None
+
+
+def test_a_name_is_taken_once(answering):
+    with pytest.raises(OSError, match="in use"):
+        StopButton("/cell/")
+
+
+def test_who_presses_it_may_be_gone(answering):
+    """The answer goes nowhere, and the next one is answered."""
+    program = "import pushfric_ros.node_kit.stop_button as s; s.ANSWER_TIMEOUT = 1e-9; s.press('/cell')"
+    subprocess.run([sys.executable, "-c", program], check=True)
+    assert press("/cell") == "stopped"
+
+
+@pytest.mark.parametrize("command", [["./pushfric", "stop"], [sys.executable, "-m", "pushfric_core", "stop"]])
+def test_the_command_presses_it_first(answering, command):
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "stopped\n", "")
+    assert len(answering) == 1
