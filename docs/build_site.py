@@ -5,14 +5,19 @@
 
 import argparse
 import inspect
+import logging
+import os
 import pathlib
 import re
 import shutil
 import tempfile
 from typing import Any
 
+from docutils.nodes import SkipNode, math, math_block
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.cmd.build import main as build
+from sphinx.writers.html5 import HTML5Translator
 
 import pushfric_core
 from pushfric_core.commands.cli import catalog, load
@@ -25,11 +30,13 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 CONFIGURATION = """\
 import sys
 sys.path.insert(0, {folder!r})
-from build_site import plain_docstring, without_fields
+from build_site import mathml, plain_docstring, without_fields
 
 project, author, release = "pushfric", "the pushfric authors", {version!r}
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-myst_heading_anchors = 4
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["bags"]
+myst_heading_anchors, myst_enable_extensions, html_math_renderer = 4, ["dollarmath"], "mathml"
+nb_execution_mode, nb_execution_raise_on_error, nb_execution_show_tb = "force", True, True
 html_theme, html_title, html_show_copyright = "furo", "pushfric", False
 autodoc_member_order, autodoc_typehints, autodoc_class_signature = "bysource", "description", "mixed"
 python_use_unqualified_type_names, add_module_names = True, False
@@ -41,38 +48,26 @@ html_static_path, html_css_files, html_js_files = ["site.css", "copy.js"], ["sit
 def setup(app):
     app.connect("autodoc-process-docstring", plain_docstring)
     app.connect("autodoc-skip-member", without_fields)
+    app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
 """
 
 PARTS = {
-    "Tutorial": ("tutorial", "install"),
-    "How to": ("hardware", "pushes", "planning", "limit_surface", "view", "many", "safety", "security"),
-    "Reference": (
-        "commands",
-        "files",
-        "cell",
-        "estimator",
-        "graph",
-        "interfaces",
-        "python",
-        "conventions",
-        "glossary",
-        "reliability",
-    ),
-    "Explanation": ("estimation", "derivation", "paper", "architecture"),
-    "Project": ("contributing",),
+    "Learn": ("tutorial", "install", "bag_to_prediction", "data_to_verdict", "glossary"),
+    "Operate": ("hardware", "cell", "safety", "security", "view", "graph", "interfaces", "reliability"),
+    "Research": ("estimation", "derivation", "pushes", "estimator", "paper", "files", "many"),
+    "Plan": ("planning", "limit_surface", "conventions"),
+    "Reference": ("commands", "python"),
+    "Project": ("architecture", "contributing"),
 }
 """The parts of the site and their pages; those of this folder, and those made here."""
 
 
 def front_page() -> str:
-    """The README, with links as they are from this folder, and the tables of contents."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    """The page with the film and the three doors, and the tables of contents."""
     contents = [
-        f"\n```{{toctree}}\n:caption: {part}\n:hidden:\n\n{chr(10).join(pages)}\n```\n"
-        for part, pages in PARTS.items()
-        if pages
+        f"\n```{{toctree}}\n:caption: {part}\n:hidden:\n\n{chr(10).join(pages)}\n```\n" for part, pages in PARTS.items()
     ]
-    return as_here(text) + "".join(contents)
+    return (ROOT / "docs/index.md").read_text(encoding="utf-8") + "".join(contents)
 
 
 def as_here(text: str) -> str:
@@ -152,6 +147,13 @@ def without_fields(app: Sphinx, what: str, name: str, obj: Any, skip: bool, opti
     return True if (inspect.getdoc(obj) or "").startswith("Alias for field number") else None
 
 
+def mathml(translator: HTML5Translator, node: math | math_block) -> None:
+    """Write a formula as MathML, which browsers draw by themselves."""
+    display = "block" if isinstance(node, math_block) else "inline"
+    translator.body.append(convert(node.astext(), display=display))
+    raise SkipNode
+
+
 LINK = re.compile(r"\[([^\]]*)\]\(([^)]*)\)")
 """A link: its text and its target."""
 
@@ -167,6 +169,7 @@ def write_sources(folder: pathlib.Path) -> None:
     shutil.copytree(
         ROOT / "docs", folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "requirements.txt", "api.md")
     )
+    (folder / "bags").symlink_to(ROOT / "bags")  # the notebooks read one
     made = {"index": front_page(), "commands": commands(), "python": python_names(), "contributing": contributing()}
     for page, text in made.items():
         (folder / f"{page}.md").write_text(text, encoding="utf-8")
@@ -178,6 +181,15 @@ def write_sources(folder: pathlib.Path) -> None:
     (folder / "conf.py").write_text(configuration, encoding="utf-8")
 
 
+def quiet_kernel(folder: pathlib.Path) -> None:
+    """Let the notebooks' kernel keep its files here, and say nothing but errors."""
+    profile = folder / "profile_default"
+    profile.mkdir(parents=True)
+    (profile / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n", encoding="utf-8")
+    os.environ["IPYTHONDIR"] = os.environ["JUPYTER_RUNTIME_DIR"] = str(folder)
+    logging.getLogger("traitlets").setLevel(logging.WARNING)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="./pushfric docs", description="Build the documentation as a site.")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "site", help="folder of the site (default: site/)")
@@ -185,6 +197,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         sources = pathlib.Path(folder) / "sources"
         write_sources(sources)
+        quiet_kernel(pathlib.Path(folder) / "ipython")
         code = build(["-q", "-W", "--keep-going", "-b", "html", str(sources), str(out), "-d", f"{folder}/doctrees"])
     if code == 0:
         print(f"site: {out / 'index.html'}")

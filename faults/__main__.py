@@ -1,10 +1,12 @@
 """The command `./pushfric faults`: runs the campaign and writes docs/reliability.md."""
 
+import json
 import os
 import pathlib
 import platform
 import signal
 import sys
+import textwrap
 import time
 from typing import Annotated
 
@@ -12,7 +14,7 @@ import typer
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python faults`, from any folder
 
-from faults.campaign import Outcome, campaign, table
+from faults.campaign import Outcome, campaign, evidence, table
 from faults.cases import CASES
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cli import main as carried_out
@@ -20,14 +22,18 @@ from pushfric_core.commands.program import run
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[1] / "docs/reliability.md"
 
+EVIDENCE = DOCUMENT.with_suffix(".json")
+
 HEAD = """\
 # What faults do to a run
 
-Written by `./pushfric faults`; do not edit. Each row is a fault caused in a running cell, with real processes, a
-simulated camera and a simulated controller: what must follow, and what did. In every case, no process may be left, no traceback
-printed, the bag must be readable or refused in one line, and a run that ends with 0 must have the same estimate as its bag. The
-faults of the pusher are in [safety.md](safety.md), those of files in [files.md](files.md). `n of m` counts the tries in which
-all was as asked.
+Written by `./pushfric faults` from [reliability.json](reliability.json), which has every try with the message that it
+printed; do not edit.
+
+Each fault is caused in a running cell, with real processes, a simulated camera and a simulated controller. In every
+case, no process may be left, no traceback printed, the bag must be readable or refused in one line, and a run that ends
+with 0 must have the same estimate as its bag. Other faults: those of the pusher in [safety.md](safety.md), those of
+files in [files.md](files.md).
 
 """
 
@@ -51,12 +57,21 @@ def main(
     def keep(outcomes: list[list[Outcome]]) -> None:
         loads.append(os.getloadavg()[0])
         if not (quick or only):
-            DOCUMENT.write_text(f"{HEAD}{table(outcomes)}\n\n{circumstances(outcomes, loads)}\n")
+            found = {"circumstances": circumstances(outcomes, loads), "faults": evidence(outcomes)}
+            EVIDENCE.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            DOCUMENT.write_text(page(), encoding="utf-8")
 
     outcomes = campaign(cases, times, lambda line: print(line, file=sys.stderr, flush=True), keep)
     if quick or only:
-        print(table(outcomes))
+        print(table(evidence(outcomes)))
     sys.exit(int(any(outcome.problems for tried in outcomes for outcome in tried)))
+
+
+def page() -> str:
+    """The document, from the evidence."""
+    found = json.loads(EVIDENCE.read_text(encoding="utf-8"))
+    how = textwrap.fill(found["circumstances"], 120)
+    return f"{HEAD}{table(found['faults'])}\n\n{how}\n"
 
 
 def circumstances(outcomes: list[list[Outcome]], loads: list[float]) -> str:

@@ -8,16 +8,22 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from faults.camera import PLAN
-from faults.cases import Case
+from faults.cases import NODES, Case
 from faults.cell_run import CellRun, demo
 
 NODES_END = 60.0
 """The nodes of a command line that was killed end within this time [s]."""
 
+
+VARYING = re.compile(rf"\d+(\.\d+)?(?= s after| more)|\b({'|'.join(NODES)})\b(?!'s)|(?<=camera: ).*")
+"""In what faults that belong together differ."""
+
+MANY = 12
+"""More numbers are shown as the first and the last."""
 
 TOLD = "the actuator was told to end"
 """Why the push of a run that ends otherwise is aborted."""
@@ -135,12 +141,56 @@ def campaign(
     return outcomes
 
 
-def table(outcomes: Sequence[Sequence[Outcome]]) -> str:
-    """A Markdown table with a row for each case."""
-    rows = ["| fault | asked | seen | message | as asked |", "|---|---|---|---|---|"]
-    for tried in outcomes:
-        case, good = tried[0].case, sum(not outcome.problems for outcome in tried)
-        last = next((outcome for outcome in tried if outcome.problems), tried[-1])
-        cells = (case.fault, case.asked, "; ".join((last.seen, *last.problems)), last.message, f"{good} of {len(tried)}")
+def evidence(outcomes: Sequence[Sequence[Outcome]]) -> list[dict[str, Any]]:
+    """What followed each fault in each try, as JSON."""
+    return [
+        {
+            "fault": tried[0].case.fault,
+            "asked": tried[0].case.asked,
+            "tries": [{"seen": one.seen, "message": one.message, "problems": one.problems} for one in tried],
+        }
+        for tried in outcomes
+    ]
+
+
+def table(faults: Sequence[Mapping[str, Any]]) -> str:
+    """A Markdown table with a row for all faults that must have the same outcome.
+
+    Args:
+        faults: from `evidence`.
+    """
+    rows = ["| fault | what follows | seen | as asked |", "|---|---|---|---|"]
+    for asked in dict.fromkeys(fault["asked"] for fault in faults):
+        alike = [fault for fault in faults if fault["asked"] == asked]
+        tries = [tried for fault in alike for tried in fault["tries"]]
+        good = sum(not tried["problems"] for tried in tries)
+        wrong = [f"; {problem}" for tried in tries for problem in tried["problems"]]
+        cells = (merged(fault["fault"] for fault in alike), asked, seen(tries) + "".join(wrong), f"{good} of {len(tries)}")
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows)
+
+
+def merged(faults: Iterable[str]) -> str:
+    """Faults in one cell; those that differ in a number, a node or the camera's image are written once."""
+    groups: dict[str, list[str]] = {}
+    for fault in faults:
+        found = VARYING.search(fault)
+        groups.setdefault(VARYING.sub("*", fault, count=1), []).append(found[0] if found else "")
+    return "; ".join(text.replace("*", listed(values)) for text, values in groups.items())
+
+
+def listed(values: Sequence[str]) -> str:
+    """Values in a sentence; of many numbers the first and the last."""
+    many = len(values) > MANY and values[0][:1].isdigit()
+    return f"{values[0]} to {values[-1]}" if many else ", ".join(values)
+
+
+def seen(tries: Sequence[Mapping[str, Any]]) -> str:
+    """The exit codes of tries, and their times; what was seen if there is neither."""
+    found = [re.fullmatch(r"exit code (-?\d+) after (\d+) s", tried["seen"]) for tried in tries]
+    ended = [(int(one[1]), int(one[2])) for one in found if one]
+    if not ended or len(ended) < len(tries):
+        return "; ".join(tried["seen"] for tried in tries)
+    codes, times = sorted({code for code, _ in ended}), sorted(time for _, time in ended)
+    span = f"{times[0]} to {times[-1]}" if times[0] < times[-1] else f"{times[0]}"
+    return f"exit code {' or '.join(map(str, codes))} after {span} s"

@@ -12,11 +12,9 @@ DOCUMENT = pathlib.Path(__file__).resolve().parents[2] / "docs/api.md"
 HEAD = """\
 # The public names of pushfric_core
 
-Made from the docstrings by `python3 test/core/test_api_document.py`; the tests compare. `help(pushfric_core.Estimator)` and the
-sources have the rest: shapes, units, frames and errors of every argument. All of these are imported as in
-`from pushfric_core import Estimator, Observation, Twist`.
-
-From a bag to a prediction; a CSV of one's own needs `object=`, too:
+Made from the docstrings by `python3 test/core/test_api_document.py`; the tests compare. Every name is imported as in
+`from pushfric_core import Estimator`; `help(Estimator)` has shapes, units, frames, errors and an example. The notebooks
+[from a bag to a prediction](bag_to_prediction.md) and [from your own data to a verdict](data_to_verdict.md) begin like this:
 
 ```python
 from pushfric_core import friction_model, load, predict
@@ -29,7 +27,7 @@ model = friction_model(estimate)
 motion = predict(model, [(0.0, -0.032)], [(0.0, -1.0)], [(0.0, 0.02)])  # contact [m], outward normal, tip's velocity [m/s]
 ```
 
-Bags need the extra `bags`, pictures `plot`, tables `pandas`: `pip install 'pushfric_core[bags,plot,pandas]'`."""
+Bags need the extra `bags`, pictures `plot`, tables `pandas` ([install.md](install.md#without-ros-at-all))."""
 
 DATA = {"TABLE_1": "The six objects of Table 1 by name: outline, support, mu_c, grid and noise of each."}
 """Names that are neither classes nor functions have no docstring."""
@@ -49,19 +47,22 @@ def document():
 
 
 def entry(name, public):
-    lines = [wrapped(f"`{name}{parameters(public)}`: {summary(name, public)}")]
-    if inspect.isclass(public):
-        members = [(member, value) for member, value in vars(public).items() if not member.startswith("_")]
-        for member, value in members:
-            attribute = isinstance(value, property | functools.cached_property)
-            if attribute or inspect.isfunction(value) or isinstance(value, classmethod):
-                shown = "" if attribute else parameters(getattr(public, member))
-                lines += [wrapped(f"- `.{member}{shown}`: {summary(member, getattr(public, member))}", indent="  ")]
-    return [lines[0], ""] + lines[1:] if len(lines) > 1 else lines
+    members = [f"`.{member}`" for member in own_members(public)] if inspect.isclass(public) else []
+    about = f" {', '.join(members)}." if members else ""
+    return [wrapped(f"`{name}{parameters(public)}`: {summary(name, public)}{about}")]
 
 
-def wrapped(paragraph, indent=""):
-    return textwrap.fill(paragraph, 120, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+def own_members(public):
+    """The methods and properties of a class, each with its parameters; all have a docstring."""
+    for member, value in vars(public).items():
+        attribute = isinstance(value, property | functools.cached_property)
+        if not member.startswith("_") and (attribute or inspect.isfunction(value) or isinstance(value, classmethod)):
+            assert inspect.getdoc(getattr(public, member)), f"{member} has no docstring"
+            yield member if attribute else f"{member}{parameters(getattr(public, member))}"
+
+
+def wrapped(paragraph):
+    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False)
 
 
 def parameters(public):

@@ -82,4 +82,4 @@ def test_importing_the_package_loads_nothing_heavy():
 
 def test_all_but_one_solver_works_without_osqp():
     run = subprocess.run([sys.executable, "-c", WITHOUT_OSQP], capture_output=True, text=True, check=True)
-    assert run.stdout == "the solver osqp needs the package osqp: pip install osqp\n"
+    assert run.stdout == "the solver osqp needs the package osqp: pip install 'pushfric_core[osqp]'\n"

@@ -145,8 +145,20 @@ def call(monkeypatch, capsys):
         (["jog", "far"], "DISTANCE: expected a number, got 'far'; see pushfric jog --help"),
         (["estimate", "x", "--grid", "1", "x"], "--grid: expected a whole number, got 'x'"),
         (["estimate", "x", "--loss", "l3"], "--loss: expected l1 or l2, got 'l3'"),
-        (["estimate"], "Missing argument"),
-        ([], "Missing command"),
+        (["estimate"], "INPUT... is missing: Bag (folder or .mcap), or CSV of observations; see pushfric estimate --help"),
+        (["estimate", "x", "y", "--grid", "3"], "--grid: expected NX NY; see pushfric estimate --help"),
+        (["estimate", "x", "--solver"], "--solver: expected simplex|osqp; see pushfric estimate --help"),
+        (["estimate", "x", "--samples=3"], "--samples: expected no value; see pushfric estimate --help"),
+        (["predict", "x"], "--pushes is missing: "),
+        (
+            ["predict", "no_outline.yaml", "--pushes", "good.csv"],
+            "no_outline.yaml: not a model, as `estimate --save` writes it",
+        ),
+        (["demo", "--headless", "3"], "unexpected '3'; see pushfric demo --help"),
+        (["stop", "--cell", "x"], "no such option '--cell'; see pushfric stop --help"),
+        (["version"], "no such command 'version'; did you mean --version? see pushfric --help"),
+        (["calibrate"], "expected a command: board or lens or table; see pushfric calibrate --help"),
+        ([], "expected a command; see pushfric --help"),
     ],
 )
 def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call, arguments, error):

@@ -11,8 +11,8 @@ import pytest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 
 from faults import failing_sync
-from faults.__main__ import circumstances
-from faults.campaign import Outcome, _problems, attempt, table
+from faults.__main__ import DOCUMENT, circumstances, page
+from faults.campaign import Outcome, _problems, attempt, evidence, table
 from faults.cases import CASES, Case
 from faults.cell_run import CellRun, DidNotHappen
 from faults.quota import GROUPS, _group, cpu_quota
@@ -22,7 +22,14 @@ from faults.quota import GROUPS, _group, cpu_quota
 def test_a_fault_has_the_effect_that_is_asked_for(case):
     outcome = attempt(case)
     assert outcome.problems == ()
-    assert case.fault in table([[outcome]])
+    assert case.fault in table(evidence([[outcome]]))
+
+
+def test_the_document_shows_the_evidence():
+    assert DOCUMENT.read_text(encoding="utf-8") == page()
+    *_, row = table(evidence([[Outcome(case, "exit code 1 after 3 s", "", ("lost",))] for case in CASES[:2]])).splitlines()
+    assert row.startswith("| kill -9 of tracker, estimator | started again, or the run ends")
+    assert row.endswith(" | exit code 1 after 3 s; lost; lost | 0 of 2 |")
 
 
 def test_each_fault_has_a_name_of_its_own():

@@ -14,12 +14,14 @@ from pushfric_core.commands.cli import catalog
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
+pytestmark = pytest.mark.timeout(900)  # two notebooks run
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     out = tmp_path_factory.mktemp("site") / "site"
     build = [sys.executable, ROOT / "docs/build_site.py", "--out", out]
-    done = subprocess.run(build, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(build, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     return out
 
@@ -40,7 +42,7 @@ class Loaded(HTMLParser):
 
 def test_every_page_is_reached_from_the_front_page(site):
     front = (site / "index.html").read_text()
-    pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"api"} | {"commands", "python", "contributing"}
+    pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"api", "index"} | {"commands", "python", "contributing"}
     assert {name for name in pages if f'href="{name}.html"' not in front} == set()
 
 
@@ -49,6 +51,37 @@ def test_the_reference_has_every_command_and_every_public_name(site):
     assert [name for name in catalog() if f">pushfric {name}<" not in commands] == []
     public = {name for name in pushfric_core.__all__ if name in pushfric_core._HOMES}
     assert {name for name in public if not re.search(rf'id="pushfric_core\.[a-z0-9_.]*{name}"', names)} == set()
+
+
+def test_the_front_page_has_the_film_a_command_and_three_doors(site):
+    front = (site / "index.html").read_text()
+    assert 'src="_images/demo.webp"' in front
+    assert re.findall(r"<p>(Operator|Researcher|Planner)</p></th>", front) == ["Operator", "Researcher", "Planner"]
+
+
+@pytest.mark.parametrize(
+    ("page", "outputs", "pictures", "said"),
+    [("bag_to_prediction", 5, 2, "72 observations of 14 pushes; may be used"), ("data_to_verdict", 6, 1, "omega in radians")],
+)
+def test_a_notebook_was_run(site, page, outputs, pictures, said):
+    text = (site / f"{page}.html").read_text()
+    assert text.count('class="output ') == outputs
+    assert text.count("data:image/png;base64") + len(re.findall(r'src="_images/[0-9a-f]{64}\.png"', text)) == pictures
+    assert said in text
+
+
+def test_formulas_are_drawn_by_the_browser_itself(site, browser):
+    with contextlib.closing(browser.new_page()) as page:
+        for name in ("derivation", "limit_surface"):
+            page.goto((site / f"{name}.html").as_uri())
+            text = page.locator("article").inner_text()
+            assert not re.search(r"\$|\\[a-z]", text), "a formula that was not translated"
+        page.goto((site / "derivation.html").as_uri())
+        formula = page.locator('math[display="block"]').first
+        assert formula.locator("munder, munderover, msub, msubsup").count() > 3
+        subscript, line = formula.locator("msub > :last-child, msubsup > :last-child").first, formula.locator("mi").first
+        assert subscript.bounding_box()["height"] < formula.bounding_box()["height"] / 2
+        assert line.evaluate("mi => mi.namespaceURI") == "http://www.w3.org/1998/Math/MathML"
 
 
 CUT_OFF = """() => {

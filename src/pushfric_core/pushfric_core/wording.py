@@ -30,8 +30,9 @@ def no_such(kind: str, word: str, known: Iterable[str], see: str) -> str:
     """
     import difflib  # late: only a wrong word needs it
 
-    nearest = difflib.get_close_matches(word, list(known), n=1)
-    return f"no such {kind} {word!r}; {f'did you mean {nearest[0]}? ' if nearest else ''}see {see}"
+    names = {name.lstrip("-"): name for name in known}  # --cell is not like --help
+    nearest = difflib.get_close_matches(word.lstrip("-"), list(names), n=1, cutoff=0.65)
+    return f"no such {kind} {word!r}; {f'did you mean {names[nearest[0]]}? ' if nearest else ''}see {see}"
 
 
 def observations_of(observations: int, pushes: int) -> str:

@@ -81,6 +81,9 @@ LAUNCH_FILES = {"cell.launch.py": CELL, "demo.launch.py": DEMO, "replay.launch.p
 SCRIPT = {"setup": {"--system", "--distro"}, "test": set(), "docs": {"--out"}}
 """Commands of the script itself that it does not hand to a parser of ours, and their options."""
 
+WIDEST = 128
+"""Columns of a line that is not part of a table."""
+
 TOP = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
 
 
@@ -220,11 +223,11 @@ def test_what_a_page_shows_is_so(page, folder):
                 check_command(command, words, output, folder)
         elif block.language == "yaml":
             check_yaml(block, folder)
-        elif block.language == "python":
+        elif block.language in ("python", "{code-cell} python"):
             check_python(block, names)
         else:
             assert block.language in PLAIN, (
-                f"{where}: a block of code begins with ``` and one of {PLAIN}, sh, console, yaml, python"
+                f"{where}: a block of code begins with ``` and one of {PLAIN}, sh, console, yaml, python, code-cell"
             )
             assert "./pushfric " not in block.text, f"{where}: a command in a block that is not run"
             if block.file:
@@ -260,6 +263,12 @@ def test_commands_and_options_within_sentences_exist():
                     read([name, *rest])
             elif code.startswith("--"):
                 assert re.match(r"--[\w-]+", code)[0] in known, f"{page}: {code}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_line_is_wide(page):
+    lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if len(line) > WIDEST and not line.startswith("|")] == []
 
 
 def slug(heading):

@@ -115,7 +115,7 @@ def test_the_python_runs(capsys):
         ("recognize bags/rubber_rect4 --library none", "none: is not a folder, expected a folder of models"),
         (
             "recognize bags/rubber_rect4 --library bags/rubber_rect4",
-            "metadata.yaml: expected any of the keys format",
+            "metadata.yaml: not a model, as `estimate --save` writes it",
         ),
         ("recognize bags/rubber_rect4 --library models --grid 3 3", "models have their own support points"),
         ("stable model.yaml --pushes pushes.csv", "missing column half_width"),

@@ -34,7 +34,7 @@ NAME = "delrin_rect_right"
 def documented(commands):
     """The keys in the table of these commands."""
     table = TEXT.split(f"\n{commands}:\n\n")[1].split("\n\n")[0]
-    return re.findall(r"^\| `(.*?)` \|", table, re.MULTILINE)
+    return [key for cell in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE) for key in re.findall(r"`([^`]+)`", cell)]
 
 
 def keys_of(value, name=""):

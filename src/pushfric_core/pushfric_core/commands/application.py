@@ -72,6 +72,17 @@ class Command(typer.core.TyperCommand):
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **(settings | {"rich_markup_mode": None}))  # no option's name is cut short
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        ctx.allow_extra_args = True
+        try:
+            rest = super().parse_args(ctx, args)
+        except UsageError as error:
+            error.ctx = ctx  # type: ignore[attr-defined] # the parser does not know it
+            raise
+        if ctx.args and not ctx.resilient_parsing:
+            raise InvalidInput(f"unexpected {ctx.args[0]!r}; see {ctx.command_path} --help")
+        return rest
+
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         arguments = [one for one in self.params if one.param_type_name == "argument"]
         return ["[OPTIONS]", *(_argument(one) if one.required else f"[{_argument(one)}]" for one in arguments)]
@@ -104,6 +115,12 @@ class Group(typer.core.TyperGroup):
         """The names of the commands in each section."""
         return {"Commands": tuple(self.list_commands(ctx))}
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args and not ctx.resilient_parsing:
+            some = f": {' or '.join(names)}" if len(names := self.list_commands(ctx)) < MANY else ""
+            raise InvalidInput(f"expected a command{some}; see {ctx.command_path} --help")
+        return super().parse_args(ctx, args)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         shown: dict[str, list[tuple[str, str]]] = {}
         for section, names in self.sections(ctx).items():
@@ -114,7 +131,8 @@ class Group(typer.core.TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         if not ctx.resilient_parsing and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
-            raise InvalidInput(no_such("command", args[0], self.list_commands(ctx), f"{ctx.command_path} --help"))
+            known = [*self.list_commands(ctx), *(option for one in self.get_params(ctx) for option in one.opts)]
+            raise InvalidInput(no_such("command", args[0], known, f"{ctx.command_path} --help"))
         return super().resolve_command(ctx, args)
 
 
@@ -127,6 +145,9 @@ def write_sections(formatter: Any, sections: Mapping[str, list[tuple[str, str]]]
                 formatter.write_dl([(name.ljust(min(widest, COLUMN)), text) for name, text in rows])
 
 
+MANY = 5
+"""As many commands or more are not listed in an error."""
+
 COLUMN = 30
 """Names wider than this have a line of their own in help, as typer writes it."""
 
@@ -137,9 +158,9 @@ def complaint(error: Any) -> str:
     Args:
         error: a UsageError.
     """
-    parameter = getattr(error, "param", None)
+    parameter: Any = getattr(error, "param", None)
     details = getattr(error.__cause__, "errors", None)  # of pydantic, which reads the values in newer versions of typer
-    context = getattr(error, "ctx", None)
+    context: Any = getattr(error, "ctx", None)
     see = f"{context.command_path if context is not None else 'pushfric'} --help"
     if parameter is not None and details is not None:
         wrong = details()[0]
@@ -147,11 +168,21 @@ def complaint(error: Any) -> str:
     if hasattr(error, "possibilities"):
         known = [name for one in context.command.params for name in (*one.opts, *one.secondary_opts)] if context else []
         return no_such("option", error.option_name, [*known, "--help"], see)
+    if hasattr(error, "param_type"):
+        return f"{_name(parameter)} is missing: {(parameter.help or '').partition('. ')[0].rstrip('.')}; see {see}"
+    if option := getattr(error, "option_name", None):
+        return f"{option}: expected {_values(option, context.command)}; see {see}"
     return f"{error.format_message().rstrip('.')}; see {see}"
 
 
 def _name(parameter: Any) -> str:
     return _argument(parameter) if parameter.param_type_name == "argument" else str(parameter.opts[0])
+
+
+def _values(name: str, command: Any) -> str:
+    """What follows an option, in words."""
+    option = next(one for one in command.params if name in (*one.opts, *one.secondary_opts))
+    return "no value" if option.is_flag else option.metavar or "|".join(option.type_descriptor.choices)
 
 
 def _expected(parameter: Any, wrong: Mapping[str, Any]) -> str:

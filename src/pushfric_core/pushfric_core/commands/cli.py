@@ -41,6 +41,11 @@ class Commands(Group):
     def sections(self, ctx: Any) -> dict[str, tuple[str, ...]]:
         return {title: tuple(section) for package in packages() for title, section in package.SECTIONS.items()}
 
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        if len(packages()) == 1:
+            formatter.write_paragraph()
+            formatter.write_text("The commands that run a robot cell, such as demo, come with the package pushfric_ros.")
+
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command as the list shows it; None if there is no such command."""
         package = package_of(cmd_name)

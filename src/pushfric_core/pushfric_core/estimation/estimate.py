@@ -1,5 +1,7 @@
 """The estimate of w, p_CF and mu_c that the estimator returns."""
 
+from __future__ import annotations
+
 import html
 import importlib.util
 from dataclasses import dataclass, field, replace
@@ -160,8 +162,7 @@ class Estimate:
         if not self.data_points:
             return f"no observations yet: any w over the {len(self.w)} support points is as good as another"
         figures = self.to_dict()
-        use = "may be used" if self.verdict.use else f"do not use it: {'; '.join(map(str, self.verdict.reasons))}"
-        rests_on = f"from   {observations_of(self.data_points, self.pushes)}; {use}"
+        rests_on = f"from   {observations_of(self.data_points, self.pushes)}; {self.verdict}"
         return f"{center_line(figures)}\n{contact_friction_line(figures)}\n{rests_on}"
 
     def __repr__(self) -> str:
@@ -180,7 +181,7 @@ class Estimate:
         """
         return EstimateReport.of(self, object_name, verdict=self.verdict).to_dict()
 
-    def to_frame(self) -> "pandas.DataFrame":
+    def to_frame(self) -> pandas.DataFrame:
         """A table with a row for each support point: `x`, `y` [m], object frame, `w`, and its 90 % interval `low`, `high`.
 
         The interval is NaN without a spread.

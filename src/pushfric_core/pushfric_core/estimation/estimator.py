@@ -1,5 +1,7 @@
 """The estimator: add(observation) -> estimate of w, p_CF and mu_c, as in section 3.3."""
 
+from __future__ import annotations
+
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -33,8 +35,9 @@ from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
 from pushfric_core.uncertainty.outlier_rejection import REASONS, OutlierRejection, Rejected
 from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, NOISELESS, Excitation, Spread, effects, is_due, rise, spread
+from pushfric_core.wording import counted, observations_of
 
-TERMS: dict[str, Callable[["EstimatorConfig"], Constraint]] = {
+TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
     "moment": lambda config: Moment(config.half_width),
     "frictionless": lambda config: Frictionless(config.force_weight),
     "cone": lambda config: Cone(config.mu_bound, config.force_weight),
@@ -252,6 +255,10 @@ class Estimator:
         """The pushes that are left out because they are unlike the others, each with the reason."""
         return tuple(Rejected(push_id, REASONS[what]) for push_id, what in sorted(self._rejected.items()))
 
+    def __repr__(self) -> str:
+        count = observations_of(len(self.observations), len({one.push_id for one in self.observations}))
+        return f"<Estimator: {count}, {counted(len(self.support_points), 'support point')}>"
+
     def add(self, observations: Observation | Iterable[Observation]) -> Estimate:
         """Take an observation, or some, and estimate again, starting from the last optimum.
 
@@ -332,7 +339,10 @@ class Estimator:
 
         Raises:
             UninformativePush: it would not.
+            TypeError: it is none.
         """
+        if not isinstance(observation, Observation):
+            raise TypeError(f"expected an Observation, got {type(observation).__name__}; load(PATH) reads bags and CSVs")
         support_forces(self.support_points, observation.twist, self._free)
 
     def _take_out(self, push_id: int) -> None:

@@ -1,5 +1,7 @@
 """Recognition: which of several hypotheses about an object explains the data points best (section 5.2)."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +52,7 @@ class Hypothesis:
     center_of_friction: Array | None = None
     weights: Array | None = None
 
-    def turned(self, angle: float, pivot: npt.ArrayLike) -> "Hypothesis":
+    def turned(self, angle: float, pivot: npt.ArrayLike) -> Hypothesis:
         """The hypothesis rotated by `angle` [rad] about the point `pivot` (2,) [m]; the object frame stays where it is."""
         place = as_array(pivot)
 

@@ -6,6 +6,8 @@ clockwise, to their right; if it does not turn, on each of them. This always hol
 holds for the others.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -48,12 +50,12 @@ class HalfPlane(NamedTuple):
     offset: float  # [m]
 
     @property
-    def opposite(self) -> "HalfPlane":
+    def opposite(self) -> HalfPlane:
         """The half-plane on the other side of the boundary."""
         (x, y), offset = self
         return HalfPlane((-x, -y), -offset)
 
-    def widened(self, margin: float) -> "HalfPlane":
+    def widened(self, margin: float) -> HalfPlane:
         """The half-plane with its boundary moved outwards by a margin [m]."""
         return self._replace(offset=self.offset - margin)
 

@@ -101,6 +101,9 @@ class Verdict:
         """Whether nothing speaks against it."""
         return not self.reasons
 
+    def __str__(self) -> str:
+        return "may be used" if self.use else f"do not use it: {'; '.join(map(str, self.reasons))}"
+
 
 class InputCheck:
     """Looks at the data points of one object as they arrive.

@@ -48,6 +48,10 @@ def load_yaml(text: str) -> Any:
     try:
         _check_structure(text)
         return yaml.load(text, Loader=_BoundedLoader)
+    except yaml.MarkedYAMLError as error:
+        where = error.problem_mark or error.context_mark
+        line = f"line {where.line + 1}: " if where is not None else ""
+        raise ValueError(line + " ".join(str(error.problem or error.context).split())) from error
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from error
     except (LookupError, TypeError, AttributeError, ArithmeticError) as error:

@@ -103,6 +103,8 @@ class ModelFile(Strict):
     @classmethod
     def _of_this_version(cls, content: Any) -> Any:
         # before the keys, which may be others in another version
+        if isinstance(content, dict) and not {"format", "w"} & {*content}:
+            raise ValueError("not a model, as `estimate --save` writes it")
         if isinstance(content, dict) and content.get("format", FORMAT) != FORMAT:
             raise ValueError(f"expected a model of format {FORMAT}, got format {shortened(content['format'])}")
         return content

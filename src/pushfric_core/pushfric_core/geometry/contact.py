@@ -1,5 +1,7 @@
 """The contact between pusher and object: point, normal, interval, friction cone."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,5 +1,7 @@
 """The polygon outline of an object: edges and normals, points inside, grids over it, and what a round tip meets first."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -90,7 +92,7 @@ class Outline:
         object.__setattr__(self, "vertices", vertices)
 
     @classmethod
-    def rectangle(cls, length: float, width: float) -> "Outline":
+    def rectangle(cls, length: float, width: float) -> Outline:
         """Rectangle centred on the origin, `length` along x and `width` along y [m]."""
         x, y = length / 2, width / 2
         return cls(np.array(((-x, -y), (x, -y), (x, y), (-x, y))))

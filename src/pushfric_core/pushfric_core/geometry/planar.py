@@ -4,6 +4,8 @@ Angles are counter-clockwise. A twist (vx, vy, omega) is the velocity of the obj
 wrench (fx, fy, m) holds the moment about the object-frame origin. Points are arrays whose last axis is (x, y).
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np

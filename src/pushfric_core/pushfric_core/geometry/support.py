@@ -1,5 +1,7 @@
 """Support points and their weights: the friction forces of a sliding object and their centre."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -9,6 +9,8 @@ The surface bounds the sum of the discs {(u, p_j x u) : |u| <= w_j}. So its supp
 that support appears as a flat part of the surface, a facet: all its wrenches have the same motion.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import cached_property, partial

@@ -1,5 +1,7 @@
 """What an estimate predicts: where a push takes the object, which pushes hold it, and how far each answer can be trusted."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +19,7 @@ from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.records import comparable
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty import contact_friction
+from pushfric_core.wording import counted
 
 SHARE = 0.9
 """The truth lies within a spread this often."""
@@ -83,8 +86,13 @@ class FrictionModel:
         for name, array in (("support_points", points), ("w", w), ("mu_c", mu_c), ("share", share)):
             object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        x, y = 1e3 * self.center_of_friction
+        samples = f"{counted(len(self.w), 'sample')} over {counted(len(self.support_points), 'support point')}"
+        return f"<FrictionModel: p_CF ({x:.2f}, {y:.2f}) mm, mu_c {self.mean_mu_c:.3f}, {samples}>"
+
     @classmethod
-    def of(cls, support: Support, mu_c: float, misfit: float = 0.0) -> "FrictionModel":
+    def of(cls, support: Support, mu_c: float, misfit: float = 0.0) -> FrictionModel:
         """The model of a single sample."""
         return cls(support.points, support.weights[None], np.array((mu_c,)), np.ones(1), misfit)
 
@@ -94,7 +102,7 @@ class FrictionModel:
         mean = self.share @ self.w
         return Support(self.support_points, mean / mean.sum())
 
-    def drawn(self, count: int) -> "list[FrictionModel]":
+    def drawn(self, count: int) -> list[FrictionModel]:
         """Models of a single sample each, in proportion to the weights: those at evenly spaced quantiles, always the same.
 
         Raises:
@@ -320,6 +328,8 @@ def friction_model(estimate: Estimate) -> FrictionModel:
 
     Args:
         estimate: from at least one observation; the observations that it holds are those that judge the samples.
+    Raises:
+        ValueError: the estimate rests on no observation.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Twist, friction_model, predict
@@ -329,6 +339,8 @@ def friction_model(estimate: Estimate) -> FrictionModel:
         >>> predict(model, [(0.0, -0.03)], [(0.0, -1.0)], [(0.0, 0.02)]).twists.shape
         (1, 3)
     """
+    if not estimate.data_points:
+        raise ValueError("a friction model needs an estimate from at least one observation, got one from none")
     observations = estimate.observations
     bounds = estimate.contact_friction[np.isfinite(estimate.contact_friction)]
     bound = contact_friction.percentile(bounds, SHARE) if len(bounds) else STICKING

@@ -1,5 +1,7 @@
 """Quasi-static forward model of a push (section 2)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple

@@ -1,5 +1,7 @@
 """Whole strokes: where straight pushes leave an object, for many strokes and many friction distributions at once."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import NamedTuple
 

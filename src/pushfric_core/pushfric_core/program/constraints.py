@@ -6,6 +6,8 @@ force of at most free_j w_j. This moves the functional by at most |c_j| free_j w
 then becomes a row of its own, still linear.
 """
 
+from __future__ import annotations
+
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -26,8 +26,7 @@ import statistics
 import time
 from collections import deque
 from collections.abc import Generator
-
-import serial
+from typing import TYPE_CHECKING
 
 from pushfric_core.pushers.clock import clock, suspended
 from pushfric_core.pushers.grbl_protocol import (
@@ -64,6 +63,9 @@ from pushfric_core.pushers.pusher import (
 )
 from pushfric_core.pushers.serial_port import open_port, write_all
 from pushfric_core.pushers.stroke import Plausibility, Stroke
+
+if TYPE_CHECKING:
+    import serial
 
 Script = Generator[None, None, None]
 """A sequence of commands and answers; poll() takes it a step further."""

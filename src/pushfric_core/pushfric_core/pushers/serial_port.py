@@ -5,7 +5,10 @@ import os
 import select
 import termios
 
-import serial
+from pushfric_core.errors import extra
+
+with extra("serial", "a serial port"):
+    import serial
 
 from pushfric_core.pushers.clock import clock
 

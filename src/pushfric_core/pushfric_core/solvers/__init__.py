@@ -37,4 +37,4 @@ def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX,
     except ModuleNotFoundError as error:
         if error.name != "osqp":
             raise
-        raise SolverUnavailable(f"the solver {name} needs the package osqp: pip install osqp") from error
+        raise SolverUnavailable(f"the solver {name} needs the package osqp: pip install 'pushfric_core[osqp]'") from error

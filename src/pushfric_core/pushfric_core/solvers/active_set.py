@@ -172,7 +172,7 @@ def _approximate(hessian: Array, linear: Array, hard: HardRows) -> tuple[Array, 
     try:
         import osqp
     except ModuleNotFoundError as error:
-        raise SolverUnavailable("this quadratic program needs the package osqp: pip install osqp") from error
+        raise SolverUnavailable("this quadratic program needs the package osqp: pip install 'pushfric_core[osqp]'") from error
 
     n, equal = len(linear), len(hard.equal)
     conditions = np.concatenate((np.ones((1, n)), hard.equal, np.eye(n), hard.low))

@@ -80,14 +80,27 @@ SILENT = 1.0
 
 
 class PoseSample(NamedTuple):
-    """Where the object was seen."""
+    """Where the object was seen.
+
+    Example:
+        >>> from pushfric_core import Pose, PoseSample
+        >>> PoseSample(stamp=1_000_000_000, pose=Pose(0.1, 0.2, 0.0)).pose.x
+        0.1
+    """
 
     stamp: int  # of the image [ns]
     pose: Pose  # of the object in the table frame
 
 
 class PusherSample(NamedTuple):
-    """A report of the pusher."""
+    """A report of the pusher.
+
+    Example:
+        >>> from pushfric_core import PusherSample, PushingLine
+        >>> line = PushingLine(origin=(0.0, -0.1), direction=(0.0, 1.0), tip_radius=0.003)
+        >>> PusherSample(1_000_000_000, 0.075, 0.02, line, push_id=0).tip.round(3).tolist()
+        [0.0, -0.025]
+    """
 
     stamp: int  # [ns]
     position: float  # stroke [m]
@@ -178,8 +191,7 @@ class Trajectory:
         tolerance: a pose that differs by more than this [m] from what the pusher makes possible contradicts it.
 
     Example:
-        >>> from pushfric_core import Outline, Pose, Trajectory
-        >>> from pushfric_core.trajectories.trajectory import PoseSample
+        >>> from pushfric_core import Outline, Pose, PoseSample, Trajectory
         >>> trajectory = Trajectory(Outline.rectangle(0.12, 0.06))
         >>> trajectory.add_pose(PoseSample(stamp=1_000_000_000, pose=Pose(0.0, 0.0, 0.0)))
         []

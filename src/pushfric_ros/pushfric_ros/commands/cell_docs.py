@@ -15,14 +15,25 @@ COMMAND = "python -m pushfric_ros.commands.cell_docs docs/cell.md"
 BEGIN = f"<!-- The tables below are written by `{COMMAND}`. -->\n"
 END = "<!-- End of these tables. -->\n"
 
-HEAD = ("key", "type", "default", "range", "what")
+HEAD = ("key", "type", "default", "what")
 
-TYPES = {bool: "true or false", int: "whole number", float: "number", str: "text"}
+TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
 
 
 def tables() -> str:
-    """A table for each section."""
-    return "\n".join(f"### `{name}`\n\n{table(HEAD, rows)}" if name else table(HEAD, rows) for name, rows in sections().items())
+    """A table for each section, without the keys of the section before if it has them all."""
+    parts, before, named = [], set[tuple[str, ...]](), ""
+    for name, rows in sections().items():
+        more = before <= {*rows} and bool(before)
+        title = f"### `{name}`\n\n" + (f"The keys of `{named}`, and\n\n" if more else "") if name else ""
+        shown = [
+            (key, ", ".join(filter(None, (kind, span))), default, what)
+            for key, kind, default, span, what in rows
+            if not more or (key, kind, default, span, what) not in before
+        ]
+        parts.append(title + table(HEAD, shown))
+        before, named = {*rows}, name
+    return "\n".join(parts)
 
 
 def sections() -> dict[str, list[tuple[str, ...]]]:

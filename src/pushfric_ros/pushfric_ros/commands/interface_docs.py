@@ -20,6 +20,7 @@ from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.types import definition, type_hash
 from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 COMMAND = "python -m pushfric_ros.commands.interface_docs > docs/interfaces.md"
 
@@ -30,14 +31,20 @@ Written by `{COMMAND}`; do not edit.
 [graph.md](graph.md) explains the nodes and topics.
 
 Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only: they are set when a node
-starts, and one that is *required* has no default. The lists leave out what every ROS 2 node has (`use_sim_time`,
-`/parameter_events`, `/rosout`, the parameter services; for a managed node `transition_event`), and the topics of a bag, which
-the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs. The fields of all types of
-`pushfric_msgs` are in [its files](../src/pushfric_msgs).
+starts, and one that is *required* has no default; keys of a cell's file are described in [cell.md](cell.md#all-keys). Every
+node publishes `/diagnostics`. The lists leave out what every ROS 2 node has, the lifecycle services of the actuator, and the
+topics of a bag, which the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs. The fields of
+all types of `pushfric_msgs` are in [its files](../src/pushfric_msgs).
 
-`object_pose` is the pose of the frame `object` in `table` ([frames](conventions.md#frames)). Its covariance is that of x, y
-and yaw. The variance of z, roll and pitch is {UNMEASURED:g}: they are not measured, and the tracker takes them to be 0.
+QoS: *latched* is reliable and transient local ([graph.md](graph.md)). A number is the depth, unless
+it is {RELIABLE.depth} (reliable) or {LATCHED.depth} (latched).
+
+`object_pose` is the pose of the frame `object` in `table` ([frames](conventions.md#frames)). The variance of z, roll and pitch
+is {UNMEASURED:g}: they are not measured.
 """
+
+EVERYWHERE = ("/diagnostics", "publishes")
+"""Name and role of an endpoint of every node."""
 
 OF_THE_BAG = "std_msgs/msg/Char"
 """Type of a topic that exists only in the bag; no node has a topic of this type of its own."""
@@ -131,21 +138,50 @@ def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
 def section(described: Description) -> str:
     """The part of the document about one node."""
     rows = [(*endpoint, when) for endpoint, when in described.endpoints.items()]
-    topics = [(role, f"`{name}`", kind, qos, when) for role, name, kind, qos, when in rows]
+    topics: list[tuple[str, ...]] = [
+        (role, f"`{name}`", kind, "; ".join(filter(None, (quality(qos), when))))
+        for role, name, kind, qos, when in rows
+        if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
+    ]
+    together: dict[tuple[str, ...], list[str]] = {}
+    for role, name, *rest in topics:
+        together.setdefault((role, *rest), []).append(name)
+    topics = [(role, ", ".join(names), *rest) for (role, *rest), names in together.items()]
     settings = [
-        (f"`{one.name}`", one.type, "*required*" if one.required else f"`{as_yaml(one.default)}`", span(one), one.description)
+        (
+            f"`{one.name}`",
+            ", ".join(filter(None, (one.type, span(one)))),
+            "*required*" if one.required else f"`{as_yaml(one.default)}`",
+            one.description,
+        )
         for one in described.settings
     ]
     keys = {(key, default, what) for rows in cell_docs.sections().values() for key, _, default, _, what in rows}
-    of_cell = [key for key, _, default, _, what in settings if (key, default, what) in keys]
+    of_cell = [key for key, _, default, what in settings if (key, default, what) in keys]
     own = [row for row in settings if row[0] not in of_cell]
-    parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n", table(("", "name", "type", "QoS", "when"), topics)]
+    parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n"]
+    if topics:
+        parts.append(table(("", "name", "type", "QoS; when"), topics))
     if of_cell:
-        keys_of_cell = f"Parameters that [cell.md](cell.md#all-keys) describes as keys of a cell's file: {', '.join(of_cell)}."
-        parts.append(f"{wrapped(keys_of_cell)}\n")
+        parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
-        parts.append(table(("parameter", "type", "default", "range", "what"), own))
+        parts.append(table(("parameter", "type", "default", "what"), own))
     return "\n".join(parts)
+
+
+def by_section(keys: list[str]) -> list[str]:
+    """Keys of a cell's file; where a whole section is among them, its name stands for it."""
+    whole = {name: {row[0] for row in rows} for name, rows in cell_docs.sections().items() if name}
+    whole = {name: section for name, section in whole.items() if section <= {*keys}}
+    return [f"all of `{name}`" for name in whole] + [
+        key for key in keys if not any(key in section for section in whole.values())
+    ]
+
+
+def quality(qos: str) -> str:
+    """A quality of service in few words: see HEAD."""
+    usual = {f"reliable, depth {RELIABLE.depth}": "reliable", f"reliable, transient local, depth {LATCHED.depth}": "latched"}
+    return usual.get(qos, qos.replace("reliable, transient local", "latched").replace("depth ", ""))
 
 
 def wrapped(paragraph: str) -> str:

@@ -8,9 +8,12 @@ import yaml
 
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    """A table in Markdown, with a line break at its end."""
-    lines = [head, ("---",) * len(head), *rows]
-    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+    """A table in Markdown, with a line break at its end; columns that are empty in every row are left out."""
+    filled = [column for column in zip(head, *rows, strict=True) if any(column[1:])]
+    first, *others = (
+        f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in zip(*filled, strict=True)
+    )
+    return "".join((first, f"{'|---' * len(filled)}|\n", *others))
 
 
 def as_yaml(value: Any) -> str:

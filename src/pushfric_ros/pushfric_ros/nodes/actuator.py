@@ -66,14 +66,11 @@ REMEDIES = {
 
 
 class ActuatorNode(LifecycleNode):
-    """Serves `push`, one goal at a time: a goal that arrives while another runs is rejected.
+    """Serves `push`, one goal at a time, while it knows where the pusher stands.
 
-    A lost connection is restored automatically, without a motion. After an alarm, `~/reset` unlocks or homes, as configured.
-
-    The node accepts goals only while it knows where the pusher stands. The position is unknown before homing, if homing is
-    configured; after an alarm; and after a connection was lost during a motion or came back at another position, because a
-    controller that restarts counts from wherever the pusher happens to stand. The node then reports an alarm. `~/reset` ends
-    it: the pusher homes, or the person who calls it confirms the reported position.
+    The position is unknown before homing, if homing is configured; after an alarm; and after a connection was lost during a
+    motion or came back at another position. Then `~/reset` homes, or confirms the reported position. A lost connection is
+    restored without a motion.
     """
 
     def __init__(self, **kwargs: Any) -> None:

@@ -37,8 +37,8 @@ COUNT_PERIOD = 0.2
 class TipSourceNode(Node):
     """Publishes a state for every message that shows the tip; it cannot move the robot.
 
-    A push lasts from when the tip comes near the object until it is away from it again. A node that is started again numbers on
-    from the run's bag; until the bag holds what it says itself, and so all that the one before said, no push has a number.
+    A push lasts from when the tip comes near the object until it is away from it again. A restarted node continues the numbers
+    of the run's bag; until the bag holds all of its own messages, no push has a number.
     """
 
     def __init__(self, **kwargs: Any) -> None:

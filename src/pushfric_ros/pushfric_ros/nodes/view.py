@@ -36,9 +36,8 @@ UNSEEN_PERIOD = 1.0
 class ViewNode(Node):
     """Serves a page that shows the run.
 
-    The node subscribes to estimates from the start, for visitors who come late; to images, poses and pusher states only while
-    somebody looks. What comes while nobody looks is put aside unread: to read it at once would slow down the estimator, which
-    is at work on the same data point.
+    It subscribes to estimates from the start, for visitors who come late; to images, poses and pusher states only while
+    somebody looks.
     """
 
     AT_TIMES: ClassVar = {
