@@ -1,4 +1,4 @@
-"""Driver of a pusher behind a GRBL 1.1 controller (Arduino GRBL, grblHAL, FluidNC) on a serial port.
+"""Driver of a pusher behind a GRBL 1.1 controller (Arduino GRBL, grblHAL) on a serial port.
 
 Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
 arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
