@@ -9,6 +9,7 @@ import csv
 import functools
 import gzip
 import io
+import itertools
 import logging
 import os
 import pathlib
@@ -45,7 +46,7 @@ from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.cell.node_settings import RecorderConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig, ViewConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.bounded_yaml import load_yaml
@@ -57,7 +58,7 @@ from pushfric_core.files.plan_file import load_plan
 from pushfric_core.files.pushes_file import read_edge_pushes, read_point_pushes
 from pushfric_core.files.yaml_edit import with_values
 from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
+from pushfric_core.mechanics.prediction import friction_model
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.table import write_table
@@ -71,16 +72,16 @@ from pushfric_core.trajectories.trajectory import Trajectory
 from pushfric_core.vision.camera import Lens, load_camera, picture_from
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points
-from pushfric_msgs.srv import PredictPush, SelectPush, StablePushes
+from pushfric_msgs.msg import FrictionModel, PlanarPose
+from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, SelectPush, StablePushes
 from pushfric_ros.messages.conversions import (
+    friction_model_to_msg,
     observation_to_msg,
-    predictions_to_msg,
-    pushes_from_msg,
-    stability_to_msg,
-    turns_from_msg,
 )
 from pushfric_ros.messages.types import definition
 from pushfric_ros.node_kit.domain import domain
+from pushfric_ros.nodes.planner.answers import Answers
+from pushfric_ros.nodes.planner.known import Known
 from pushfric_ros.view.clicked_points import ClickedPoints
 from pushfric_ros.view.server import Answer, Request, Server
 
@@ -512,34 +513,63 @@ def _go_on(data: bytes, folder: pathlib.Path) -> None:
     write_table(lines, out)
 
 
+QUESTIONS = (
+    ("predict_push", PredictPush),
+    ("stable_pushes", StablePushes),
+    ("predict_stroke", PredictStroke),
+    ("motion_cone", MotionCone),
+    ("limit_surface", GetLimitSurface),
+)
+"""What a planner node is asked; the first byte of an input says which."""
+
+
 def _questions() -> list[bytes]:
-    """Requests of both kinds; the first byte says which."""
+    """Requests of each kind, and a model."""
     point, normal = Point(x=0.0, y=-0.032), Vector3(y=-1.0)
-    moved = PredictPush.Request(contact_points=[point], contact_normals=[normal], tip_velocities=[Vector3(y=1.0)])
-    turned = StablePushes.Request(
-        contact_points=[point], contact_normals=[normal], half_widths=[0.01], centers_of_rotation=[Point(x=0.1)], turns=[1]
+    contact = {"contact_points": [point], "contact_normals": [normal]}
+    requests = (
+        PredictPush.Request(**contact, tip_velocities=[Vector3(y=1.0)], with_samples=True),
+        StablePushes.Request(**contact, half_widths=[0.01], centers_of_rotation=[Point(x=0.1)], turns=[1]),
+        PredictStroke.Request(
+            starts=[PlanarPose()], origins=[Point(y=-0.04)], directions=[Vector3(y=1.0)], tip_radii=[0.003], positions=[0.01]
+        ),
+        MotionCone.Request(**contact),
+        GetLimitSurface.Request(deadline=1.0),
+        _model_message(),
     )
-    return [b"\0" + serialize_message(moved), b"\1" + serialize_message(turned)]
+    return [bytes((number,)) + serialize_message(request) for number, request in enumerate(requests)]
 
 
 @functools.cache
-def _friction() -> FrictionModel:
-    estimator = Estimator(load_object(OBJECT_NAME).support_points)
+def _model_message() -> FrictionModel:
+    pushed = load_object(OBJECT_NAME)
+    estimator = Estimator(pushed.support_points)
     for observation in _observations():
         estimate = estimator.add(observation)
-    return friction_model(estimate)
+    return friction_model_to_msg(pushed.name, pushed.outline, estimate, friction_model(estimate), estimator.verdict(estimate))
+
+
+@functools.cache
+def _known() -> Known:
+    known = Known.told(_model_message())
+    assert known.model is not None
+    return known
 
 
 def _answer(data: bytes, _: pathlib.Path) -> None:
-    kind = PredictPush.Request if data[:1] != b"\1" else StablePushes.Request
+    number = data[0] if data else 0
+    name, kind = QUESTIONS[number % len(QUESTIONS)]
     try:
-        request = deserialize_message(data[1:], kind)
-    except RuntimeError:  # the middleware's: such a request never reaches a node
+        request = deserialize_message(data[1:], FrictionModel if number == len(QUESTIONS) else kind.Request)
+    except RuntimeError:  # the middleware's: such a message never reaches a node
         return
-    if kind is PredictPush.Request:
-        predictions_to_msg(predict(_friction(), *pushes_from_msg(request)), PredictPush.Response())
+    if number == len(QUESTIONS):
+        known = Known.told(request)
+        assert (known.model is None) == bool(known.why_not and not request.basis.has_model)
     else:
-        stability_to_msg(stability(_friction(), *turns_from_msg(request)), StablePushes.Response())
+        # a stroke of a hundred metres over the object takes its time, which ends it in the node
+        for _ in itertools.islice(getattr(Answers(_known(), PlannerConfig()), name)(request), 100):
+            pass
 
 
 def _domain(data: bytes, _: pathlib.Path) -> None:

@@ -9,6 +9,7 @@ NODES = (
     "tip_source",
     "actuator",
     "estimator",
+    "planner",
     "experiment",
     "recorder",
     "player",

@@ -177,11 +177,13 @@ ROWS = {
     "Outline": (outline, {"vertices": CORNERS[::-1]}),
     "Outline.contains": (OUTLINE.contains, {"points": CENTERS / 3}),
     "Outline.distance_to": (OUTLINE.distance_to, {"point": CENTERS[0]}),
+    "Outline.distances_to": (OUTLINE.distances_to, {"points": CENTERS}),
     "Outline.nearest": (OUTLINE.nearest, {"point": CENTERS[0]}),
-    "Outline.outward": (lambda **given: OUTLINE.outward(**given, within=0.01), {"point": CONTACTS[0], "normal": NORMALS[0]}),
+    "Outline.outward": (lambda **given: OUTLINE.outward(**given, within=0.01), {"points": CONTACTS, "normals": NORMALS}),
     "Outline.first_touch": (OUTLINE.first_touch, {"start": 0.3 * NORMALS[0], "direction": -NORMALS[0]}),
     "Outline.first_touches": (OUTLINE.first_touches, STARTS),
     "FrictionModel": (model, {"support_points": POINTS, "w": W, "mu_c": MU_C, "share": SHARE}),
+    "FrictionModel.centered": (MODEL.centered, {"twists": TWISTS}),
     "FrictionModel.angles": (MODEL.angles, {"twists": TWISTS, "others": RNG.normal(size=(K, 3))}),
     "predict": (lambda **given: prediction.predict(MODEL, **given), CONTACT | {"tip_velocities": VELOCITIES}),
     "motion_cone": (lambda **given: prediction.motion_cone(MODEL, **given), CONTACT),
@@ -261,6 +263,7 @@ RESULTS = {"Estimate", "Optimum", "Predictions", "Region", "Stability", "Strokes
 """Records that the core makes and nobody else."""
 
 ELSEWHERE = {
+    "strokes.stroke_steps": "predict_strokes",
     "Touch": "pushed_motion",
     "SupportForces": "functional_rows",
     "Constraint.rows": "ConstraintRows",

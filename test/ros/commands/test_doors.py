@@ -26,11 +26,12 @@ from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import friction_model
 from pushfric_core.mechanics.surface_models import surface_samples
 from pushfric_core.report.report import to_json
-from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, LimitSurface, Observation, Recognition
-from pushfric_msgs.srv import PredictPush, StablePushes
+from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, FrictionModel, Observation, Recognition
+from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_ros.nodes.planner import PlannerNode
 
 POINT_LOGS = ("30_90_30_30_30_90__exp_08_11_30.txt", "30_90_30_30_30_90__exp_08_11_50_mixed.txt")
 TWO_FINGERS = "30_90_30_30_30_90"
@@ -152,7 +153,10 @@ def by_python(case, model):
             "use": estimator.verdict(estimate).use,
             "rejected": [one.push_id for one in estimator.rejected],
         },
-        "predict": [moved.twists.tolist(), [mode.value for mode in moved.modes], moved.spread.tolist(), moved.forces.tolist()],
+        "predict": [
+            *(moved.twists.tolist(), [mode.value for mode in moved.modes], moved.spread.tolist()),
+            *(moved.forces.tolist(), moved.covariance.tolist()),
+        ],
         "stable": [held.stable.tolist(), held.margins.tolist(), held.probabilities.tolist()],
         "region": {"area": region.area, "center_of_friction": region.center.tolist(), "polygon": region.corners.tolist()},
         "next push": [[*one.push, one.expected_area] for one in next_pushes(half_planes)],
@@ -179,7 +183,7 @@ def planned(source, folder, *options):
     moved = said("predict", source, "--pushes", folder / "moved.csv", *options)
     held = said("stable", source, "--pushes", folder / "turned.csv", *options)
     return {
-        "predict": [[row[key] for row in moved] for key in ("twist", "mode", "spread", "force")],
+        "predict": [[row[key] for row in moved] for key in ("twist", "mode", "spread", "force", "covariance")],
         "stable": [[row[key] for row in held] for key in ("stable", "margin", "probability")],
     }
 
@@ -208,9 +212,14 @@ def by_model(path, folder):
     return plain(planned(path, folder) | {"limit surface": [ellipsoid.m_max, *ellipsoid.center, *quartic, *wrenches.ravel()]})
 
 
+def header(msg):
+    return getattr(msg, "basis", msg).header
+
+
 def by_node(ros, case, model):
-    """The answers of the live node; the corners of a region come as float32."""
-    node = ros.node("planner", namespace="/cell")
+    """The answers of the live nodes; the corners of a region come as float32."""
+    node = ros.node("asking", namespace="/cell")
+    ros.compose(PlannerNode(namespace="/cell"))
     given = {"object": str(case.folder / OBJECT_FILE), "source": "observations"}
     ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]))
     last, count = {}, len(case.observations)
@@ -223,17 +232,17 @@ def by_node(ros, case, model):
     wanted = set(TOPICS) - (set() if model.hypotheses else {Recognition})
 
     def complete():
-        return all(kind in last and last[kind].header.stamp.nanosec == count for kind in wanted)
+        return all(kind in last and header(last[kind]).stamp.nanosec == count for kind in wanted)
 
     ros.wait_for(complete, what="answers from all data points")
 
     def ask(kind, name, **parts):
-        client = node.create_client(kind, f"estimator/{name}")
+        client = node.create_client(kind, f"planner/{name}")
         ros.wait_for(client.service_is_ready, what=name)
         answer = client.call_async(kind.Request(**parts))
         ros.wait_for(answer.done, what=f"the answer of {name}")
         assert answer.result().success, answer.result().message
-        assert answer.result().data_points == count
+        assert answer.result().basis.data_points == count
         return answer.result()
 
     def contacts(pushes):
@@ -251,7 +260,8 @@ def by_node(ros, case, model):
         centers_of_rotation=[Point(x=x, y=y) for x, y in case.turned.centers.tolist()],
         turns=[int(turn) for turn in case.turned.turns],
     )
-    estimate, region, surface = last[FrictionEstimate], last[CenterOfFrictionRegion], last[LimitSurface]
+    surface = ask(GetLimitSurface, "limit_surface").limit_surface
+    estimate, region = last[FrictionEstimate], last[CenterOfFrictionRegion]
     modes = {number: mode.value for mode, number in MODE_TO_MSG.items()}
     friction = estimate.contact_friction
     answers = {
@@ -270,6 +280,7 @@ def by_node(ros, case, model):
             [modes[mode] for mode in moved.modes],
             list(moved.spreads),
             [[f.x, f.y] for f in moved.forces],
+            np.array(moved.covariances).reshape(-1, 3, 3).tolist(),
         ],
         "stable": [list(held.stable), list(held.margins), list(held.probabilities)],
         "region": {
@@ -292,7 +303,7 @@ MARGIN = RegionConfig().region_margin
 TOPICS = {
     FrictionEstimate: "friction_estimate",
     CenterOfFrictionRegion: "center_of_friction_region",
-    LimitSurface: "limit_surface",
+    FrictionModel: "friction_model",
     Recognition: "recognition",
 }
 

@@ -4,6 +4,7 @@ import pathlib
 
 import pytest
 
+from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.launch_files import CELL, DEMO, REPLAY
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -35,6 +36,14 @@ def test_each_launch_file_has_a_view_if_it_is_asked_for(tmp_path, address, port)
     ):
         assert "view" not in started(launchable, tmp_path, **given)[1]
         assert started(launchable, tmp_path, view=address, **given)[1]["view"].parameters["port"] == port
+
+
+def test_each_launch_file_has_a_planner_if_it_is_asked_for(tmp_path):
+    given = {"bag": str(ROOT / "bags/rubber_rect4")}
+    assert "planner" not in started(REPLAY, tmp_path, **given)[1]
+    assert started(REPLAY, tmp_path, planner="true", **given)[1]["planner"].respawn
+    with pytest.raises(InvalidInput, match="planner must be true or false, got 'maybe'"):
+        started(REPLAY, tmp_path, planner="maybe", **given)
 
 
 def test_a_cell_starts_where_its_plan_was_left(tmp_path):

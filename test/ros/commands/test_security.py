@@ -46,7 +46,8 @@ def holders(allowed, *permission):
 
 def test_only_the_experiment_may_push(allowed):
     assert set(allowed) == {
-        f"/left/{name}" for name in ("recorder", "estimator", "tracker", "actuator", "experiment", "view", "command_line")
+        f"/left/{name}"
+        for name in ("recorder", "estimator", "tracker", "actuator", "experiment", "view", "planner", "command_line")
     }
     assert holders(allowed, "calls", "action", "/left/push") == {"/left/experiment"}
     assert holders(allowed, "serves", "action", "/left/push") == {"/left/actuator"}

@@ -20,6 +20,7 @@ from pushfric_core.cell.node_settings import (
     ModelConfig,
     ObjectConfig,
     PlanConfig,
+    PlannerConfig,
     RecorderConfig,
     SimulationConfig,
     TipConfig,
@@ -57,6 +58,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "estimator": (*EstimatorSettings.PARTS, ModelConfig),
     "recorder": (RecorderConfig,),
     "view": (ViewConfig,),
+    "planner": (PlannerConfig,),
     "poses": (MountConfig,),
     "tip": (MountConfig, TipConfig),
     "simulation": (SimulationConfig,),
@@ -93,6 +95,7 @@ class CellFile:
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     recorder: RecorderConfig = field(default_factory=RecorderConfig)
     view: ViewConfig = field(default_factory=ViewConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     namespace: str = CellConfig.namespace
     discovery: Discovery = CellConfig.discovery
@@ -130,7 +133,9 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    seen, pushes, (plan,), (*estimator, model), (recorder,), (view,), poses, tip, (simulation,) = map(section, SECTIONS)
+    seen, pushes, (plan,), (*estimator, model), (recorder,), (view,), (planner,), poses, tip, (simulation,) = map(
+        section, SECTIONS
+    )
     (camera, *trackers), (pusher, driver) = seen or (None,), pushes or (None, None)
     for name, other in both:
         raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
@@ -151,6 +156,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         EstimatorSettings.of(*estimator),
         recorder,
         view,
+        planner,
         simulation,
         named.namespace,
         named.discovery,

@@ -281,6 +281,18 @@ class PlayerConfig:
             raise ValueError("bag must name the bag to play, got ''")
 
 
+@dataclass(frozen=True)
+class PlannerConfig:
+    """How much work one request may ask of a planner node. Section `planner`."""
+
+    most_pushes: int = setting(10_000, "largest number of pushes, turns or contacts in one request", 1, 1_000_000)
+    most_strokes: int = setting(1000, "largest number of strokes in one request", 1, 100_000)
+    longest: float = setting(10.0, "the work for one request ends after this long [s of wall time]", 0.1, 3600.0)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
 class DataPointSource(enum.Enum):
     """Where the estimator's data points come from."""
 

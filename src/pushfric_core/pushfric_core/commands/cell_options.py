@@ -12,6 +12,7 @@ from pushfric_core.commands.application import Command
 from pushfric_core.errors import InvalidInput
 
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
+PlannerFlag = Annotated[bool, typer.Option("--planner", help="Also start a node that answers planners.")]
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of the cell.")]
 LONGEST_STROKE, FASTEST_STROKE = 0.5, 0.5
 """Bounds on what a person at a cell asks of the pusher [m, m/s]; more is likely to be in millimetres."""

@@ -31,8 +31,14 @@ def predict(
     file, pushed = known(model, object_name, namespace, warn)
     found = predicted(file.friction(), *read_point_pushes(pushes, pushed.outline))
     rows = [
-        {"twist": twist.tolist(), "mode": mode.value, "spread": float(spread), "force": force.tolist()}
-        for twist, mode, spread, force in zip(found.twists, found.modes, found.spread, found.forces, strict=True)
+        {
+            "twist": found.twists[push].tolist(),
+            "mode": found.modes[push].value,
+            "spread": float(found.spread[push]),
+            "force": found.forces[push].tolist(),
+            "covariance": found.covariance[push].tolist(),
+        }
+        for push in range(len(found.modes))
     ]
     write_json(to_json(rows), json)
     if json == STDOUT:

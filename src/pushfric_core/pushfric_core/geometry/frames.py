@@ -20,7 +20,7 @@ def put_prefix(msg: Any, prefix: str) -> None:
     """
     if not prefix:
         return
-    for part in (msg, *getattr(msg, "markers", ())):
+    for part in (msg, getattr(msg, "basis", None), *getattr(msg, "markers", ())):
         header = getattr(part, "header", None)
         if header is not None and header.frame_id in FRAMES:
             header.frame_id = prefix + header.frame_id

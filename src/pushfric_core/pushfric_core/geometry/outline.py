@@ -138,7 +138,11 @@ class Outline:
 
     def distance_to(self, point: npt.ArrayLike) -> float:
         """Distance of a point (2,), inside or outside, from the outline itself [m]."""
-        return float(shapely.distance(self.polygon.exterior, shapely.points(as_array(point))))
+        return float(self.distances_to(point))
+
+    def distances_to(self, points: npt.ArrayLike) -> Array:
+        """Distances (...) of points (..., 2), inside or outside, from the outline itself [m]."""
+        return np.asarray(shapely.distance(self.polygon.exterior, shapely.points(as_array(points))))
 
     def grid(self, columns: int, rows: int, inset: float = 0.002) -> Array:
         """Points (m, 2) spaced evenly over the bounding box shrunk by `inset` [m]; points outside the outline are dropped.
@@ -183,22 +187,19 @@ class Outline:
             return Touch(size, feet[edge], gap / size if size > 0 else self.normals[edge], None)
         return Touch(float(gap @ self.normals[edge]), feet[edge], self.normals[edge], edge)
 
-    def outward(self, point: npt.ArrayLike, normal: npt.ArrayLike, within: float) -> bool:
-        """Whether a normal (2,) points out of the outline: less than 90 degrees off that of an edge near a point (2,).
+    def outward(self, points: npt.ArrayLike, normals: npt.ArrayLike, within: float) -> npt.NDArray[np.bool_]:
+        """Which normals (..., 2) point out of the outline: less than 90 degrees off that of an edge near a point (..., 2).
 
         Args:
-            point: on the outline, or near it [m].
-            normal: of any length but zero.
+            points: on the outline, or near it [m].
+            normals: of any length but zero.
             within: edges this near count [m]; the nearest one always does.
         """
-        distances = self._distances(as_array(point))
-        near = distances <= max(within, float(distances.min()))
-        return bool((self.normals[near] @ as_array(normal) > 0).any())
-
-    def _distances(self, at: Array) -> Array:
-        """Distances (n,) of a point (2,) from the edges [m]."""
-        along = np.sum((at - self.vertices) * self.edges, axis=1) / self.lengths**2
-        return np.asarray(np.linalg.norm(at - self.vertices - np.clip(along, 0.0, 1.0)[:, None] * self.edges, axis=1))
+        offsets = as_array(points)[..., None, :] - self.vertices
+        along = np.clip(np.sum(offsets * self.edges, axis=-1) / self.lengths**2, 0.0, 1.0)
+        distances = np.linalg.norm(offsets - along[..., None] * self.edges, axis=-1)
+        near = distances <= np.maximum(within, distances.min(axis=-1, keepdims=True))
+        return np.asarray((near & (np.sum(as_array(normals)[..., None, :] * self.normals, axis=-1) > 0)).any(axis=-1))
 
     def first_touch(self, start: npt.ArrayLike, direction: npt.ArrayLike, radius: float = 0.0) -> Touch | None:
         """Where a round tip that moves along a line first meets the outline; None if it passes by.

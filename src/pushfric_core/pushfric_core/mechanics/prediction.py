@@ -114,6 +114,11 @@ class FrictionModel:
         rows = np.minimum(np.searchsorted(np.cumsum(self.share), levels), len(self.w) - 1)
         return [FrictionModel(self.support_points, self.w[[k]], self.mu_c[[k]], np.ones(1), self.misfit) for k in rows]
 
+    @cached_property
+    def mean(self) -> FrictionModel:
+        """The model of a single sample: the mean friction."""
+        return FrictionModel.of(self.support, self.mean_mu_c, self.misfit)
+
     @property
     def with_mean(self) -> tuple[Array, Array]:
         """w (s + 1, n) and mu_c (s + 1,) of the samples, the last ones of their mean; of a single sample, only its own."""
@@ -142,12 +147,13 @@ class FrictionModel:
 
     def angles(self, twists: npt.ArrayLike, others: npt.ArrayLike) -> Array:
         """Angles (...) between twists (..., 3) as (v at p_CF, length * omega) [rad]; pi/2 if one of the two is zero."""
-        a, b = self._centered(twists), self._centered(others)
+        a, b = self.centered(twists), self.centered(others)
         sizes = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
         cosines = np.sum(a * b, axis=-1) / np.where(sizes > 0, sizes, 1.0)
         return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
-    def _centered(self, twists: npt.ArrayLike) -> Array:
+    def centered(self, twists: npt.ArrayLike) -> Array:
+        """Twists (..., 3) as (v at p_CF, length * omega) [m/s]."""
         twists = as_array(twists)
         omega = twists[..., 2:]
         return np.concatenate((twists[..., :2] + omega * left_of(self.center_of_friction), self.length * omega), axis=-1)
@@ -170,6 +176,7 @@ class Predictions(NamedTuple):
     forces: Array  # (k, 2) of the pusher ON the object, object frame; unit: the support friction of the translating object
     spread: Array  # (k,) 90 % of measured twists lie within this angle of the predicted one [rad], see FrictionModel.angles
     samples: Motions  # of each push and sample
+    covariance: Array  # (k, 3, 3) of the measured twist about the predicted one: of the samples, and of the misfit
 
 
 def predict(
@@ -203,7 +210,29 @@ def predict(
     samples = Motions(moved.twists[:, :count], moved.modes[:, :count], moved.forces[:, :count])
     scatter = _quantile(model.angles(samples.twists, twists[:, None]), model.share, SHARE)
     spread = np.where(modes == quasi_static.FREE, 0.0, np.minimum(np.hypot(scatter, model.misfit), np.pi))
-    return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, samples)
+    covariance = scattered(samples.twists, twists, model.share) + _of_misfit(model, twists)
+    return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, samples, covariance)
+
+
+def scattered(samples: Array, about: Array, share: Array) -> Array:
+    """The mean squares and products (k, 3, 3) of the differences of samples (k, s, 3) from (k, 3); shares (s,)."""
+    differences = samples - about[:, None]
+    return np.asarray(np.sum(share[:, None, None] * differences[..., :, None] * differences[..., None, :], axis=1))
+
+
+def _of_misfit(model: FrictionModel, twists: Array) -> Array:
+    """The covariances (k, 3, 3) of twists (k, 3) that are off by the misfit in 90 of 100 cases, in no preferred direction.
+
+    Such an error lies across the twist, as (v at p_CF, length * omega): two normal deviates exceed the misfit in 10 % of cases.
+    """
+    x, y = model.center_of_friction
+    # from (v at p_CF, length * omega) to the twist of the origin
+    back = np.array(((1.0, 0.0, y / model.length), (0.0, 1.0, -x / model.length), (0.0, 0.0, 1 / model.length)))
+    centered = model.centered(twists)
+    squares = np.sum(centered**2, axis=1)
+    across = squares[:, None, None] * np.eye(3) - centered[:, :, None] * centered[:, None, :]
+    variance = model.misfit**2 / (-2 * np.log(1 - SHARE))
+    return np.asarray(variance * np.einsum("ia,kab,jb->kij", back, across, back))
 
 
 @comparable
@@ -287,7 +316,8 @@ def stability(
         model.support_points, model.w, model.mu_c, contact_points, contact_normals, half_widths, twists, model.length
     )
     margins = _quantile(samples, model.share, 0.5)
-    return Stability(margins >= 0, margins, np.minimum((samples >= 0) @ model.share, 1.0))
+    held = np.sum((samples >= 0) * model.share, axis=1)
+    return Stability(margins >= 0, margins, np.minimum(held, 1.0))
 
 
 def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
@@ -304,8 +334,7 @@ def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: in
     """
     if not observations:
         return 0.0
-    alone = FrictionModel.of(model.support, model.mean_mu_c)
-    angles = np.sort(_explained(alone, model, _witnesses(observations))[:, 0])
+    angles = np.sort(_explained(model.mean, model, _witnesses(observations))[:, 0])
     m = len(angles)
     rank = min(int(np.ceil(SHARE * (m + 1) - 1e-9)), m)
     count = len(observations)

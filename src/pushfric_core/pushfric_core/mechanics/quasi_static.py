@@ -190,7 +190,7 @@ def holding_margins(
         speeds = np.sqrt(speeds**2 + (STILL * speeds.max(axis=1, keepdims=True)) ** 2)
         directions = velocities / speeds[..., None]
         force = np.einsum("sn,knd->ksd", weights, directions)
-        moment = np.asarray(cross(points - contacts[rows, None], directions)) @ weights.T
+        moment = np.einsum("kn,sn->ks", cross(points - contacts[rows, None], directions), weights)
         pressure = -np.sum(force * normals[rows, None], axis=2)
         shear = np.abs(np.sum(force * tangent(normals[rows])[:, None], axis=2))
         friction = (mu_c * pressure - shear) / np.hypot(1.0, mu_c)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Generator, Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, as_array
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.prediction import FrictionModel
+from pushfric_core.mechanics.prediction import FrictionModel, scattered
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.records import comparable
 
@@ -36,6 +36,7 @@ class Strokes(NamedTuple):
     means: Array  # (k, 3) with the mean friction: x, y [m], theta [rad], table frame; theta is not wrapped
     poses: Array  # (k, s, 3) with each of the samples, whose shares are those of the model
     modes: npt.NDArray[np.int8]  # (k, s) indices of quasi_static.MODES: how the tip last met the object; FREE if it never did
+    covariance: Array  # (k, 3, 3) of the poses of the samples about those of the mean friction
 
 
 def predict_strokes(
@@ -70,6 +71,23 @@ def predict_strokes(
         >>> round(float(strokes.means[0, 1]), 3)
         0.01
     """
+    going = stroke_steps(model, outline, poses, lines, positions, step)
+    while True:
+        try:
+            next(going)
+        except StopIteration as end:
+            return cast(Strokes, end.value)
+
+
+def stroke_steps(
+    model: FrictionModel,
+    outline: Outline,
+    poses: Sequence[Pose],
+    lines: Sequence[PushingLine],
+    positions: npt.ArrayLike,
+    step: float = STEP,
+) -> Generator[None, None, Strokes]:
+    """As `predict_strokes`, but pauses after each step, for a program that has other things to do meanwhile."""
     stops = as_array(positions)
     if not len(poses) == len(lines) == len(stops) or stops.ndim != 1:
         lengths = f"{len(poses)}, {len(lines)} and {len(stops)}"
@@ -100,8 +118,11 @@ def predict_strokes(
         state[going] = _moved(pose, twists * depths[:, None])
         modes[going] = np.where(pushed, mode, modes[going])
         going = going[pushed]
+        yield
     ends, count = state.reshape(k, s, 3), len(model.w)
-    return Strokes(ends[:, -1], ends[:, :count], modes.reshape(k, s)[:, :count])
+    means, poses_of_samples = ends[:, -1], ends[:, :count]
+    covariance = scattered(poses_of_samples, means, model.share)
+    return Strokes(means, poses_of_samples, modes.reshape(k, s)[:, :count], covariance)
 
 
 class _Motion:

@@ -4,9 +4,11 @@ import math
 from dataclasses import dataclass
 from numbers import Integral
 
+import numpy as np
+
 from pushfric_core.errors import UninformativePush
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.geometry.planar import Array, Pose, Twist
 from pushfric_core.plausible import FARTHEST, FASTEST, FASTEST_TURN, LARGEST, LONGEST, STRONGEST, check_within, other_unit
 
 Vector = tuple[float, float]
@@ -131,6 +133,18 @@ def check_planned_contact(outline: Outline, point: Vector, normal: Vector) -> No
     _check_on(outline, "the contact", point)
     if not outline.outward(point, normal, OFF_OUTLINE):
         raise ValueError(f"the normal must point outward, away from the object, got ({x:g}, {y:g})")
+
+
+def check_planned_contacts(outline: Outline, points: Array, normals: Array, first: int = 0) -> None:
+    """Refuse contacts (k, 2) with normals (k, 2) as `check_planned_contact` does; they are counted from `first` on."""
+    good = np.abs(np.hypot(normals[:, 0], normals[:, 1]) - 1) <= UNIT
+    good &= outline.distances_to(points) <= OFF_OUTLINE
+    good &= outline.outward(points, normals, OFF_OUTLINE)
+    for number in np.flatnonzero(~good).tolist():
+        try:
+            check_planned_contact(outline, tuple(points[number].tolist()), tuple(normals[number].tolist()))
+        except ValueError as error:
+            raise ValueError(f"contact {first + number}: {error}") from error
 
 
 def check_half_width(outline: Outline, half_width: float) -> None:

@@ -14,7 +14,7 @@ from rich.table import Table
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.json_option import JsonOption, write_json
@@ -50,6 +50,7 @@ app = Application()
 def demo(
     headless: HeadlessFlag = False,
     view: ViewOption = "",
+    planner: PlannerFlag = False,
     json: JsonOption = None,
     seed: Annotated[int, option(SimulatedRunConfig, "seed")] = SimulatedRunConfig.seed,
     object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
@@ -70,7 +71,7 @@ def demo(
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
     shown = view_at(view, ViewConfig())
     with telling_what_is_left(lambda: left_behind(bag)):
-        last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes, shown)
+        last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes, shown, planner)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
     print_summary(console, object_name, last)
@@ -111,12 +112,14 @@ def run_demo(
     live: bool,
     plan: PlanConfig,
     view: ViewConfig | None = None,
+    planner: bool = False,
 ) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
     with scratch_folder() as scratch:
         cell = dataclasses.replace(demo_cell(object_name, scratch), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
         specs = graph.with_view(specs, object_name, view) if view is not None else specs
+        specs = graph.with_planner(specs, cell.planner) if planner else specs
         specs = specs if live or view is not None else graph.unattended(specs)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
         ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live, recorded=bag)

@@ -109,6 +109,7 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
     guards: dict[str, dict[str, Any]] = {"`enable_timeout`": {"enable_timeout": 1.0}, "`max_force`": {"max_force": 1.0}}
     yield Start("actuator", pusher, guards)
     yield Start("estimator", {"object": name}, kinds)
+    yield Start("planner", {}, {})
     yield Start("experiment", {"object": name}, {})
     yield Start("recorder", {"bag": str(folder / "new"), "discover": True}, {})
     yield Start("player", {"bag": str(bag)}, {})

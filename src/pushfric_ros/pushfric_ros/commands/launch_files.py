@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 
 from pushfric_core.bags.recorded import Recorded, object_beside
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.cell.node_settings import ViewConfig
+from pushfric_core.cell.node_settings import PlannerConfig, ViewConfig
 from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
+from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands.demo import SPEED, demo_cell
 from pushfric_ros.commands.recorded_run import failures
 from pushfric_ros.graph import graph
@@ -17,7 +18,7 @@ from pushfric_ros.graph.graph import Launchable, NodeSpec
 def _cell(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
     file = load_cell(pathlib.Path(values["cell"]))
     specs = graph.cell(file, values["bag"], int(values["start"]))
-    return file.namespace, _shown(specs, file.object, values["view"], file.view)
+    return file.namespace, _with_parts(specs, file.object, values, file.view, file.planner)
 
 
 def _found(values: Mapping[str, str], namespace: str) -> Sequence[str]:
@@ -28,7 +29,7 @@ def _demo(values: Mapping[str, str], folder: pathlib.Path) -> tuple[str, Sequenc
     cell = dataclasses.replace(demo_cell(values["object"], folder), namespace=values["namespace"])
     specs = graph.simulated_cell(cell, values["bag"], int(values["seed"]), float(values["speed"]))
     specs = specs if values["view"] else graph.unattended(specs)
-    return cell.namespace, _shown(specs, cell.object, values["view"], cell.view)
+    return cell.namespace, _with_parts(specs, cell.object, values, cell.view, cell.planner)
 
 
 def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:
@@ -38,16 +39,24 @@ def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[N
     source = recorded.source(settings.with_forces)
     object_name = values["object"] or str(object_beside(bag))
     specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
-    return source.namespace, _shown(specs, object_name, values["view"], ViewConfig())
+    return source.namespace, _with_parts(specs, object_name, values, ViewConfig(), PlannerConfig())
 
 
-def _shown(specs: Sequence[NodeSpec], object_name: str, address: str, settings: ViewConfig) -> Sequence[NodeSpec]:
-    """The same nodes, with a view if one is asked for."""
-    view = view_at(address, settings)
-    return specs if view is None else graph.with_view(specs, object_name, view)
+def _with_parts(
+    specs: Sequence[NodeSpec], object_name: str, values: Mapping[str, str], shown: ViewConfig, asked: PlannerConfig
+) -> Sequence[NodeSpec]:
+    """The same nodes, with a view and a planner if they are asked for."""
+    view = view_at(values["view"], shown)
+    specs = specs if view is None else graph.with_view(specs, object_name, view)
+    if values["planner"] not in ("true", "false"):
+        raise InvalidInput(f"planner must be true or false, got {values['planner']!r}")
+    return graph.with_planner(specs, asked) if values["planner"] == "true" else specs
 
 
-VIEW = {"view": ("", f"where a browser sees the run: a port, HOST:PORT, or {AUTO_VIEW}; empty: nowhere")}
+PARTS = {
+    "view": ("", f"where a browser sees the run: a port, HOST:PORT, or {AUTO_VIEW}; empty: nowhere"),
+    "planner": ("false", "true: also start a node that answers planners"),
+}
 
 
 CELL = Launchable(
@@ -55,7 +64,7 @@ CELL = Launchable(
         "cell": (None, "path of the cell's YAML file"),
         "bag": (None, "folder of the bag to record"),
         "start": ("1", "push of the plan to begin with"),
-        **VIEW,
+        **PARTS,
     },
     _cell,
     _found,
@@ -69,7 +78,7 @@ DEMO = Launchable(
         "seed": ("0", "of the camera's noise and the operator's hand"),
         "speed": (str(SPEED), "multiple of real time"),
         "namespace": (graph.NAMESPACE, "of the cell"),
-        **VIEW,
+        **PARTS,
     },
     _demo,
     _found,
@@ -82,7 +91,7 @@ REPLAY = Launchable(
         "object": ("", "name of an object of Table 1, or path of an object YAML; empty: the bag's own object.yaml"),
         "rate": ("1.0", "multiple of the recorded speed"),
         "namespace": ("", "of the cell, for a bag of several"),
-        **VIEW,
+        **PARTS,
     },
     _replay,
 )

@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from pushfric_core.bags.recorded import Recorded, prior_beside
-from pushfric_core.cell.node_settings import PlayerConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlannerConfig, PlayerConfig, ViewConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail, warn
 from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
@@ -33,6 +33,7 @@ def replay(
     json: JsonOption = None,
     headless: HeadlessFlag = False,
     view: ViewOption = "",
+    planner: PlannerFlag = False,
     stay: Annotated[
         bool, typer.Option("--stay", help="Keep the last estimate on its topics, for late subscribers, until Ctrl-C.")
     ] = False,
@@ -47,6 +48,7 @@ def replay(
     specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file)
     if (shown := view_at(view, ViewConfig())) is not None:
         specs = graph.with_view(specs, object_file, shown)
+    specs = graph.with_planner(specs, PlannerConfig()) if planner else specs
     live = console.is_terminal and not headless
     printed = False
 

@@ -11,7 +11,7 @@ import typer
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.options import RUNS
@@ -34,6 +34,7 @@ def run(
     start: Annotated[int, option(ExperimentConfig, "start")] = ExperimentConfig.start,
     headless: HeadlessFlag = False,
     view: ViewOption = "",
+    planner: PlannerFlag = False,
     model_file: Annotated[
         pathlib.Path | None,
         typer.Option("--model", help="Model to start from (.yaml).", show_default="estimator.model of the cell"),
@@ -80,6 +81,7 @@ def run(
             specs = graph.cell(file, str(bag), start)
         if shown is not None:
             specs = graph.with_view(specs, file.object, shown)
+        specs = graph.with_planner(specs, file.planner) if planner else specs
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"

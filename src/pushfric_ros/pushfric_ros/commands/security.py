@@ -91,7 +91,8 @@ def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
     allowed = {}
     with tempfile.TemporaryDirectory(prefix="pushfric-security-") as folder:
         shown = dataclasses.replace(file.view, host=LOOPBACK, port=0)
-        for spec in graph.with_view(graph.cell(file, str(pathlib.Path(folder) / "bag")), file.object, shown):
+        cell = graph.cell(file, str(pathlib.Path(folder) / "bag"))
+        for spec in graph.with_planner(graph.with_view(cell, file.object, shown), file.planner):
             told = asked.ask(node_class(spec.name), _harmless(spec, pathlib.Path(folder)))
             endpoints = {*asked.every_node, *told.endpoints}
             if any(endpoint.name == "~/change_state" for endpoint in endpoints):  # only the middleware knows of this topic

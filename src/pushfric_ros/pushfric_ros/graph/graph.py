@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import NAMESPACE, ViewConfig
+from pushfric_core.cell.node_settings import NAMESPACE, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -75,12 +75,12 @@ TOPICS = (
     CellTopic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
     CellTopic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
     CellTopic(estimator_settings.START_TOPIC, "pushfric_msgs/msg/EstimationStart", "latched"),
-    CellTopic("limit_surface", "pushfric_msgs/msg/LimitSurface", "latched"),
     CellTopic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
     CellTopic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
     CellTopic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
 )
-"""The topics that a cell records: all except images and heartbeats, which are 80 messages a second that say that nothing hangs.
+"""The topics that a cell records: all except images, friction models, which follow from the observations, and heartbeats, which
+are 80 messages a second that say that nothing hangs.
 
 A missing heartbeat leads to a fault, which is recorded.
 """
@@ -268,6 +268,11 @@ def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -
     reached = specs[0].environment
     view = NodeSpec("view", {"object": object_name, **plain(config)}, respawn=True, environment=reached)
     return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
+
+
+def with_planner(specs: Sequence[NodeSpec], config: PlannerConfig) -> list[NodeSpec]:
+    """The same nodes, and one that answers planners; the run does not wait for it."""
+    return [*specs, NodeSpec("planner", plain(config), respawn=True, environment=specs[0].environment)]
 
 
 def _awaiting(spec: NodeSpec, name: str) -> NodeSpec:

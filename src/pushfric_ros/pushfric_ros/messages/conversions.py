@@ -18,10 +18,14 @@ from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, 
 from pushfric_core.estimation.push_choice import RankedPush
 from pushfric_core.estimation.recognition import Ranking
 from pushfric_core.estimation.region import Region
+from pushfric_core.estimation.verdict import Verdict
+from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import OBJECT
+from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.mechanics.prediction import FrictionModel, Predictions, Stability
+from pushfric_core.mechanics.prediction import FrictionModel, MotionCone, Predictions, Stability
 from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.strokes import Strokes
 from pushfric_core.mechanics.surface_models import (
     convex_quartic,
     ellipsoid_error,
@@ -29,19 +33,21 @@ from pushfric_core.mechanics.surface_models import (
     quartic_error,
     surface_samples,
 )
-from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, check_within
+from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import UNIT, Observation
 from pushfric_core.uncertainty.contact_friction import Kind, MuC, Slip
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_msgs.msg import (
+    Basis,
     CenterOfFrictionRegion,
     ContactFriction,
     FrictionEstimate,
     Hypothesis,
     LimitSurface,
     ObjectChange,
+    PlanarPose,
     PusherState,
     Recognition,
     RejectedPush,
@@ -50,12 +56,16 @@ from pushfric_msgs.msg import (
     TestPush,
 )
 from pushfric_msgs.msg import (
+    FrictionModel as FrictionModelMsg,
+)
+from pushfric_msgs.msg import (
     Observation as ObservationMsg,
 )
 from pushfric_msgs.msg import (
     Reason as ReasonMsg,
 )
-from pushfric_msgs.srv import PredictPush, StablePushes
+from pushfric_msgs.srv import MotionCone as MotionConeSrv
+from pushfric_msgs.srv import PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.types import message_class
 
 STATUS_TO_MSG = {
@@ -94,6 +104,9 @@ KIND_TO_MSG = {
 KIND_FROM_MSG = {number: kind for kind, number in KIND_TO_MSG.items()}
 
 CODE_FROM_MSG = {getattr(ReasonMsg, code.name): code for code in ReasonCode}
+
+MODEL_TOPIC = "friction_model"
+"""Where the estimator publishes what planner nodes need."""
 
 NOWHERE = (math.nan, math.nan)
 
@@ -242,6 +255,51 @@ def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int,
     return msg
 
 
+def friction_model_to_msg(
+    object_name: str, outline: Outline, estimate: Estimate | None, model: FrictionModel | None, verdict: Verdict
+) -> FrictionModelMsg:
+    """What predictions need, as a message.
+
+    Args:
+        object_name: name of the object.
+        outline: of the object.
+        estimate: the present one; None: there is none.
+        model: made from it; None: none can be made.
+        verdict: on the estimate.
+    """
+    basis = Basis(object=object_name, has_model=model is not None)
+    basis.header.frame_id = OBJECT
+    msg = FrictionModelMsg(basis=basis, outline=[_point(corner) for corner in outline.vertices])
+    msg.misfit = msg.total_friction = math.nan
+    msg.center_of_friction, msg.covariance = _point(NOWHERE), np.full(4, math.nan)
+    if estimate is None:
+        return msg
+    basis.header.stamp = stamp_to_msg(estimate.stamp)
+    basis.data_points, basis.pushes = estimate.data_points, estimate.pushes
+    basis.reasons, basis.notes = _reasons(verdict.reasons), _reasons(verdict.notes)
+    if model is not None:
+        msg.support_points = [_point(point) for point in model.support_points]
+        msg.w, msg.mu_c, msg.weights, msg.misfit = model.w.ravel(), model.mu_c, model.share, model.misfit
+        msg.center_of_friction, msg.total_friction = _point(estimate.center_of_friction), _number(estimate.total_friction)
+        if estimate.spread is not None:
+            msg.covariance = estimate.spread.covariance.ravel()
+    return msg
+
+
+def friction_model_from_msg(msg: FrictionModelMsg) -> tuple[FrictionModel, Outline]:
+    """The model in a message that has one, and the outline of its object.
+
+    Raises:
+        ValueError: the numbers make no sense.
+    """
+    w, mu_c = np.array(msg.w), np.array(msg.mu_c)
+    points = np.array([(point.x, point.y) for point in msg.support_points]).reshape(-1, 2)
+    if len(w) != len(points) * len(mu_c):
+        raise ValueError(f"w must have {len(mu_c)} x {len(points)} numbers, got {len(w)}")
+    model = FrictionModel(points, w.reshape(-1, len(points)), mu_c, np.array(msg.weights), msg.misfit)
+    return model, Outline(np.array([(corner.x, corner.y) for corner in msg.outline]))
+
+
 def pushes_from_msg(request: PredictPush.Request) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contact points, normals and tip velocities (k, 2) each.
 
@@ -249,19 +307,63 @@ def pushes_from_msg(request: PredictPush.Request) -> tuple[np.ndarray, np.ndarra
         ValueError: their numbers differ, there are none, or a normal is not unit.
     """
     velocities = _planar(request.tip_velocities, "tip_velocities", FASTEST, "m/s")
-    parts = _planar(request.contact_points), _normals(request.contact_normals), velocities
+    parts = _planar(request.contact_points), _units("contact_normals", request.contact_normals), velocities
     _as_many("contact_points, contact_normals and tip_velocities", *parts)
     return parts
 
 
-def predictions_to_msg(predictions: Predictions, response: PredictPush.Response) -> PredictPush.Response:
-    """The predicted motions of pushes, as the answer to a request."""
-    response.success = True
-    response.twists = [_twist(twist) for twist in predictions.twists]
-    response.modes = [MODE_TO_MSG[mode] for mode in predictions.modes]
-    response.spreads = predictions.spread.tolist()
-    response.forces = [_vector(force) for force in predictions.forces]
-    return response
+def add_predictions(predictions: Predictions, response: PredictPush.Response, with_samples: bool) -> None:
+    """Add predicted motions of pushes to an answer."""
+    response.twists.extend(map(_twist, predictions.twists.tolist()))
+    response.modes.extend(MODE_TO_MSG[mode] for mode in predictions.modes)
+    response.spreads.extend(predictions.spread.tolist())
+    response.forces.extend(map(_vector, predictions.forces.tolist()))
+    response.covariances.extend(predictions.covariance.ravel().tolist())
+    if with_samples:
+        response.sample_twists.extend(predictions.samples.twists.ravel().tolist())
+
+
+def strokes_from_msg(request: PredictStroke.Request) -> tuple[list[Pose], list[PushingLine], np.ndarray]:
+    """Poses before the strokes, the lines of the tip, and where it stops (k,) [m].
+
+    Raises:
+        ValueError: their numbers differ, there are none, a direction is not unit, or a number makes no sense.
+    """
+    starts = np.array([(pose.x, pose.y, pose.theta) for pose in request.starts]).reshape(-1, 3)
+    _within("starts", starts, FARTHEST, "m")
+    origins, directions = _planar(request.origins, "origins"), _units("directions", request.directions)
+    radii, positions = np.array(request.tip_radii, dtype=float), np.array(request.positions, dtype=float)
+    _within("positions", positions[:, None], FARTHEST, "m")
+    _within("tip_radii", radii[:, None], LARGEST, "m")
+    if not (radii >= 0).all():
+        raise ValueError(f"tip_radii must be at least 0, got {radii.min():g}")
+    _as_many("starts, origins, directions, tip_radii and positions", starts, origins, directions, radii, positions)
+    lines = [
+        PushingLine(*line)
+        for line in zip(map(tuple, origins.tolist()), map(tuple, directions.tolist()), radii.tolist(), strict=True)
+    ]
+    return [Pose(*start) for start in starts.tolist()], lines, positions
+
+
+def add_strokes(strokes: Strokes, response: PredictStroke.Response, with_samples: bool) -> None:
+    """Add the ends of strokes to an answer."""
+    response.ends.extend(PlanarPose(x=x, y=y, theta=theta) for x, y, theta in strokes.means.tolist())
+    response.covariances.extend(strokes.covariance.ravel().tolist())
+    if with_samples:
+        response.sample_ends.extend(strokes.poses.ravel().tolist())
+
+
+def contacts_from_msg(request: MotionConeSrv.Request) -> tuple[np.ndarray, np.ndarray]:
+    """Contact points and normals (k, 2) each. Raises ValueError as `pushes_from_msg`."""
+    parts = _planar(request.contact_points), _units("contact_normals", request.contact_normals)
+    _as_many("contact_points and contact_normals", *parts)
+    return parts
+
+
+def add_cones(cones: MotionCone, response: MotionConeSrv.Response) -> None:
+    """Add motion cones to an answer."""
+    response.right.extend(map(_twist, cones.right.tolist()))
+    response.left.extend(map(_twist, cones.left.tolist()))
 
 
 def turns_from_msg(
@@ -272,7 +374,7 @@ def turns_from_msg(
     Raises:
         ValueError: their numbers differ, there are none, or a normal is not unit.
     """
-    points, normals = _planar(request.contact_points), _normals(request.contact_normals)
+    points, normals = _planar(request.contact_points), _units("contact_normals", request.contact_normals)
     half_widths, turns = np.array(request.half_widths, dtype=float), np.array(request.turns, dtype=float)
     centers = _planar(request.centers_of_rotation, "centers_of_rotation", FARTHEST_TURN_CENTER)
     names = "contact_points, contact_normals, half_widths, centers_of_rotation and turns"
@@ -280,49 +382,57 @@ def turns_from_msg(
     return points, normals, half_widths, centers, turns
 
 
-def stability_to_msg(stability: Stability, response: StablePushes.Response) -> StablePushes.Response:
-    """Which pushes hold the object, as the answer to a request."""
-    response.success = True
-    response.stable, response.margins = stability.stable.tolist(), stability.margins.tolist()
-    response.probabilities = stability.probabilities.tolist()
-    return response
+def add_stability(stability: Stability, response: StablePushes.Response) -> None:
+    """Add to an answer which pushes hold the object."""
+    response.stable.extend(stability.stable.tolist())
+    response.margins.extend(stability.margins.tolist())
+    response.probabilities.extend(stability.probabilities.tolist())
 
 
-def limit_surface_to_msg(estimate: Estimate, model: FrictionModel, object_name: str) -> LimitSurface:
-    """The limit surface of an estimate in the forms that planners use.
+def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionModel) -> LimitSurface:
+    """The limit surface of a model in the forms that planners use.
 
+    Args:
+        basis: what the model rests on.
+        total_friction: support friction of the translating object [N]; NaN: not known.
+        model: of the object.
     Raises:
         ValueError: a single point bears all the weight: its surface encloses no volume.
     """
-    total_friction = _number(estimate.total_friction)
-    msg = LimitSurface(object=object_name, contact_friction=model.mean_mu_c, total_friction=total_friction)
-    msg.header.stamp, msg.header.frame_id = stamp_to_msg(estimate.stamp), OBJECT
+    msg = LimitSurface(header=basis.header, object=basis.object)
+    msg.contact_friction, msg.total_friction = model.mean_mu_c, total_friction
     ellipsoid, quartic = named_ellipsoid(model.support), convex_quartic(model.support)
     msg.f_max, msg.m_max, msg.center = ellipsoid.f_max, ellipsoid.m_max, _point(ellipsoid.center)
     msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid.form(), model.support)
     msg.quartic = quartic.coefficients
     msg.quartic_load_error, msg.quartic_twist_error = quartic_error(quartic, model.support)
     wrenches, twists = surface_samples(model.support)
-    msg.wrenches = [Wrench(force=_vector(row[:2]), torque=Vector3(z=float(row[2]))) for row in wrenches]
-    msg.twists = [_twist(row) for row in twists]
+    msg.wrenches = [Wrench(force=_vector(row[:2]), torque=Vector3(z=row[2])) for row in wrenches.tolist()]
+    msg.twists = [_twist(row) for row in twists.tolist()]
     return msg
 
 
 def _planar(
     vectors: Sequence[Point] | Sequence[Vector3], what: str = "contact_points", most: float = FARTHEST, unit: str = "m"
 ) -> np.ndarray:
-    for vector in vectors:
-        check_within(what, (vector.x, vector.y), most, unit)
-    return np.array([(vector.x, vector.y) for vector in vectors], dtype=float).reshape(-1, 2)
+    found = np.array([(vector.x, vector.y) for vector in vectors], dtype=float).reshape(-1, 2)
+    _within(what, found, most, unit)
+    return found
 
 
-def _normals(vectors: Sequence[Vector3]) -> np.ndarray:
-    normals = _planar(vectors)
-    lengths = np.linalg.norm(normals, axis=1)
+def _within(what: str, rows: np.ndarray, most: float, unit: str) -> None:
+    if not (np.abs(rows) <= most).all():
+        for row in rows.tolist():
+            check_within(what, row, most, unit)
+
+
+def _units(what: str, vectors: Sequence[Vector3]) -> np.ndarray:
+    found = _planar(vectors, what)
+    lengths = np.linalg.norm(found, axis=1)
     wrong = ~(np.abs(lengths - 1) <= UNIT)
     if wrong.any():
-        raise ValueError(f"contact_normals must have length 1, got {lengths[wrong][0]:g}")
-    return normals
+        raise ValueError(f"{what} must have length 1, got {lengths[wrong][0]:g}")
+    return found
 
 
 def _as_many(names: str, *arrays: np.ndarray) -> None:
@@ -331,15 +441,15 @@ def _as_many(names: str, *arrays: np.ndarray) -> None:
         raise ValueError(f"{names} must have the same length, at least 1, got {', '.join(map(str, counts))}")
 
 
-def _twist(row: np.ndarray) -> TwistMsg:
-    return TwistMsg(linear=_vector(row[:2]), angular=Vector3(z=float(row[2])))
+def _twist(row: Sequence[float]) -> TwistMsg:
+    return TwistMsg(linear=_vector(row[:2]), angular=Vector3(z=row[2]))
 
 
-def _point(xy: tuple[float, float] | np.ndarray) -> Point:
+def _point(xy: Sequence[float] | np.ndarray) -> Point:
     return Point(x=float(xy[0]), y=float(xy[1]))
 
 
-def _vector(xy: tuple[float, float] | np.ndarray) -> Vector3:
+def _vector(xy: Sequence[float] | np.ndarray) -> Vector3:
     return Vector3(x=float(xy[0]), y=float(xy[1]))
 
 

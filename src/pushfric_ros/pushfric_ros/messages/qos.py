@@ -60,5 +60,8 @@ LATCHED = Qos(depth=1, durability=Durability.TRANSIENT_LOCAL)
 LATCHED_QUEUE = Qos(depth=500, durability=Durability.TRANSIENT_LOCAL)
 """For a subscriber to such a topic that needs every message, not just the last: deep, because they wait in a busy moment."""
 
+REQUESTS = Qos(depth=500)
+"""For services that many clients call at once: with rclpy's depth of 10, requests are lost in silence."""
+
 NAMED = dict(zip(QUALITIES, (SENSOR_DATA, RELIABLE, LATCHED), strict=True))
 """The qualities that a publisher of the cell may have, by name."""

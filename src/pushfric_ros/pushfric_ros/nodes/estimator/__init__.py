@@ -50,7 +50,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
-from pushfric_ros.nodes.estimator.planner_answers import PlannerAnswers
+from pushfric_ros.nodes.estimator.model_publication import ModelPublication
 from pushfric_ros.nodes.estimator.publications import Publications
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class EstimatorNode(Node):
         self._handover, self._caught_up = self._interrupted(), False
         self._diagnostics = topics = Diagnostics(self, self._health, prefix)
         self._publications = Publications(topics, self._settings.slipping)
-        self._planner = PlannerAnswers(self, topics)
+        self._model_publication = ModelPublication(topics)
         self._begin(model.object if self._handover is None else self._handover.start.object)
         # the compiled solver is loaded now, not with the first data point
         self._settings.new_estimator(self._object.support_points).estimate()
@@ -113,6 +113,7 @@ class EstimatorNode(Node):
             self.get_logger().warning(f"goes on from {self._bag}")
             self._look = self.create_timer(HANDOVER_PERIOD, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._publications.everything(self._judge())
+        self._model_publication.publish(self._verdict)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(SelectPush, "~/exclude_push", self._on_exclude_push)
@@ -208,7 +209,7 @@ class EstimatorNode(Node):
         recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
         self._online = OnlineEstimation(model.outline, estimator, settings.region.region_margin, recognizer, self._refuse)
         self._publications.begin(model, self._online)
-        self._planner.begin(model, self._online)
+        self._model_publication.begin(model, self._online)
         self._verdict = Verdict()
         self._problem: str | None = None
         self._refused = 0
@@ -267,8 +268,8 @@ class EstimatorNode(Node):
                 self._online.learn(observation)
             elif self._online.take(observation):
                 self._show(observation)
-        if self._handover is None:
-            self._planner.prepare()
+        if self._handover is None and observations:
+            self._model_publication.keep_up(self._verdict)
 
     def _show(self, observation: Observation) -> None:
         """Publish the estimate with a new data point first, and then what planners do not wait for."""
@@ -317,6 +318,7 @@ class EstimatorNode(Node):
         if self._online.estimate is None:
             self._publications.nothing()
         self._publications.everything(self._judge())
+        self._model_publication.publish(self._verdict)
 
     def _refuse(self, what: str, error: Exception) -> None:
         """Log once, not at camera rate, that input was refused; the estimate stays as it was."""
@@ -367,7 +369,6 @@ class EstimatorNode(Node):
 
     def _show_again(self) -> None:
         """Publish what has changed because other pushes are left out."""
-        self._planner.forget()
         self._publish_settings()
         verdict = self._judge()
         self._publications.region()
@@ -377,6 +378,7 @@ class EstimatorNode(Node):
             self._publications.draw(self._publications.estimate(verdict))
         if self._online.ranking is not None:
             self._publications.ranking()
+        self._model_publication.publish(verdict)
 
     def _at_rest(self) -> None:
         """Publish what takes longer than a data point may wait, for an estimate that has lasted a while."""
@@ -389,7 +391,7 @@ class EstimatorNode(Node):
             self._online.settle()
             self._before = self._lasted = self._online.estimate
             self._publications.estimate(self._judge())
-        self._planner.publish_limit_surface()
+        self._model_publication.publish(self._verdict)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")

@@ -1,0 +1,176 @@
+"""Services whose answers take long: requests are taken as they come, and worked on in turns, a slice at a time.
+
+So a short request is answered soon, however long the others are, and the node's timers go on. A request whose time is over is
+refused; once a service has no clients left, its requests are dropped. rclpy answers one request after another, and tells nobody
+which client a request is from.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Generator
+from contextlib import ExitStack
+from typing import Any, NamedTuple
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.waitable import NumberOfEntities, Waitable
+
+from pushfric_core.errors import PushfricError
+from pushfric_ros.node_kit.qos import REQUESTS
+
+TURN = 0.02
+"""The executor gets its turn after this long, and one slice [s]."""
+
+PATIENCE = 1.0
+"""Whether a service still has clients is asked when a request is this old [s]: a new client may not be known yet."""
+
+Answer = Generator[None, None, Any]
+"""The work for a request: it pauses after each slice, and returns the response."""
+
+
+class Turns(Waitable):
+    """The services of a node that are worked on in turns.
+
+    Args:
+        node: the node.
+        refuse: makes the response of a service to a request that failed; called with the service's type and the reason.
+        longest: the work for a request ends after this long [s].
+    Attributes:
+        answered: number of requests that were answered.
+        refused: number of those that failed.
+        dropped: number of requests without an answer, as no client was left.
+    """
+
+    def __init__(self, node: Node, refuse: Callable[[Any, str], Any], longest: float) -> None:
+        super().__init__(node.default_callback_group)
+        self._node, self._refuse, self._longest = node, refuse, longest
+        self.answered = self.refused = self.dropped = 0
+        self._answers: dict[Service, Callable[[Any], Answer]] = {}
+        self._indices: dict[Service, int] = {}
+        self._ready: list[Service] = []
+        self._calls: deque[_Call] = deque()
+        self._more = node.create_guard_condition(self._work)
+        node.add_waitable(self)
+
+    @property
+    def waiting(self) -> int:
+        """Number of requests that have no answer yet."""
+        return len(self._calls)
+
+    def serve(self, kind: Any, name: str, answer: Callable[[Any], Answer]) -> None:
+        """Offer a service.
+
+        Args:
+            kind: type of the service; its requests have a `deadline`.
+            name: of the service.
+            answer: begins the work for a request; a ValueError or PushfricError says why it fails.
+        """
+        service = self._node.create_service(kind, name, _taken_here, qos_profile=REQUESTS, callback_group=_TakenHere())
+        self._answers[service] = answer
+
+    def _work(self) -> None:
+        begin = time.monotonic()
+        while self._calls and time.monotonic() - begin < TURN:
+            call = self._calls.popleft()
+            if time.monotonic() - call.came > PATIENCE and not self._node.count_clients(call.service.service_name):
+                self.dropped += 1
+            elif (response := self._slice(call)) is None:
+                self._calls.append(call)
+            else:
+                self._respond(call, response)
+        if self._calls:
+            self._more.trigger()
+
+    def _slice(self, call: "_Call") -> Any:
+        """Work a little; return the response, or None if the work goes on."""
+        try:
+            if not time.monotonic() <= call.came + call.allowed:  # nor if it is not a number
+                raise ValueError(f"no answer within {call.allowed:g} s")
+            next(call.answer)
+        except StopIteration as end:
+            self.answered += 1
+            return end.value
+        except (ValueError, PushfricError) as error:
+            self.answered += 1
+            self.refused += 1
+            return self._refuse(call.service.srv_type, str(error))
+        return None
+
+    def _respond(self, call: "_Call", response: Any) -> None:
+        try:
+            call.service.send_response(response, call.header)
+        except rclpy_implementation.RCLError:
+            if not self._node.context.ok():
+                return
+            self.dropped += 1  # its client has just gone
+
+    # What the executor asks of a waitable from here on; the services are waited for here instead of one by one.
+
+    def __enter__(self) -> None:
+        self._entered = ExitStack()
+        with self._entered as entered:
+            for service in self._answers:
+                entered.enter_context(service.handle)
+            self._entered = entered.pop_all()
+
+    def __exit__(self, *_: object) -> None:
+        self._entered.close()
+
+    def get_num_entities(self) -> NumberOfEntities:
+        return NumberOfEntities(num_services=len(self._answers))
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        self._indices = {service: wait_set.add_service(service.handle) for service in self._answers}
+
+    def is_ready(self, wait_set: Any) -> bool:
+        self._ready = [service for service, index in self._indices.items() if wait_set.is_ready("service", index)]
+        return bool(self._ready)
+
+    def take_data(self) -> list[tuple[Service, Any, Any]]:
+        return [(service, *taken) for service in self._ready for taken in _requests(service)]
+
+    async def execute(self, taken_data: list[tuple[Service, Any, Any]]) -> None:
+        for service, request, header in taken_data:
+            waited = (time.time_ns() - header.received_timestamp) / 1e9 if header.received_timestamp else 0.0
+            allowed = min(request.deadline, self._longest) if request.deadline else self._longest
+            came = time.monotonic() - max(waited, 0.0)
+            self._calls.append(_Call(service, header, came, allowed, self._answers[service](request)))
+        self._more.trigger()
+
+
+class _Call(NamedTuple):
+    """A request that is worked on."""
+
+    service: Service
+    header: Any  # says who asked
+    came: float  # by time.monotonic() [s]
+    allowed: float  # how long the work may take [s]
+    answer: Answer
+
+
+class _TakenHere(CallbackGroup):
+    """Keeps the executor from taking requests itself."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing: no execution begins."""
+
+
+def _taken_here(*_: Any) -> None:
+    raise RuntimeError("the executor has taken a request that is not its own to take")
+
+
+def _requests(service: Service) -> list[tuple[Any, Any]]:
+    """All requests that have come, with their headers."""
+    found = []
+    with service.handle:
+        while (taken := service.handle.service_take_request(service.srv_type.Request))[1] is not None:
+            found.append(taken)
+    return found

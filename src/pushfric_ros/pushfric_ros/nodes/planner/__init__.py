@@ -1,0 +1,70 @@
+"""The planner node: the estimator's last friction model -> answers to planners."""
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+from pushfric_core.cell.node_settings import PlannerConfig
+from pushfric_msgs.msg import FrictionModel
+from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
+from pushfric_ros.messages.conversions import MODEL_TOPIC
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.qos import LATCHED
+from pushfric_ros.node_kit.turns import Answer, Turns
+from pushfric_ros.nodes.planner.answers import Answers
+from pushfric_ros.nodes.planner.known import Known
+
+NICENESS = 5
+"""The process gives way to the others of the cell by this much, so that no planner delays an estimate."""
+
+QUESTIONS = {
+    "predict_push": PredictPush,
+    "predict_stroke": PredictStroke,
+    "motion_cone": MotionCone,
+    "stable_pushes": StablePushes,
+    "limit_surface": GetLimitSurface,
+}
+"""Services, by name."""
+
+
+class PlannerNode(Node):
+    """Answers planners from the last friction model: where pushes lead, which hold the object, and its limit surface."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("planner", **kwargs)
+        self._config = declare(self, PlannerConfig)
+        self._known = Known()
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        topics.subscribe(FrictionModel, MODEL_TOPIC, self._on_model, LATCHED)
+        self._turns = Turns(self, self._refusal, self._config.longest)
+        for name, kind in QUESTIONS.items():
+            self._turns.serve(kind, f"~/{name}", self._begins(name))
+
+    def _begins(self, name: str) -> Callable[[Any], Answer]:
+        """What begins the work for a request of a service: by what is known at that time, whatever comes later."""
+        return lambda request: getattr(Answers(self._known, self._config), name)(request)
+
+    def _refusal(self, kind: Any, reason: str) -> Any:
+        return kind.Response(message=reason, basis=self._known.basis)
+
+    def _on_model(self, msg: FrictionModel) -> None:
+        self._known = Known.told(msg)
+
+    def _health(self) -> Health:
+        basis, turns = self._known.basis, self._turns
+        values = {"object": basis.object, "data points": basis.data_points}
+        values |= {name: getattr(turns, name) for name in ("answered", "refused", "dropped", "waiting")}
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        if self._known.wrong:
+            return Health(Level.ERROR, self._known.why_not, values)
+        return Health(Level.OK, "answering" if self._known.model is not None else self._known.why_not, values)
+
+
+def main() -> None:
+    os.nice(NICENESS)
+    run_node(PlannerNode)

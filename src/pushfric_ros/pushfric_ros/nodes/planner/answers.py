@@ -1,0 +1,118 @@
+"""The work for each question of a planner: the core's answer, a slice of the question at a time.
+
+Each push is computed by itself, so the slices make no difference to the numbers.
+"""
+
+from collections.abc import Generator, Iterator
+
+import numpy as np
+
+from pushfric_core.cell.node_settings import PlannerConfig
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.mechanics.prediction import FrictionModel, motion_cone, predict, stability
+from pushfric_core.mechanics.quasi_static import BLOCK
+from pushfric_core.mechanics.strokes import stroke_steps
+from pushfric_core.trajectories.observation import check_half_width, check_planned_contacts
+from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
+from pushfric_ros.messages.conversions import (
+    add_cones,
+    add_predictions,
+    add_stability,
+    add_strokes,
+    contacts_from_msg,
+    limit_surface_to_msg,
+    pushes_from_msg,
+    strokes_from_msg,
+    turns_from_msg,
+)
+from pushfric_ros.nodes.planner.known import Known
+
+NUMBERS = 2 * BLOCK
+"""Support points times samples times pushes in a slice: some 10 ms of work."""
+
+
+class Answers:
+    """What a known model answers; each raises ValueError for a request that is wrong or too large.
+
+    Args:
+        known: the model.
+        config: how large a request may be.
+    """
+
+    def __init__(self, known: Known, config: PlannerConfig) -> None:
+        self._known, self._config = known, config
+
+    def predict_push(self, request: PredictPush.Request) -> Generator[None, None, PredictPush.Response]:
+        model, outline = self._asked(request.mean_only)
+        self._check_number("contact_points", len(request.contact_points), "most_pushes")
+        pushes = pushes_from_msg(request)
+        response = PredictPush.Response(success=True, basis=self._known.basis)
+        for rows in _slices(len(pushes[0]), model):
+            points, normals, velocities = (array[rows] for array in pushes)
+            check_planned_contacts(outline, points, normals, rows.start)
+            add_predictions(predict(model, points, normals, velocities), response, request.with_samples)
+            yield
+        if request.with_samples:
+            response.weights = model.share
+        return response
+
+    def predict_stroke(self, request: PredictStroke.Request) -> Generator[None, None, PredictStroke.Response]:
+        model, outline = self._asked(request.mean_only)
+        self._check_number("starts", len(request.starts), "most_strokes")
+        starts, lines, positions = strokes_from_msg(request)
+        response = PredictStroke.Response(success=True, basis=self._known.basis)
+        for rows in _slices(len(starts), model):
+            found = yield from stroke_steps(model, outline, starts[rows], lines[rows], positions[rows])
+            add_strokes(found, response, request.with_samples)
+        if request.with_samples:
+            response.weights = model.share
+        return response
+
+    def motion_cone(self, request: MotionCone.Request) -> Generator[None, None, MotionCone.Response]:
+        model, outline = self._asked()
+        self._check_number("contact_points", len(request.contact_points), "most_pushes")
+        points, normals = contacts_from_msg(request)
+        response = MotionCone.Response(success=True, basis=self._known.basis)
+        for rows in _slices(len(points), model):
+            check_planned_contacts(outline, points[rows], normals[rows], rows.start)
+            add_cones(motion_cone(model, points[rows], normals[rows]), response)
+            yield
+        return response
+
+    def stable_pushes(self, request: StablePushes.Request) -> Generator[None, None, StablePushes.Response]:
+        model, outline = self._asked()
+        self._check_number("contact_points", len(request.contact_points), "most_pushes")
+        turns = turns_from_msg(request)
+        for half_width in np.unique(turns[2]).tolist():
+            check_half_width(outline, half_width)
+        response = StablePushes.Response(success=True, basis=self._known.basis)
+        for rows in _slices(len(turns[0]), model):
+            points, normals, *rest = (array[rows] for array in turns)
+            check_planned_contacts(outline, points, normals, rows.start)
+            add_stability(stability(model, points, normals, *rest), response)
+            yield
+        return response
+
+    def limit_surface(self, _: GetLimitSurface.Request) -> Generator[None, None, GetLimitSurface.Response]:
+        model, _ = self._asked()
+        found = limit_surface_to_msg(self._known.basis, self._known.total_friction, model)
+        return GetLimitSurface.Response(success=True, basis=self._known.basis, limit_surface=found)
+        yield  # so that this is a generator, too
+
+    def _asked(self, mean_only: bool = False) -> tuple[FrictionModel, Outline]:
+        """The model that answers, and the object's outline. Raises ValueError if there is none."""
+        model, outline = self._known.model, self._known.outline
+        if model is None or outline is None:
+            raise ValueError(self._known.why_not)
+        return (model.mean if mean_only else model), outline
+
+    def _check_number(self, name: str, number: int, setting: str) -> None:
+        most = getattr(self._config, setting)
+        if number > most:
+            raise ValueError(f"{name} must be at most {most} in one request (the planner's {setting}), got {number}")
+
+
+def _slices(count: int, model: FrictionModel) -> Iterator[slice]:
+    """The slices of a number of pushes."""
+    step = max(1, NUMBERS // model.with_mean[0].size)
+    return (slice(start, start + step) for start in range(0, count, step))

@@ -1,0 +1,36 @@
+"""What a planner node knows of an object: the last model that it was told."""
+
+import math
+from dataclasses import dataclass, field
+
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.mechanics.prediction import FrictionModel
+from pushfric_msgs.msg import Basis
+from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
+from pushfric_ros.messages.conversions import friction_model_from_msg
+
+
+@dataclass(frozen=True)
+class Known:
+    """A model and what it rests on; at first nothing."""
+
+    basis: Basis = field(default_factory=Basis)
+    model: FrictionModel | None = None
+    outline: Outline | None = None
+    total_friction: float = math.nan  # [N]
+    why_not: str = "no model has come yet on friction_model: is the estimator running?"
+    wrong: bool = False  # it is not known because the message makes no sense
+
+    @classmethod
+    def told(cls, msg: FrictionModelMsg) -> "Known":
+        """What a message says."""
+        basis = msg.basis
+        if not basis.has_model:
+            reasons = "; ".join(reason.text for reason in basis.reasons)
+            return cls(basis, why_not=reasons or "there is no estimate yet; push the object first")
+        try:
+            model, outline = friction_model_from_msg(msg)
+        except ValueError as error:
+            basis.has_model = False
+            return cls(basis, why_not=f"the message on friction_model is wrong: {error}", wrong=True)
+        return cls(basis, model, outline, msg.total_friction)

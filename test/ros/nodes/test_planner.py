@@ -1,0 +1,385 @@
+"""The planner's answers: what the core predicts from the same data points, over the real middleware."""
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Vector3
+from problems import observations_of
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.planar import Pose, Wrench
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.prediction import friction_model, motion_cone, predict, stability
+from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.strokes import predict_strokes
+from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid
+from pushfric_msgs.msg import FrictionModel, Observation, PlanarPose
+from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
+from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
+from pushfric_ros.node_kit.diagnostics import Level
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, REQUESTS
+from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_ros.nodes.planner import PlannerNode
+
+NAME = "wood_rect3"
+KNOWN = TABLE_1[NAME]
+DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 6, np.random.default_rng(5))
+CONTACTS, NORMALS = np.array(((0.0, -0.032), (0.0635, 0.01))), np.array(((0.0, -1.0), (1.0, 0.0)))
+VELOCITIES = np.array(((0.01, 0.02), (0.02, 0.0)))
+CENTERS, TURNS = np.array(((-0.4, 0.0), (0.0, -0.01))), np.array((1, -1))
+STARTS = [Pose(0.0, 0.0, 0.1), Pose(0.01, 0.0, -0.2)]
+LINES = [PushingLine((0.0, -0.1), (0.0, 1.0), 0.003), PushingLine((-0.1, 0.01), (1.0, 0.0), 0.003)]
+POSITIONS = [0.1, 0.08]
+KINDS = {
+    "predict_push": PredictPush,
+    "predict_stroke": PredictStroke,
+    "motion_cone": MotionCone,
+    "stable_pushes": StablePushes,
+    "limit_surface": GetLimitSurface,
+}
+
+
+def point(xy):
+    return Point(x=float(xy[0]), y=float(xy[1]))
+
+
+def vector(xy):
+    return Vector3(x=float(xy[0]), y=float(xy[1]))
+
+
+def push_request(points=CONTACTS, normals=NORMALS, velocities=VELOCITIES, **more):
+    contacts = {"contact_points": list(map(point, points)), "contact_normals": list(map(vector, normals))}
+    return PredictPush.Request(**contacts, tip_velocities=list(map(vector, velocities)), **more)
+
+
+def many_pushes(count, **more):
+    rng = np.random.default_rng(count)
+    outline = KNOWN.outline
+    edges = rng.integers(len(outline.edges), size=count)
+    points = outline.vertices[edges] + rng.uniform(0.1, 0.9, (count, 1)) * outline.edges[edges]
+    normals = outline.normals[edges]
+    pushes = points, normals, 0.01 * (rng.normal(size=(count, 2)) - 2 * normals)
+    return pushes, push_request(*pushes, **more)
+
+
+def turn_request():
+    return StablePushes.Request(
+        contact_points=list(map(point, CONTACTS)),
+        contact_normals=list(map(vector, NORMALS)),
+        half_widths=[0.02, 0.01],
+        centers_of_rotation=list(map(point, CENTERS)),
+        turns=TURNS.tolist(),
+    )
+
+
+def stroke_request(**more):
+    return PredictStroke.Request(
+        starts=[PlanarPose(x=pose.x, y=pose.y, theta=pose.theta) for pose in STARTS],
+        origins=[point(line.origin) for line in LINES],
+        directions=[vector(line.direction) for line in LINES],
+        tip_radii=[line.tip_radius for line in LINES],
+        positions=POSITIONS,
+        **more,
+    )
+
+
+def expected_model():
+    estimator = Estimator(KNOWN.support_points)
+    for observation in DATA:
+        estimate = estimator.add(observation)
+    return estimate, friction_model(estimate)
+
+
+class Cell:
+    """An estimator, a planner, and a node that asks it."""
+
+    def __init__(self, ros, **planner):
+        self.ros = ros
+        self.node = ros.node("asking", namespace="/cell")
+        parameters = [Parameter(name, value=value) for name, value in planner.items()]
+        self.planner = ros.compose(PlannerNode(namespace="/cell", parameter_overrides=parameters))
+        self.models = []
+        self.node.create_subscription(FrictionModel, "friction_model", self.models.append, LATCHED)
+
+    def estimate(self, observations=DATA):
+        """Start the estimator, and wait until the planner has the model of these observations."""
+        parameters = {"object": NAME, "source": "observations"}
+        given = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=given))
+        out = self.node.create_publisher(Observation, "observation", RELIABLE)
+        self.ros.wait_for(out.get_subscription_count, what="the estimator")
+        for observation in observations:
+            out.publish(observation_to_msg(observation, NAME))
+        self.wait_for_model(len(observations))
+
+    def wait_for_model(self, count):
+        self.ros.wait_for(lambda: self.planner._known.basis.object == NAME, what="the estimator's first model")
+        self.ros.wait_for(lambda: self.planner._known.basis.data_points == count, what="the planner's model")
+
+    def client(self, name, kind=None, node=None):
+        kind = kind or KINDS[name]
+        client = (node or self.node).create_client(kind, name if "/" in name else f"planner/{name}", qos_profile=REQUESTS)
+        self.ros.wait_for(client.service_is_ready, what=name)
+        return client
+
+    def ask(self, name, request, kind=None):
+        answer = self.client(name, kind).call_async(request)
+        self.ros.wait_for(answer.done, what=f"the answer of {name}")
+        return answer.result()
+
+    def figures(self):
+        return self.planner._health().values
+
+
+def floats(messages):
+    """The planar numbers of twists, or of vectors."""
+    return [(one.linear.x, one.linear.y, one.angular.z) if hasattr(one, "linear") else (one.x, one.y) for one in messages]
+
+
+def rows(array):
+    return list(map(tuple, np.asarray(array).tolist()))
+
+
+def test_answers_are_those_of_the_core_to_the_last_bit(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    _, model = expected_model()
+    found, expected = cell.ask("predict_push", push_request(with_samples=True)), predict(model, CONTACTS, NORMALS, VELOCITIES)
+    assert (found.success, found.message) == (True, "")
+    assert floats(found.twists) == rows(expected.twists)
+    assert list(found.modes) == [MODE_TO_MSG[mode] for mode in expected.modes]
+    assert expected.modes[1] is ContactMode.FREE
+    assert list(found.spreads) == expected.spread.tolist()
+    assert floats(found.forces) == rows(expected.forces)
+    assert list(found.covariances) == expected.covariance.ravel().tolist()
+    assert list(found.sample_twists) == expected.samples.twists.ravel().tolist()
+    assert list(found.weights) == model.share.tolist()
+
+    held = cell.ask("stable_pushes", turn_request())
+    same = stability(model, CONTACTS, NORMALS, (0.02, 0.01), CENTERS, TURNS)
+    assert held.success
+    assert (list(held.stable), list(held.margins)) == (same.stable.tolist(), same.margins.tolist())
+    assert list(held.probabilities) == same.probabilities.tolist()
+
+    moved, strokes = cell.ask("predict_stroke", stroke_request(with_samples=True)), None
+    strokes = predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS)
+    assert [(end.x, end.y, end.theta) for end in moved.ends] == rows(strokes.means)
+    assert list(moved.sample_ends) == strokes.poses.ravel().tolist()
+    assert list(moved.covariances) == strokes.covariance.ravel().tolist()
+    assert strokes.means[0, 1] > 0.02
+
+    request = MotionCone.Request(contact_points=push_request().contact_points, contact_normals=push_request().contact_normals)
+    cones, cone = cell.ask("motion_cone", request), motion_cone(model, CONTACTS, NORMALS)
+    assert (floats(cones.right), floats(cones.left)) == (rows(cone.right), rows(cone.left))
+
+
+def test_the_mean_alone_moves_as_with_its_samples(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    _, model = expected_model()
+    alone = cell.ask("predict_push", push_request(mean_only=True, with_samples=True))
+    assert floats(alone.twists) == rows(predict(model, CONTACTS, NORMALS, VELOCITIES).twists)
+    assert list(alone.weights) == [1.0]
+    strokes = cell.ask("predict_stroke", stroke_request(mean_only=True))
+    assert [(end.x, end.y, end.theta) for end in strokes.ends] == rows(
+        predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS).means
+    )
+    assert not any(strokes.covariances)
+    assert not len(strokes.sample_ends)
+
+
+def test_every_answer_says_what_it_rests_on(ros):
+    cell = Cell(ros)
+    requests = {
+        "predict_push": push_request(),
+        "predict_stroke": stroke_request(),
+        "motion_cone": MotionCone.Request(
+            contact_points=push_request().contact_points, contact_normals=push_request().contact_normals
+        ),
+        "stable_pushes": turn_request(),
+        "limit_surface": GetLimitSurface.Request(),
+    }
+    for name, request in requests.items():
+        answer = cell.ask(name, request)
+        assert not answer.success
+        assert answer.message == "no model has come yet on friction_model: is the estimator running?"
+        assert (answer.basis.object, answer.basis.has_model) == ("", False)
+    cell.estimate([])
+    answer = cell.ask("predict_push", push_request())
+    assert answer.message == "there is no estimate yet; push the object first"
+    assert (answer.basis.object, answer.basis.has_model, answer.basis.data_points) == (NAME, False, 0)
+
+    out = cell.node.create_publisher(Observation, "observation", RELIABLE)
+    ros.wait_for(out.get_subscription_count)
+    for observation in DATA:
+        out.publish(observation_to_msg(observation, NAME))
+    cell.wait_for_model(len(DATA))
+    for name, request in requests.items():
+        answer = cell.ask(name, request)
+        assert answer.success
+        basis = answer.basis
+        assert (basis.object, basis.has_model, basis.data_points) == (NAME, True, len(DATA))
+        assert (basis.header.frame_id, basis.header.stamp) == ("object", cell.models[-1].basis.header.stamp)
+        assert basis.pushes == len({observation.push_id for observation in DATA})
+        assert basis.reasons == cell.models[-1].basis.reasons
+    assert cell.ask("estimator/reset", Trigger.Request(), Trigger).success
+    cell.wait_for_model(0)
+    assert cell.ask("limit_surface", GetLimitSurface.Request()).message == "there is no estimate yet; push the object first"
+
+
+def test_a_late_planner_answers_from_the_topic_alone(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    second = ros.compose(PlannerNode(namespace="/cell", cli_args=["--ros-args", "-r", "__node:=elsewhere"]))
+    ros.wait_for(lambda: second._known.model is not None, what="the latched model")
+    first, other = (cell.ask(f"{name}/predict_push", push_request(), PredictPush) for name in ("planner", "elsewhere"))
+    assert first == other
+    assert first.success
+
+
+def test_slices_make_no_difference(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    _, model = expected_model()
+    pushes, request = many_pushes(1500, with_samples=True)
+    found, expected = cell.ask("predict_push", request), predict(model, *pushes)
+    assert floats(found.twists) == rows(expected.twists)
+    assert list(found.sample_twists) == expected.samples.twists.ravel().tolist()
+    assert list(found.spreads) == expected.spread.tolist()
+
+
+def test_the_limit_surface_comes_in_the_forms_of_planners(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    _, model = expected_model()
+    msg = cell.ask("limit_surface", GetLimitSurface.Request()).limit_surface
+    ellipsoid = named_ellipsoid(model.support)
+    assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.mean_mu_c)
+    assert (msg.f_max, msg.m_max) == (1, ellipsoid.m_max)
+    assert (msg.center.x, msg.center.y) == pytest.approx(tuple(model.support.center_of_friction))
+    assert msg.quartic_twist_error < msg.ellipsoid_twist_error < 0.3
+    quartic = Quartic(np.array(msg.quartic))
+    loads = [quartic.load(Wrench(w.force.x, w.force.y, w.torque.z)) for w in msg.wrenches]
+    assert np.sqrt(np.mean((np.array(loads) - 1) ** 2)) == pytest.approx(msg.quartic_load_error)
+    work = [
+        w.force.x * t.linear.x + w.force.y * t.linear.y + w.torque.z * t.angular.z
+        for w, t in zip(msg.wrenches, msg.twists, strict=True)
+    ]
+    assert work == pytest.approx(np.ones(len(work)))  # unit dissipation
+
+
+def test_the_message_lists_the_coefficients_in_order():
+    names = ["fx", "fy", "m"]
+    terms = [
+        " ".join(name if power == 1 else f"{name}^{power}" for name, power in zip(names, powers, strict=True) if power)
+        for powers in EXPONENTS
+    ]
+    text = (files("pushfric_msgs") / "../../../../share/pushfric_msgs/msg/LimitSurface.msg").read_text()
+    comment = " ".join(line.partition("#")[2].strip() for line in text.split("float64[15] quartic")[1].splitlines()[:2])
+    assert comment.removeprefix("coefficients of ").split(" [")[0] == ", ".join(terms)
+
+
+WRONG = [
+    ("predict_push", {"contact_points": []}, "must have the same length, at least 1, got 0, 2, 2"),
+    ("predict_push", {"contact_normals": [Vector3(x=2.0), Vector3(x=1.0)]}, "contact_normals must have length 1, got 2"),
+    ("predict_push", {"tip_velocities": [Vector3(x=float("nan")), Vector3()]}, "must be finite"),
+    ("predict_push", {"contact_points": [point((0, -0.032)), point((0, 0.01))]}, "contact 1: the contact must be within"),
+    ("predict_push", {"contact_normals": [vector((0, -1)), vector((-1, 0))]}, "contact 1: the normal must point outward"),
+    ("predict_push", {"deadline": -1.0}, "no answer within -1 s"),
+    ("predict_push", {"deadline": float("nan")}, "no answer within nan s"),
+    ("predict_stroke", {"starts": []}, "must have the same length, at least 1, got 0, 2, 2, 2, 2"),
+    ("predict_stroke", {"directions": [vector((0, 1)), vector((0, 2))]}, "directions must have length 1, got 2"),
+    ("predict_stroke", {"tip_radii": [0.003, -0.003]}, "tip_radii must be at least 0, got -0.003"),
+    ("predict_stroke", {"positions": [0.1, float("inf")]}, "positions must be finite"),
+    ("predict_stroke", {"starts": [PlanarPose(x=float("nan")), PlanarPose()]}, "starts must be finite"),
+    ("stable_pushes", {"turns": [0, 1]}, "turns must be +1 or -1"),
+    ("stable_pushes", {"half_widths": [1.0, 0.01]}, "half_width must be at most"),
+]
+
+
+def test_a_wrong_request_is_answered_with_the_reason(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    for name, change, expected in WRONG:
+        request = {"predict_push": push_request, "predict_stroke": stroke_request, "stable_pushes": turn_request}[name]()
+        for field, value in change.items():
+            setattr(request, field, value)
+        answer = cell.ask(name, request)
+        assert not answer.success
+        assert expected in answer.message
+        assert answer == type(answer)(message=answer.message, basis=answer.basis)  # nothing half done
+
+
+def test_a_request_that_is_too_large_is_refused_and_says_so(ros):
+    cell = Cell(ros, most_pushes=3, most_strokes=1)
+    cell.estimate()
+    answer = cell.ask("predict_push", many_pushes(4)[1])
+    assert answer.message == "contact_points must be at most 3 in one request (the planner's most_pushes), got 4"
+    assert "starts must be at most 1 in one request" in cell.ask("predict_stroke", stroke_request()).message
+    assert cell.ask("predict_push", many_pushes(3)[1]).success
+
+
+def test_a_deadline_ends_the_work(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    answer = cell.ask("predict_push", many_pushes(10_000, deadline=1e-3)[1])
+    assert (answer.success, answer.message, len(answer.twists)) == (False, "no answer within 0.001 s", 0)
+    assert cell.figures()["waiting"] == 0
+
+
+def test_a_short_request_does_not_wait_for_long_ones(ros):
+    cell = Cell(ros, longest=60.0)
+    cell.estimate()
+    client = cell.client("predict_push")
+    long = [client.call_async(many_pushes(10_000)[1]) for _ in range(3)]
+    ros.wait_for(lambda: cell.planner._turns.waiting == len(long), what="the long requests")
+    short = client.call_async(push_request())
+    ros.wait_for(lambda: short.done() or all(one.done() for one in long), what="the short answer")
+    assert short.result().success
+    assert not any(one.done() for one in long)
+    ros.wait_for(lambda: all(one.done() for one in long), what="the long answers")
+    assert all(len(one.result().twists) == 10_000 for one in long)
+
+
+def test_two_hundred_calls_at_once_of_fifty_clients_are_all_answered(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    nodes = [ros.node(f"asking_{number}", namespace="/cell") for number in range(10)]
+    clients = [cell.client("predict_push", node=node) for node in nodes for _ in range(5)]
+    _, request = many_pushes(20)
+    answers = [client.call_async(request) for _ in range(4) for client in clients]
+    ros.wait_for(lambda: all(answer.done() for answer in answers), what="200 answers")
+    first, *others = [answer.result() for answer in answers]
+    assert first.success
+    assert all(other == first for other in others)
+
+
+def test_requests_of_clients_that_are_gone_are_dropped(ros):
+    cell = Cell(ros, longest=600.0, most_pushes=100_000)
+    cell.estimate()
+    gone = Node("gone", namespace="/cell")  # without an executor, which would still use it when it goes
+    clients = [cell.client("predict_push", node=gone) for _ in range(3)]
+    for client in clients:
+        client.call_async(many_pushes(40_000)[1])
+    ros.wait_for(lambda: cell.planner._turns.waiting == len(clients), what="the requests")
+    gone.destroy_node()
+    ros.wait_for(lambda: cell.figures()["dropped"] + cell.figures()["answered"] == len(clients), what="an end of the work")
+    assert cell.figures()["answered"] == 0
+
+
+def test_a_model_that_makes_no_sense_answers_nothing(ros):
+    cell = Cell(ros)
+    out = cell.node.create_publisher(FrictionModel, "friction_model", LATCHED)
+    msg = FrictionModel(support_points=[Point()], w=[1.0, 2.0], mu_c=[0.3], weights=[1.0])
+    msg.basis.object, msg.basis.has_model, msg.basis.data_points = NAME, True, 7
+    out.publish(msg)
+    cell.wait_for_model(7)
+    answer = cell.ask("predict_push", push_request())
+    assert answer.message == "the message on friction_model is wrong: w must have 1 x 1 numbers, got 2"
+    assert not answer.basis.has_model
+    assert cell.planner._health().level is Level.ERROR
