@@ -26,6 +26,7 @@ from bench import (
     real_pushes,
     recording,
     services,
+    simulators,
     soak,
     tracker,
     updates,
@@ -75,7 +76,7 @@ ALONE = {
     "footprint": [Section.of("footprint", footprint)],
     "growth": [Section.of("growth", growth)],
     "view": [Section.of("view", view_cost)],
-    "planning": [Section.of("planning", planning), Section.of("services", services)],
+    "planning": [Section.of(module.__name__.rpartition(".")[2], module) for module in (planning, services, simulators)],
 }
 """By the name of an option: the sections that are measured instead of all others."""
 
@@ -134,9 +135,19 @@ def bench(
     planning_only: Annotated[
         bool,
         typer.Option(
-            "--planning", help="Measure only what planners get: strokes, predictions, answers of the services: 4 minutes."
+            "--planning",
+            help="Measure only what planners get: strokes, predictions, answers of the planner node, MuJoCo: 10 minutes.",
         ),
     ] = False,
+    real_strokes: Annotated[
+        pathlib.Path | None,
+        typer.Option(
+            help="With --planning, also compare with real strokes: a folder as bench/simulators.py describes it.",
+            exists=True,
+            file_okay=False,
+            show_default=False,
+        ),
+    ] = None,
     soaking: Annotated[
         float | None,
         typer.Option(
@@ -168,7 +179,8 @@ def bench(
     alone = {"footprint": footprint_only, "growth": growing, "view": view_only, "planning": planning_only}
     for name, asked in alone.items():
         if asked:
-            return _run(ALONE[name], json)
+            real = [Section.of("real_strokes", simulators.Real(real_strokes))] if real_strokes is not None else []
+            return _run([*ALONE[name], *real], json)
     plot.parent.mkdir(exist_ok=True)
     sections = [_of_updates(points, supports, quick, plot), Section.of("tracker", tracker)]
     if pushes is not None:

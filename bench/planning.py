@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.verdict import Verdict
 from pushfric_core.errors import PushfricError
+from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.estimation.push_plan import PlannedPush, placement
 from pushfric_core.geometry.contact import PushingLine
@@ -96,10 +97,15 @@ def _strokes(name: str) -> Figures:
 
 def learned(name: str, plan: list[PlannedPush], seed: int) -> tuple[FrictionModel, str]:
     """The model that the estimator makes from some pushes, and what its mu_c rests on."""
-    data = experiments.watch(name, experiments.motions(name, plan, seed), seed)
-    _, estimate = trials.estimated(data, TABLE_1[name].support_points, EstimatorConfig())
+    estimate = estimated(name, plan, seed)
     kind = "none" if estimate.mu_c is None else estimate.mu_c.kind.value
     return friction_model(estimate), kind
+
+
+def estimated(name: str, plan: list[PlannedPush], seed: int) -> Estimate:
+    """The estimate from some pushes."""
+    data = experiments.watch(name, experiments.motions(name, plan, seed), seed)
+    return trials.estimated(data, TABLE_1[name].support_points, EstimatorConfig())[1]
 
 
 def _ends(name: str, model: FrictionModel, rng: np.random.Generator) -> Iterator[tuple[Pose, Array]]:

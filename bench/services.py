@@ -1,14 +1,20 @@
-"""How a planner's questions delay estimates, and how soon they are answered, measured in one run of the live graph.
+"""How planners delay estimates and how soon they are answered while a live cell pushes, and how many clients a planner serves.
 
-A client asks `estimator/predict_push` at RATE during every second push. So estimates with and without questions come from the
-same run, under the same load. An estimate's delay runs from the publication of the last message that it needs (the newest pose
-of its window, or the pusher state) to its own; all are times at which the middleware published. An answer's delay is what the
-client sees: from its call until the answer is there.
+In the cell, the pushes take turns: nobody asks (`quiet`); a client asks about one push at RATE (`asked`); a client asks about
+MANY pushes, again and again, and about one push at RATE (`loaded`). So all figures come from the same run, under the same load.
+An estimate's delay runs from the publication of the last message that it needs (the newest pose of its window, or the pusher
+state) to its own; all are times at which the middleware published. An answer's delay is what the client sees. A gap in the
+estimator's heartbeat is the time between two heartbeats, or that for which its executor had not turned.
 """
 
+import math
+import pathlib
+import subprocess
+import tempfile
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -16,47 +22,88 @@ from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
 from rclpy.node import Node
 from rclpy.task import Future
 
-from bench import pipeline
+from bench import pipeline, planning
+from bench.processes import running
 from bench.verdict import Verdict
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.paper import experiments
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
-from pushfric_msgs.msg import FrictionEstimate, PusherState
+from pushfric_msgs.msg import FrictionEstimate, FrictionModel, Heartbeat, PusherState
 from pushfric_msgs.srv import PredictPush
+from pushfric_ros.cell.node_settings import PlannerConfig
+from pushfric_ros.graph import graph
+from pushfric_ros.graph.supervisor import command
+from pushfric_ros.messages.conversions import MODEL_TOPIC, friction_model_to_msg
+from pushfric_ros.node_kit.qos import LATCHED, REQUESTS
+from pushfric_ros.node_kit.visit import visit
 
-STEPS = 1
+STEPS = 2
 
 RATE = 20.0
-"""How often the client asks [Hz]."""
+"""How often the client asks about one push [Hz]."""
 
-QUESTION = PredictPush.Request(
-    contact_points=[Point(x=0.0, y=-0.032)], contact_normals=[Vector3(y=-1.0)], tip_velocities=[Vector3(x=0.005, y=0.02)]
-)
+MANY = 10_000
+KINDS = ("quiet", "asked", "loaded")
+
+CLIENTS, AT_ONCE, EACH, TIMES = 50, 200, 100, 20
+"""Number of clients; of calls at once; of pushes in a call, and of calls of each client, one after another."""
+
+PATIENCE = 60.0  # [s]
 
 Figures = dict[str, Any]
 
 
+def question(count: int) -> PredictPush.Request:
+    """A number of pushes all over the outline of the demo's object, always the same."""
+    rng, outline = np.random.default_rng(count), TABLE_1[pipeline.OBJECT].outline
+    edges = rng.integers(len(outline.edges), size=count)
+    points = outline.vertices[edges] + rng.uniform(0.1, 0.9, (count, 1)) * outline.edges[edges]
+    normals = outline.normals[edges]
+    velocities = 0.02 * (0.4 * rng.normal(size=(count, 2)) - normals)
+    return PredictPush.Request(
+        contact_points=[Point(x=x, y=y) for x, y in points.tolist()],
+        contact_normals=[Vector3(x=x, y=y) for x, y in normals.tolist()],
+        tip_velocities=[Vector3(x=x, y=y) for x, y in velocities.tolist()],
+    )
+
+
 def measure(progress: Callable[[str], None]) -> Figures:
-    """Run the whole plan of the demo's cell once.
+    """Run the whole plan of the demo's cell once, and let many clients ask a planner.
 
     Returns:
-        "answers": {count, p50_ms, p90_ms, p99_ms}; "estimates": for "asked" and "quiet" pushes {count, p50_ms, p90_ms, p99_ms}.
+        By kind of push: "answers" to questions about one push, and about many ("answers_to_many"), and "estimates": {count,
+        p50_ms, p90_ms, p99_ms}; "heartbeat_gap_s": the longest. "crowd": {"at_once": number of answers to AT_ONCE calls;
+        "in_a_row": number of answers to CLIENTS x TIMES calls, "p50_ms", "p99_ms"}.
     """
-    progress("services of the estimator")
+    progress("answers while a cell pushes")
     planner = _Planner()
-    pipeline.run(planner, pipeline.CAMERA_RATE)
-    return planner.figures()
+    pipeline.run(planner, pipeline.CAMERA_RATE, changed=lambda specs: graph.with_planner(specs, PlannerConfig()))
+    progress(f"{CLIENTS} clients")
+    return {**planner.figures(), "crowd": _crowd()}
 
 
 def verdicts(figures: Figures) -> Iterator[Verdict]:
     """The targets, next to what was measured."""
-    answer = figures["answers"]["p50_ms"]
+    answer = figures["answers"]["asked"]["p50_ms"]
     yield Verdict("an answer while pushes run, p50 ms", "<= 5", answer, answer <= 5)
-    later = figures["estimates"]["asked"]["p50_ms"] - figures["estimates"]["quiet"]["p50_ms"]
-    yield Verdict("an estimate later by, p50 ms", "<= 1", later, later <= 1)
+    quiet = figures["estimates"]["quiet"]["p50_ms"]
+    for kind in KINDS[1:]:
+        later = figures["estimates"][kind]["p50_ms"] - quiet
+        yield Verdict(f"an estimate later by, {kind}, p50 ms", "<= 1", later, later <= 1)
+    gap = figures["heartbeat_gap_s"]["loaded"]
+    yield Verdict(f"the estimator's heartbeat, {MANY} predictions again and again, largest gap, s", "<= 0.15", gap, gap <= 0.15)
+    crowd = figures["crowd"]
+    yield Verdict(f"answers to {AT_ONCE} calls at once", f"{AT_ONCE}", crowd["at_once"], crowd["at_once"] == AT_ONCE)
+    every = CLIENTS * TIMES
+    yield Verdict(f"answers to {CLIENTS} clients in a row", f"{every}", crowd["in_a_row"], crowd["in_a_row"] == every)
+    yield Verdict(f"the same, p99 ms, k = {EACH}", "<= 500", crowd["p99_ms"], crowd["p99_ms"] <= 500)
 
 
 class _Planner:
-    """Asks during every second push, and records when messages were published [ns], by their stamps [ns]."""
+    """Asks during pushes, and records when messages were published [ns], by their stamps [ns]."""
 
     frame_count = 0
 
@@ -66,37 +113,66 @@ class _Planner:
         self._pusher_states: dict[int, int] = {}
         self._estimates: dict[int, int] = {}
         self._pushes: dict[int, int] = {}  # push_id of each pusher state
-        self._asks = False
-        self._answers: list[float] = []  # [ms]
+        self._now: str | None = None  # kind of the present push
+        self._busy = False  # MANY pushes are being answered
+        self._answers: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [ms]
+        self._answers_to_many: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [ms]
+        self._gaps: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [s]
+        self._beat: int | None = None  # when the last heartbeat was published [ns]
 
     def subscribe(self, node: Node) -> None:
-        self._client = node.create_client(PredictPush, "estimator/predict_push")
+        self._one, self._many = question(1), question(MANY)
+        self._client, self._greedy = (node.create_client(PredictPush, "planner/predict_push") for _ in range(2))
         node.create_subscription(PoseWithCovarianceStamped, "object_pose", self._on_pose, pipeline.BEST_EFFORT)
         node.create_subscription(PusherState, "pusher_state", self._on_pusher_state, pipeline.DEEP)
         node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, pipeline.LATCHED)
+        node.create_subscription(Heartbeat, "heartbeat", self._on_heartbeat, pipeline.DEEP)
         node.create_timer(1 / RATE, self._ask)
 
     def figures(self) -> Figures:
         poses, states = sorted(self._poses), sorted(self._pusher_states)
         ahead = TrajectoryConfig.window // 2 + 1
-        delays: dict[str, list[float]] = {"asked": [], "quiet": []}
+        delays: dict[str, list[float]] = {kind: [] for kind in KINDS}
         for stamp, published in self._estimates.items():
             last_but_one, newest = poses[bisect_left(poses, stamp) + ahead - 1 :][:2]
             state = states[bisect_left(states, last_but_one)]
             push = self._pushes[states[min(bisect_left(states, stamp), len(states) - 1)]]
             if push != PusherState.NO_PUSH:
-                kind = "asked" if _asked(push) else "quiet"
-                delays[kind].append((published - max(self._poses[newest], self._pusher_states[state])) / 1e6)
-        return {"answers": _spread(self._answers), "estimates": {kind: _spread(values) for kind, values in delays.items()}}
+                delays[_kind(push)].append((published - max(self._poses[newest], self._pusher_states[state])) / 1e6)
+        return {
+            "answers": {kind: _spread(values) for kind, values in self._answers.items()},
+            "answers_to_many": {kind: _spread(values) for kind, values in self._answers_to_many.items()},
+            "estimates": {kind: _spread(values) for kind, values in delays.items()},
+            "heartbeat_gap_s": {kind: max(values, default=math.nan) for kind, values in self._gaps.items()},
+        }
 
     def _ask(self) -> None:
-        if self._asks and self._client.service_is_ready():
-            begin = time.perf_counter()
-            self._client.call_async(QUESTION).add_done_callback(lambda answer: self._on_answer(begin, answer))
+        if self._now not in ("asked", "loaded") or not self._client.service_is_ready():
+            return
+        begin, kind = time.perf_counter(), self._now
+        done = self._client.call_async(self._one)
+        done.add_done_callback(lambda answer: self._on_answer(begin, self._answers[kind], answer))
+        if kind == "loaded" and not self._busy:
+            self._busy = True
+            begin_many = time.perf_counter()
+            many = self._greedy.call_async(self._many)
+            many.add_done_callback(lambda answer: self._on_answer_to_many(begin_many, kind, answer))
 
-    def _on_answer(self, begin: float, answer: Future) -> None:
+    def _on_answer(self, begin: float, answers: list[float], answer: Future) -> None:
         if answer.result().success:  # there is no estimate before the first data point
-            self._answers.append(1e3 * (time.perf_counter() - begin))
+            answers.append(1e3 * (time.perf_counter() - begin))
+
+    def _on_answer_to_many(self, begin: float, kind: str, answer: Future) -> None:
+        self._busy = False
+        self._on_answer(begin, self._answers_to_many[kind], answer)
+
+    def _on_heartbeat(self, msg: Heartbeat, info: dict[str, Any]) -> None:
+        if not msg.node.endswith("/estimator"):
+            return
+        now: int = info["source_timestamp"]
+        if self._now is not None and self._beat is not None:
+            self._gaps[self._now].append(max((now - self._beat) / 1e9, msg.stalled))
+        self._beat = now
 
     def _on_pose(self, msg: PoseWithCovarianceStamped, info: dict[str, Any]) -> None:
         self._poses.setdefault(stamp_from_msg(msg.header.stamp), info["source_timestamp"])
@@ -105,15 +181,60 @@ class _Planner:
         stamp = stamp_from_msg(msg.header.stamp)
         self._pusher_states.setdefault(stamp, info["source_timestamp"])
         self._pushes.setdefault(stamp, msg.push_id)
-        self._asks = msg.push_id != PusherState.NO_PUSH and _asked(msg.push_id)
+        self._now = None if msg.push_id == PusherState.NO_PUSH else _kind(msg.push_id)
 
     def _on_estimate(self, msg: FrictionEstimate, info: dict[str, Any]) -> None:
         if msg.data_points:
             self._estimates.setdefault(stamp_from_msg(msg.header.stamp), info["source_timestamp"])
 
 
-def _asked(push: int) -> bool:
-    return push % 2 == 1
+def _kind(push: int) -> str:
+    return KINDS[push % len(KINDS)]
+
+
+def _crowd() -> Figures:
+    """Many clients of a planner that has only its topic."""
+    name = pipeline.OBJECT
+    known = TABLE_1[name]
+    estimate = planning.estimated(name, experiments.plan(name)[: planning.PUSHES], 0)
+    msg = friction_model_to_msg(name, known.outline, estimate, friction_model(estimate), EstimateVerdict())
+    asked = question(EACH)
+    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
+        here = stack.enter_context(visit("bench", graph.NAMESPACE))
+        here.node.create_publisher(FrictionModel, MODEL_TOPIC, LATCHED).publish(msg)
+        arguments = command(graph.NodeSpec("planner"), graph.NAMESPACE, pathlib.Path(folder))
+        stack.enter_context(running(arguments, stdout=subprocess.DEVNULL))
+        clients = [here.node.create_client(PredictPush, "planner/predict_push", qos_profile=REQUESTS) for _ in range(CLIENTS)]
+
+        def spin(done: Callable[[], bool], patience: float = PATIENCE) -> None:
+            deadline = time.monotonic() + patience
+            while not done() and time.monotonic() < deadline:
+                here.spin_once(0.05)
+
+        spin(lambda: all(client.service_is_ready() for client in clients))
+        ready: list[Future] = []
+        while not (ready and ready[-1].done() and ready[-1].result().success):  # it has the model
+            ready.append(clients[0].call_async(asked))
+            spin(ready[-1].done)
+        at_once = [client.call_async(asked) for _ in range(AT_ONCE // CLIENTS) for client in clients]
+        spin(lambda: all(answer.done() for answer in at_once))
+        answers: list[float] = []  # [ms]
+
+        def ask(client: Any, left: int) -> None:
+            begin = time.perf_counter()
+
+            def on_answer(answer: Future) -> None:
+                answers.append(1e3 * (time.perf_counter() - begin))
+                if left > 1:
+                    ask(client, left - 1)
+
+            client.call_async(asked).add_done_callback(on_answer)
+
+        for client in clients:
+            ask(client, TIMES)
+        spin(lambda: len(answers) == CLIENTS * TIMES)
+    spread = _spread(answers)
+    return {"at_once": sum(one.done() and one.result().success for one in at_once), "in_a_row": spread.pop("count"), **spread}
 
 
 def _spread(values: list[float]) -> Figures:

@@ -3,7 +3,11 @@
 import math
 import pathlib
 
+import numpy as np
 import pytest
+from problems import observations_of
+
+from pushfric_msgs.msg import Heartbeat
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 MS = 1_000_000
@@ -42,7 +46,54 @@ def test_strokes_are_predicted_and_predictions_are_exact(monkeypatch):
     assert [(table.title, table.row_count) for table in shown] == [("planning", 3), ("planning: strokes", 1)]
 
 
-def test_estimates_of_pushes_with_questions_are_kept_apart_from_the_others():
+def test_exported_scenes_are_compared_with_predictions(monkeypatch):
+    from bench import simulators
+
+    monkeypatch.setattr(simulators, "OBJECTS", ("wood_rect4",))
+    monkeypatch.setattr(simulators, "STROKES", 3)
+    figures = simulators.measure(lambda _: None)
+    exported, without = figures["strokes"]
+    assert (exported["scene"], without["scene"]) == ("exported", "without a model")
+    assert exported["median_mm"] < 0.5 < without["median_mm"]
+    assert [verdict.met for verdict in simulators.verdicts(figures)] == [True, True]
+
+
+def test_real_strokes_are_compared_with_predictions_and_scenes(monkeypatch, tmp_path):
+    """Strokes made by the model of one object, so that the learned model is nearly exact, and uniform pressure is not."""
+    from bench import simulators
+    from pushfric_core import TABLE_1, FrictionModel, predict_strokes
+    from pushfric_core.files.object_file import load_object, save_object
+
+    name = "wood_rect3"
+    known = TABLE_1[name]
+    save_object(load_object(name), tmp_path / "block.yaml")
+    model = FrictionModel.of(known.support, known.mu_c)
+    chosen = simulators.strokes(known.outline, simulators.REAL_TIP_RADIUS, np.random.default_rng(0), 24, 0.02)
+    poses, lines, begins, ends = zip(*chosen, strict=True)
+    final = predict_strokes(model, known.outline, poses, lines, ends).means
+    at = [
+        [np.add(line.origin, np.multiply(line.direction, s)) for line, s in zip(lines, stops, strict=True)]
+        for stops in (begins, ends)
+    ]
+    columns = "x0,y0,th0,x1,y1,th1,tipx0,tipy0,tipx1,tipy1"
+    np.savetxt(
+        tmp_path / "steel_block.strokes.csv", np.column_stack((poses, final, *at)), delimiter=",", header=columns, comments=""
+    )
+    data = observations_of(known.outline, known.support, known.mu_c, 24, np.random.default_rng(1))
+    rows = [(*one.contact_point, *one.contact_normal, *one.twist, push) for push, one in enumerate(data)]
+    columns = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id"
+    np.savetxt(tmp_path / "steel_block.tip.csv", rows, delimiter=",", header=columns, comments="")
+
+    monkeypatch.setattr(simulators, "STROKES", 3)
+    section = simulators.Real(tmp_path)
+    figures = section.measure(lambda _: None)
+    (row,) = figures["real_strokes"]
+    assert (row["set"], row["strokes"], section.STEPS) == ("steel_block", 3, 1)
+    assert row["predicted_mm"] < row["without_mm"]
+    assert len(list(section.verdicts(figures))) == 2
+
+
+def test_estimates_of_the_kinds_of_pushes_are_kept_apart():
     """Frames and pusher states come every 100 ms; of push 1, in which the client asks, each estimate takes 5 ms longer."""
     from bench import display, services
 
@@ -55,21 +106,39 @@ def test_estimates_of_pushes_with_questions_are_kept_apart_from_the_others():
     ahead = services.TrajectoryConfig.window // 2 + 1  # frames until the newest that an estimate needs
     for frame, took in ((3, 4), (4, 6), (11, 50), (14, 10), (15, 12), (16, 12)):
         planner._estimates[100 * frame * MS] = planner._poses[100 * (frame + ahead) * MS] + took * MS
-    planner._answers += [2.0, 3.0, 4.0]
-    figures = planner.figures()
-    assert figures["answers"] == {"count": 3, "p50_ms": 3.0, "p90_ms": 4.0, "p99_ms": 4.0}
+    planner._answers["asked"] += [2.0, 3.0, 4.0]
+    planner._now = "loaded"
+    for moment, stalled in ((0, 0.0), (50, 0.01), (150, 0.02), (200, 0.12)):
+        planner._on_heartbeat(Heartbeat(node="/cell/estimator", stalled=stalled), {"source_timestamp": moment * MS})
+    figures = {**planner.figures(), "crowd": {"at_once": 200, "in_a_row": 999, "p50_ms": 80.0, "p99_ms": 90.0}}
+    assert figures["answers"]["asked"] == {"count": 3, "p50_ms": 3.0, "p90_ms": 4.0, "p99_ms": 4.0}
     assert figures["estimates"]["quiet"] == {"count": 2, "p50_ms": 6.0, "p90_ms": 6.0, "p99_ms": 6.0}
     assert figures["estimates"]["asked"] == {"count": 3, "p50_ms": 12.0, "p90_ms": 12.0, "p99_ms": 12.0}
-    answered, later = services.verdicts(figures)
-    assert (answered.measured, answered.met) == (3.0, True)
-    assert (later.measured, later.met) == (6.0, False)
-    (shown,) = display.plain_tables("services", figures)
-    assert shown.row_count == 12
+    assert figures["heartbeat_gap_s"]["loaded"] == 0.12
+    found = {verdict.target.split(",")[0]: (verdict.measured, verdict.met) for verdict in services.verdicts(figures)}
+    assert found["an answer while pushes run"] == (3.0, True)
+    assert found["an estimate later by"][1] is False  # there was no loaded push
+    assert found["the estimator's heartbeat"] == (0.12, True)
+    assert found["answers to 200 calls at once"] == (200, True)
+    assert found["answers to 50 clients in a row"] == (999, False)
+    assert found["the same"] == (90.0, True)
+    assert [table.title for table in display.plain_tables("services", figures)]
+
+
+def test_a_crowd_is_answered_by_a_planner_that_has_only_its_topic(monkeypatch):
+    from bench import services
+
+    for constant, value in (("CLIENTS", 3), ("AT_ONCE", 6), ("EACH", 5), ("TIMES", 2)):
+        monkeypatch.setattr(services, constant, value)
+    figures = services._crowd()
+    assert (figures["at_once"], figures["in_a_row"]) == (6, 6)
+    assert figures["p50_ms"] <= figures["p99_ms"]
 
 
 def test_a_run_without_answers_meets_no_target():
     from bench import services
 
     nothing = services._Planner().figures()
-    assert math.isnan(nothing["answers"]["p50_ms"])
-    assert not any(verdict.met for verdict in services.verdicts(nothing))
+    assert math.isnan(nothing["answers"]["asked"]["p50_ms"])
+    crowd = {"at_once": 0, "in_a_row": 0, "p50_ms": math.nan, "p99_ms": math.nan}
+    assert not any(verdict.met for verdict in services.verdicts({**nothing, "crowd": crowd}))

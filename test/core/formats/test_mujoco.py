@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 import shapely
-from exported import OBJECTS, distances, even, pushed, strokes
+from exported import OBJECTS, even
 
+from bench.simulators import distances, pushed, strokes
 from pushfric_core import Outline, Pose, PushingLine, export
 from pushfric_core.formats.body import GRAVITY, Body, load_of
 

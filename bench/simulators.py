@@ -1,0 +1,221 @@
+"""Strokes in MuJoCo: of the exported models, and of what one would simulate without a model, compared with predictions.
+
+Without a model, one assumes uniform pressure and guesses mu_c; that scene is exported in the same way. The real strokes are
+those of Yu et al., "More than a million ways to be pushed", as a folder with OBJECT.yaml, and for each SURFACE_OBJECT two files:
+in .strokes.csv the poses and tips before and after, in .tip.csv observations, whose push ids are the rows of the other file.
+"""
+
+import csv
+import pathlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from bench.verdict import Verdict
+from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, export, predict_strokes
+from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import read_observations
+from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.paper.trials import estimated
+
+SPEED = 0.01
+"""Of the tip [m/s]: slow enough to be quasi-static."""
+
+APPROACH = 0.002
+"""The tip begins this far in front of the object [m]."""
+
+REST = 300
+"""Steps after a stroke, in which the tip comes to rest."""
+
+STROKE, STROKES, TIP_RADIUS = 0.05, 50, 0.005
+"""Length [m], number for each object, and radius of the tip [m]; the real strokes had a tip of their own."""
+
+GUESS = 0.3
+"""A mu_c that nobody has measured."""
+
+REAL_TIP_RADIUS = 0.00475  # [m]
+OBJECTS = tuple(TABLE_1)
+STEPS = len(OBJECTS)
+
+Figures = dict[str, Any]
+
+
+class Stroke(NamedTuple):
+    """A stroke of the tip."""
+
+    pose: Pose  # of the object before
+    line: PushingLine
+    begin: float  # stroke position of the touch [m]
+    end: float  # [m]
+
+
+def strokes(outline: Outline, tip_radius: float, rng: np.random.Generator, count: int, length: float) -> list[Stroke]:
+    """Strokes that push an object over this length [m], from all sides."""
+    found: list[Stroke] = []
+    middle = outline.lower + outline.size / 2
+    while len(found) < count:
+        theta, aside = rng.uniform(-np.pi, np.pi), rng.uniform(-0.35, 0.35) * outline.size.min()
+        c, s = np.cos(theta), np.sin(theta)
+        x, y = (-np.array(((c, -s), (s, c))) @ middle).tolist()
+        pose = Pose(x, y, theta)
+        line = PushingLine((aside, -1.0), (0.0, 1.0), tip_radius)
+        touch = line.touch(outline, pose)
+        if touch is not None:
+            found.append(Stroke(pose, line, touch.distance, touch.distance + length))
+    return found
+
+
+def pushed(scene: str, pose: Pose, line: PushingLine, begin: float, end: float) -> Array:
+    """Pose (3,) after the tip has moved along a line from just before stroke position `begin` to `end` [m]."""
+    model = mujoco.MjModel.from_xml_string(scene)
+    data = mujoco.MjData(model)
+    origin, direction = line.origin - model.body("pusher").pos[:2], np.array(line.direction)
+    begin -= APPROACH
+    place = [*pose, *(origin + begin * direction)]
+    for joint, value in zip(("x", "y", "theta", "pusher_x", "pusher_y"), place, strict=True):
+        data.joint(joint).qpos = value
+    positions = np.arange(begin, end, SPEED * model.opt.timestep)
+    for position in (*positions, *np.full(REST, end)):
+        data.ctrl[:] = origin + position * direction
+        mujoco.mj_step(model, data)
+    return np.array([data.joint(joint).qpos[0] for joint in ("x", "y", "theta")])
+
+
+def distances(scene: str, model: FrictionModel, outline: Outline, chosen: Sequence[Stroke]) -> tuple[Array, Array]:
+    """How far MuJoCo and the prediction end from each other in each stroke [m], [rad]."""
+    poses, lines, _, ends = zip(*chosen, strict=True)
+    predicted = predict_strokes(model, outline, poses, lines, ends).means
+    apart = np.array([pushed(scene, *one) for one in chosen]) - predicted
+    return np.hypot(apart[:, 0], apart[:, 1]), np.abs(apart[:, 2])
+
+
+def exported(outline: Outline, model: FrictionModel, tip_radius: float) -> str:
+    """The scene of a model."""
+    (scene,) = export(model, outline, "mjcf", pusher_radius=tip_radius).values()
+    return scene
+
+
+def uniform(outline: Outline, mu_c: float) -> FrictionModel:
+    """What one assumes without a model: the same pressure all over the face."""
+    points = outline.grid(9, 9)
+    return FrictionModel.of(Support(points, np.full(len(points), 1 / len(points))), mu_c)
+
+
+def measure(progress: Callable[[str], None]) -> Figures:
+    """Strokes of all objects of Table 1 with their true friction, in MuJoCo, against `predict_strokes`.
+
+    Returns:
+        {"strokes": [{"object", "scene" (exported, or without a model), "median_mm", "p90_mm", "median_deg", "p90_deg"}]}.
+    """
+    rows = []
+    for number, name in enumerate(OBJECTS):
+        progress(f"MuJoCo: {name}")
+        known = TABLE_1[name]
+        model = FrictionModel.of(known.support, known.mu_c)
+        chosen = strokes(known.outline, TIP_RADIUS, np.random.default_rng(number), STROKES, STROKE)
+        scenes = {"exported": model, "without a model": uniform(known.outline, GUESS)}
+        for scene, shown in scenes.items():
+            apart, turned = distances(exported(known.outline, shown, TIP_RADIUS), model, known.outline, chosen)
+            rows.append(
+                {
+                    "object": name,
+                    "scene": scene,
+                    "median_mm": 1e3 * float(np.median(apart)),
+                    "p90_mm": 1e3 * float(np.percentile(apart, 90)),
+                    "median_deg": float(np.degrees(np.median(turned))),
+                    "p90_deg": float(np.degrees(np.percentile(turned, 90))),
+                }
+            )
+    return {"strokes": rows}
+
+
+def verdicts(figures: Figures) -> Iterator[Verdict]:
+    """The targets, next to what was measured."""
+    for row in figures["strokes"]:
+        if row["scene"] == "exported":
+            for unit, asked in (("mm", 0.5), ("deg", 1.0)):
+                measured = row[f"median_{unit}"]
+                yield Verdict(f"stroke in MuJoCo, {row['object']}, {unit}", f"<= {asked:g}", measured, measured <= asked)
+
+
+class Real:
+    """Real strokes that were not fitted: their ends, against predictions and MuJoCo. A section of the benchmarks.
+
+    Args:
+        folder: of the strokes.
+    """
+
+    def __init__(self, folder: pathlib.Path) -> None:
+        self._sets = sorted(path.name.removesuffix(".tip.csv") for path in folder.glob("*.tip.csv"))
+        self._folder = folder
+        self.STEPS = len(self._sets)
+
+    def measure(self, progress: Callable[[str], None]) -> Figures:
+        """Half of the strokes of each set are fitted, STROKES of the others are compared.
+
+        Returns:
+            {"real_strokes": [{"set", "strokes", and the mean errors "predicted_mm", "exported_mm" and "without_mm"}]}, an angle
+            counted with the arm of the support points; without a model, mu_c is the same.
+        """
+        return {"real_strokes": [self._compared(name, number, progress) for number, name in enumerate(self._sets)]}
+
+    def verdicts(self, figures: Figures) -> Iterator[Verdict]:
+        """The targets, next to what was measured, as means over the sets."""
+        rows = figures["real_strokes"]
+        predicted, exported, without = (
+            float(np.mean([row[f"{name}_mm"] for row in rows])) for name in ("predicted", "exported", "without")
+        )
+        worse, better = exported / predicted - 1, 1 - exported / without
+        yield Verdict("error of real strokes, exported, above that predicted", "<= 0.05", worse, worse <= 0.05)
+        yield Verdict("the same, below that without a model", ">= 0.15", better, better >= 0.15)
+
+    def _compared(self, name: str, number: int, progress: Callable[[str], None]) -> Figures:
+        progress(f"real strokes: {name}")
+        pushed_object = load_object(str(self._folder / f"{name.rpartition('_')[2]}.yaml"))
+        outline = pushed_object.outline
+        with (self._folder / f"{name}.strokes.csv").open(newline="", encoding="utf-8") as stream:
+            rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+        shuffled = np.random.default_rng(number).permutation(len(rows)).tolist()
+        fitted = set(shuffled[: len(rows) // 2])
+        data = read_observations(self._folder / f"{name}.tip.csv", outline)
+        _, estimate = estimated([one for one in data if one.push_id in fitted], pushed_object.support_points, EstimatorConfig())
+        model = friction_model(estimate)
+        chosen = [stroke for stroke in (_stroke(rows[k], outline) for k in shuffled[len(fitted) :]) if stroke is not None]
+        chosen = chosen[:STROKES]
+        poses, lines, _, ends = zip(*(stroke for stroke, _ in chosen), strict=True)
+        truth = np.array([end for _, end in chosen])
+        scene = exported(outline, model, REAL_TIP_RADIUS)
+        plain = exported(outline, uniform(outline, model.mean_mu_c), REAL_TIP_RADIUS)
+        found = {
+            "predicted": predict_strokes(model, outline, poses, lines, ends).means,
+            "exported": np.array([pushed(scene, *stroke) for stroke, _ in chosen]),
+            "without": np.array([pushed(plain, *stroke) for stroke, _ in chosen]),
+        }
+        errors = {f"{key}_mm": _error(array, truth, model.length) for key, array in found.items()}
+        return {"set": name, "strokes": len(chosen), **errors}
+
+
+def _stroke(row: dict[str, float], outline: Outline) -> tuple[Stroke, Array] | None:
+    """A recorded stroke, and where it ended; None if the tip would pass by."""
+    begin, end = (np.array((row[f"tipx{k}"], row[f"tipy{k}"])) for k in (0, 1))
+    pose = Pose(row["x0"], row["y0"], row["th0"])
+    length = float(np.linalg.norm(end - begin))
+    direction = ((end - begin) / length).tolist()
+    back = (begin - 0.1 * np.array(direction)).tolist()  # clear of the object
+    line = PushingLine((back[0], back[1]), (direction[0], direction[1]), REAL_TIP_RADIUS)
+    touch = line.touch(outline, pose)
+    if touch is None or touch.distance >= 0.1 + length:
+        return None
+    return Stroke(pose, line, min(touch.distance, 0.1), 0.1 + length), np.array((row["x1"], row["y1"], row["th1"]))
+
+
+def _error(found: Array, truth: Array, arm: float) -> float:
+    """Mean distance, an angle counted with an arm [m] [mm]."""
+    apart = found - truth
+    turned = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+    return 1e3 * float(np.mean(np.hypot(apart[:, 0], apart[:, 1]) + arm * turned))
