@@ -1,7 +1,7 @@
 """Strokes in MuJoCo: of the exported models, and of what one would simulate without a model, compared with predictions.
 
 Without a model, one assumes uniform pressure and guesses mu_c; that scene is exported in the same way. The real strokes are
-those of Yu et al., "More than a million ways to be pushed", as a folder with OBJECT.yaml, and for each SURFACE_OBJECT two files:
+those of Yu et al., "More than a million ways to be pushed": a folder with OBJECT.yaml and, for each SURFACE_OBJECT, two files:
 in .strokes.csv the poses and tips before and after, in .tip.csv observations, whose push ids are the rows of the other file.
 """
 

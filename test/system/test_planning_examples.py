@@ -5,10 +5,17 @@ import re
 import runpy
 import sys
 
+import numpy as np
 import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from typer.testing import CliRunner
 
+from pushfric_core.commands.cli import app
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.node_kit.qos import LATCHED
+from pushfric_ros.nodes.estimator import EstimatorNode
+from pushfric_ros.nodes.planner import PlannerNode
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 
@@ -58,6 +65,57 @@ def test_a_subscriber_prints_the_last_estimate(ros, monkeypatch, capsys):
     said = []
     ros.wait_for(lambda: said or said.extend(capsys.readouterr().out.splitlines()), 60.0, "the estimate")
     assert said == ["brick: p_CF (10.0, 0.0) mm from 3 pushes, off by at most 2.0 mm with 90 %"]
+
+
+@pytest.fixture
+def around_obstacle(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import around_obstacle
+
+    yield around_obstacle
+    for name in ("around_obstacle", "push_to_pose"):
+        del sys.modules[name]
+
+
+def test_the_way_around_the_obstacle_is_the_shortest(around_obstacle):
+    radius = around_obstacle.RADIUS + np.hypot(*around_obstacle.OUTLINE.size) / 2
+    goal, middle = around_obstacle.GOAL[:2], around_obstacle.OBSTACLE
+    seen, hidden = goal + (0.02, 0.1), 2 * middle - goal
+    straight, bent = around_obstacle.way(np.array((seen, hidden)))
+    assert straight == pytest.approx(np.hypot(0.02, 0.1))
+    far = np.hypot(*(goal - middle))
+    tangent, turn = np.sqrt(far**2 - radius**2), np.pi - 2 * np.arccos(radius / far)
+    assert bent == pytest.approx(2 * tangent + radius * turn)
+
+
+def test_a_sampling_planner_nears_the_goal_with_the_planner_node(around_obstacle, ros, monkeypatch):
+    for name, value in {"ROLLOUTS": 48, "ROUNDS": 2, "STEP": 0.01, "FIRST": 3}.items():
+        monkeypatch.setattr(around_obstacle, name, value)
+    given = {"object": around_obstacle.NAME, "source": "observations"}
+    parameters = [Parameter(name, value=value) for name, value in given.items()]
+    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=parameters), PlannerNode(namespace="/cell"))
+    node = Node("around_obstacle", namespace="/cell")
+    outcome = around_obstacle.reach(node, strokes=6, seed=1, pace=0.0)
+    node.destroy_node()
+    assert len(outcome.errors) == 7
+    assert outcome.rounds
+    assert outcome.errors[-1] < outcome.errors[3]
+    assert min(outcome.clearances) > 0
+
+
+def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import randomised_mujoco
+
+    model = tmp_path / "model.yaml"
+    run = CliRunner().invoke(app, ["estimate", str(EXAMPLES.parent / "bags/rubber_rect4"), "--save", str(model)])
+    assert run.exit_code == 0, run.output
+    monkeypatch.setattr(randomised_mujoco, "LENGTH", 0.01)
+    randomised_mujoco.main([str(model), "--samples", "2"])
+    first, second, last = capsys.readouterr().out.splitlines()
+    assert first != second
+    assert last.startswith("standard deviation: (")
+    del sys.modules["randomised_mujoco"]
 
 
 def test_the_planner_brings_the_object_nearer(push_to_pose, monkeypatch, tmp_path):

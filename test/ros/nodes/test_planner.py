@@ -189,6 +189,10 @@ def test_the_mean_alone_moves_as_with_its_samples(ros):
     assert [(end.x, end.y, end.theta) for end in strokes.ends] == rows(
         predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS).means
     )
+    coarse = cell.ask("predict_stroke", stroke_request(mean_only=True, step=0.005)).ends
+    expected = predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS, 0.005).means
+    assert [(end.x, end.y, end.theta) for end in coarse] == rows(expected)
+    assert coarse != strokes.ends
     assert not any(strokes.covariances)
     assert not len(strokes.sample_ends)
 
@@ -297,6 +301,7 @@ WRONG = [
     ("predict_stroke", {"tip_radii": [0.003, -0.003]}, "tip_radii must be at least 0, got -0.003"),
     ("predict_stroke", {"positions": [0.1, float("inf")]}, "positions must be finite"),
     ("predict_stroke", {"starts": [PlanarPose(x=float("nan")), PlanarPose()]}, "starts must be finite"),
+    ("predict_stroke", {"step": 1e-9}, "step must be 0, or at least 0.0001 m, got 1e-09"),
     ("stable_pushes", {"turns": [0, 1]}, "turns must be +1 or -1"),
     ("stable_pushes", {"half_widths": [1.0, 0.01]}, "half_width must be at most"),
 ]

@@ -11,7 +11,7 @@ from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.mechanics.prediction import FrictionModel, motion_cone, predict, stability
 from pushfric_core.mechanics.quasi_static import BLOCK
-from pushfric_core.mechanics.strokes import stroke_steps
+from pushfric_core.mechanics.strokes import STEP, stroke_steps
 from pushfric_core.trajectories.observation import check_half_width, check_planned_contacts
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
@@ -31,6 +31,10 @@ NUMBERS = 2 * BLOCK
 """Support points times samples times pushes in a slice: some 10 ms of work."""
 
 
+LEAST_STEP = 1e-4
+"""Of a stroke [m]."""
+
+
 class Answers:
     """What a known model answers; each raises ValueError for a request that is wrong or too large.
 
@@ -48,10 +52,11 @@ class Answers:
         pushes = pushes_from_msg(request)
         response = PredictPush.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(pushes[0]), model):
+            if rows.start:
+                yield
             points, normals, velocities = (array[rows] for array in pushes)
             check_planned_contacts(outline, points, normals, rows.start)
             add_predictions(predict(model, points, normals, velocities), response, request.with_samples)
-            yield
         if request.with_samples:
             response.weights = model.share
         return response
@@ -60,9 +65,13 @@ class Answers:
         model, outline = self._asked(request.mean_only)
         self._check_number("starts", len(request.starts), "most_strokes")
         starts, lines, positions = strokes_from_msg(request)
+        if request.step != 0 and not request.step >= LEAST_STEP:
+            raise ValueError(f"step must be 0, or at least {LEAST_STEP:g} m, got {request.step:g}")
         response = PredictStroke.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(starts), model):
-            found = yield from stroke_steps(model, outline, starts[rows], lines[rows], positions[rows])
+            found = yield from stroke_steps(
+                model, outline, starts[rows], lines[rows], positions[rows], request.step or STEP
+            )
             add_strokes(found, response, request.with_samples)
         if request.with_samples:
             response.weights = model.share
@@ -74,9 +83,10 @@ class Answers:
         points, normals = contacts_from_msg(request)
         response = MotionCone.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(points), model):
+            if rows.start:
+                yield
             check_planned_contacts(outline, points[rows], normals[rows], rows.start)
             add_cones(motion_cone(model, points[rows], normals[rows]), response)
-            yield
         return response
 
     def stable_pushes(self, request: StablePushes.Request) -> Generator[None, None, StablePushes.Response]:
@@ -87,10 +97,11 @@ class Answers:
             check_half_width(outline, half_width)
         response = StablePushes.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(turns[0]), model):
+            if rows.start:
+                yield
             points, normals, *rest = (array[rows] for array in turns)
             check_planned_contacts(outline, points, normals, rows.start)
             add_stability(stability(model, points, normals, *rest), response)
-            yield
         return response
 
     def limit_surface(self, _: GetLimitSurface.Request) -> Generator[None, None, GetLimitSurface.Response]:
