@@ -26,6 +26,7 @@ from bench import pipeline, planning
 from bench.processes import running
 from bench.verdict import Verdict
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import friction_model
@@ -33,7 +34,6 @@ from pushfric_core.paper import experiments
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, FrictionModel, Heartbeat, PusherState
 from pushfric_msgs.srv import PredictPush
-from pushfric_ros.cell.node_settings import PlannerConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.messages.conversions import MODEL_TOPIC, friction_model_to_msg

@@ -69,9 +69,7 @@ class Answers:
             raise ValueError(f"step must be 0, or at least {LEAST_STEP:g} m, got {request.step:g}")
         response = PredictStroke.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(starts), model):
-            found = yield from stroke_steps(
-                model, outline, starts[rows], lines[rows], positions[rows], request.step or STEP
-            )
+            found = yield from stroke_steps(model, outline, starts[rows], lines[rows], positions[rows], request.step or STEP)
             add_strokes(found, response, request.with_samples)
         if request.with_samples:
             response.weights = model.share
