@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
 
 PROGRESS_PERIOD = 0.05
-"""Time between reports of how far the estimator has come, in wall time [s]."""
+"""Time between reports of how far the estimator has come, and between drawings, in wall time [s]."""
 
 KINDS = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES}
 """The inputs' names in the ledger."""
@@ -104,7 +104,7 @@ class EstimatorNode(Node):
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
         self._told: tuple[int, int] | None = None  # what the last report said [ns]
-        self.create_timer(PROGRESS_PERIOD, self._publish_progress, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(PROGRESS_PERIOD, self._keep_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._start_out = topics.advertise(EstimationStart, START_TOPIC, LATCHED)
         self._publish_start()
         if self._handover is None:
@@ -259,23 +259,26 @@ class EstimatorNode(Node):
     def _take(self, observations: list[Observation]) -> None:
         for observation in observations:
             self._made[observation.push_id] += 1
-            if self._handover is None or (observation.push_id, observation.stamp) not in self._handover.told:
-                self._tell(observation)
-            if observation.push_id in self._excluded:
-                continue
+            used = observation.push_id not in self._excluded
             if self._handover is not None:
-                self._online.learn(observation)
-            elif self._online.take(observation):
-                self._show(observation)
+                if used:
+                    self._online.learn(observation)
+                if (observation.push_id, observation.stamp) not in self._handover.told:
+                    self._tell(observation)
+                continue
+            used = used and self._online.take(observation)
+            if used:
+                self._publications.estimate(self._judge(), at_rest=False)
+            self._tell(observation)
+            if used:
+                self._follow_up(observation)
         if self._handover is None:
             self._planner.prepare()
 
-    def _show(self, observation: Observation) -> None:
-        """Publish the estimate with a new data point first, and then what planners do not wait for."""
-        msg = self._publications.estimate(self._judge(), at_rest=False)
+    def _follow_up(self, observation: Observation) -> None:
+        """Publish what planners do not wait for, after the estimate with a new data point."""
         self._online.narrow(observation)
         self._publications.region()
-        self._publications.draw(msg)
         if self._online.recognize(observation):
             self._publications.ranking()
 
@@ -374,7 +377,7 @@ class EstimatorNode(Node):
         if self._online.estimate is None:
             self._publications.nothing()
         else:
-            self._publications.draw(self._publications.estimate(verdict))
+            self._publications.estimate(verdict)
         if self._online.ranking is not None:
             self._publications.ranking()
 
@@ -394,6 +397,10 @@ class EstimatorNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
         self._start_afresh(self._chosen)
+
+    def _keep_up(self) -> None:
+        self._publish_progress()
+        self._publications.draw()
 
     def _publish_progress(self) -> None:
         """Publish the time up to which all poses have become data points, if it has changed."""
