@@ -169,6 +169,31 @@ def test_a_click_stops_a_push(browser, url, ros):
         ros.wait_for(lambda: states[-1].push_id > pushed, PATIENCE, "the next push")
 
 
+def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
+    """Its connection is cut in the push, and another button has the focus."""
+    states: list[PusherState] = []
+    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    context = browser.new_context()
+    page = context.new_page()
+    sockets = []
+    page.route_web_socket("**/live*", lambda socket: sockets.append((socket, len(sockets) == 0 and socket.connect_to_server())))
+    page.goto(url)
+    expect(page.locator("#stop")).to_be_enabled()
+    expect(page.locator("#prompt")).to_have_attribute("role", "status")
+    ros.wait_for(lambda: states and states[-1].push_id != PusherState.NO_PUSH, PATIENCE, "a push")
+    page.locator("#next").focus()
+    sockets[0][0].close()
+    expect(page.locator("#connection")).to_contain_text(re.compile(r"no connection for \d+ s"))
+    expect(page.locator("#stop")).to_be_enabled()
+    page.keyboard.press("Space")
+    ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
+    expect(page.locator("#answer")).to_contain_text("nothing moves until")
+    context.close()
+    with visit(browser, url) as other:
+        other.locator("#reset").click()
+        expect(other.locator("#answer")).to_contain_text("released")
+
+
 def test_a_push_is_excluded_and_another_given_up(browser, url):
     with visit(browser, url) as page, visit(browser, url) as other:
         page.locator("#rows tr").first.get_by_role("button").click()

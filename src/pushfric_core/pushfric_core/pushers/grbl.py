@@ -1,4 +1,4 @@
-"""Driver of a pusher behind a GRBL 1.1 controller (Arduino GRBL, grblHAL, FluidNC) on a serial port.
+"""Driver of a pusher behind a GRBL 1.1 controller (Arduino GRBL, grblHAL) on a serial port.
 
 Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
 arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
@@ -86,7 +86,6 @@ LONGEST_LINE = 4096  # [bytes]
 ASKED_FOR_TWO_ALIKE = 6  # settings and offsets, which have no checksum
 OFFSET_ROUNDING = 2e-3  # a sum of rounded numbers [mm]
 STILL = 0.05  # another axis that is reported farther from its place than this has moved [mm]
-LATEST = 0.7  # a controller whose answers take longer than this share of `ahead` gets no push
 SLEPT = 0.1  # a computer that was suspended for longer than this has lost sight of the pusher
 REPORTS_UNTIL_WCO = 62  # the offset comes with every 30th report at the latest, and counts once it has come twice
 IDLE_REPORTS = 10  # this many in a row away from the target mean that the motion ended early
@@ -275,9 +274,8 @@ class Grbl:
         if self._doubt is not None:
             raise NotReady(f"where the pusher stands is not known until it is recovered: {self._doubt}")
         latency = statistics.median(self._latencies or [0.0])
-        if latency > LATEST * self._ahead:
-            slow = f"the controller at {self._path} answers after {latency:.2f} s"
-            raise NotReady(f"{slow}, expected {LATEST * self._ahead:.2f} s or less: a push would not be even (setting ahead)")
+        if latency > self._silence:
+            raise NotReady(f"the controller at {self._path} answers after {latency:.2f} s; silence is {self._silence:g} s")
         self._moving = True
         self._script = self._streaming(position, speed, latency)
 

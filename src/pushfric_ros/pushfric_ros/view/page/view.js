@@ -12,6 +12,7 @@ let picture = null; // address of the image shown
 let pictureAt = -Infinity;
 let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused
+let newsAt = performance.now(); // when something last came
 
 // Numbers, as JSON has them and as people read them
 
@@ -43,6 +44,7 @@ function connect() {
       else story[key] = value;
     }
     connection = "live";
+    newsAt = performance.now();
     redraw();
   };
   socket.onclose = ({ code }) => {
@@ -105,13 +107,15 @@ function redraw() {
 function drawHeader() {
   at("object").textContent = story.object?.name ?? "pushfric";
   at("cell").textContent = story.cell ?? "";
-  const said = { connecting: "connecting …", live: "", lost: "no connection, trying again …", ended: "the run has ended", refused: "" };
-  at("connection").textContent = said[connection];
+  const age = Math.round((performance.now() - newsAt) / 1e3);
+  const lost = `no connection for ${age} s, trying again …; what is shown is that old. Stop works`;
+  const said = { connecting: "connecting …", live: "", lost, ended: "the run has ended", refused: "" };
+  write("connection", said[connection]);
   at("connection").className = connection === "lost" ? "lost" : "";
   document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
   const live = connection === "live";
   const pushes = live && known(story["node/actuator"]);
-  at("stop").disabled = !(pushes || connection === "refused");
+  at("stop").disabled = live && !pushes; // never for want of a connection: a request may still arrive
   at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
   at("next").disabled = !(live && ["placing", "pushing", "waiting"].includes(story.plan?.phase));
 }
@@ -122,7 +126,7 @@ function drawNow() {
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped") prompt = "The pusher is stopped: press Reset to let it move again";
   else if (plan && known(fault) && fault !== "none") prompt += ` (fault: ${fault})`;
-  at("prompt").textContent = prompt[0].toUpperCase() + prompt.slice(1);
+  write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
   at("now").className = connection === "live" ? plan?.phase ?? "" : "lost";
   at("progress").parentElement.hidden = !plan;
   if (plan) {
@@ -154,6 +158,11 @@ function drawNumbers() {
 
 function textOf(reasons) {
   return reasons.map((reason) => reason.text).join("; ");
+}
+
+// Text that is read out: only if it changes
+function write(id, text) {
+  if (at(id).textContent !== text) at(id).textContent = text;
 }
 
 function unit(id, text, what) {
@@ -259,6 +268,14 @@ function made(tag, text) {
 }
 
 for (const what of ["stop", "reset", "next"]) at(what).addEventListener("click", () => ask(what));
+document.addEventListener("keydown", (event) => {
+  if (event.code !== "Space" || at("stop").disabled) return; // whatever has the focus
+  event.preventDefault();
+  if (!event.repeat) ask("stop");
+});
+document.addEventListener("keyup", (event) => {
+  if (event.code === "Space" && !at("stop").disabled) event.preventDefault(); // a button acts when the key is let go
+});
 at("nodes").addEventListener("toggle", redraw, true);
 setInterval(redraw, 1000); // an image grows old without news
 connect();
