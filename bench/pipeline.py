@@ -168,12 +168,12 @@ class LatencyListener:
         missing = [
             self._frames[bisect_right(moments, moment) - 1][1] - taken for moment, taken in self._tracked if moment > begin
         ]
-        # at any moment some frames may be on their way; lost frames add up
+        # at any moment some frames may be on their way, at first more than in the end; lost frames add up
         third = max(1, len(missing) // 3)
         return {
             "published_hz": (count - before) / ((end - begin) / 1e9),
             "published": count - before,
-            "dropped": min(missing[-third:]) - min(missing[:third]),
+            "dropped": max(0, min(missing[-third:]) - min(missing[:third])),
             "cores": self.cpu_seconds / self.seconds,
         }
 

@@ -104,3 +104,24 @@ def test_a_tip_passes_by():
     outline = Outline.rectangle(0.1, 0.1)
     assert outline.first_touch((0.056, -1), (0, 1), radius=0.005) is None
     assert outline.first_touch((0.056, -1), (0, 1)) is None
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.005])
+def test_one_line_and_many_lines_give_the_same_touches_to_the_bit(radius):
+    rng = np.random.default_rng(4)
+    outline = Outline(np.array([(-0.05, -0.03), (0.04, -0.035), (0.02, 0.0), (0.05, 0.03), (-0.04, 0.04)]))
+    angles = rng.uniform(-np.pi, np.pi, 500)
+    directions = np.column_stack((np.cos(angles), np.sin(angles)))
+    starts = rng.uniform(-0.05, 0.05, (500, 2)) - 0.3 * directions
+    found = outline.first_touches(starts, directions, np.full(500, radius))
+    edges = set()
+    for start, direction, *expected in zip(starts, directions, *found, strict=True):
+        touch = outline.first_touch(start, direction, radius)
+        distance, point, normal, edge = expected
+        if touch is None:
+            assert distance == np.inf
+            continue
+        assert (touch.distance, touch.point.tolist(), touch.normal.tolist()) == (distance, point.tolist(), normal.tolist())
+        assert touch.edge == (None if edge < 0 else edge)
+        edges.add(touch.edge)
+    assert edges == {0, 1, 2, 3, 4} | ({None} if radius else set())

@@ -13,7 +13,7 @@ import numpy as np
 import zstandard
 
 from pushfric_core.bags import agreement, parts
-from pushfric_core.bags.cdr import Decoder
+from pushfric_core.bags.cdr import Decoder, decoder
 from pushfric_core.bags.contents import (
     BEFORE,
     FIRST_NUMBER,
@@ -240,7 +240,7 @@ class Bag:
         """
         name = message.type_name
         if name not in self._decoders:
-            self._decoders[name] = Decoder(name, self._definitions.get(name, Definition("", "")))
+            self._decoders[name] = decoder(name, self._definitions.get(name, Definition("", "")))
         return present(name, self._decoders[name](message.raw))
 
     def unconfirmed(self, standing: Standing) -> dict[str, Span]:
@@ -474,9 +474,10 @@ class _McapBagFile:
         wanted = {n: t for n, t in self.topics.items() if topics is None or t.name in topics}
         for message in self._file.messages(wanted.__contains__, unconfirmed):
             topic = wanted[message.channel_id]
-            doubt = message.standing.doubt
-            if message.standing == Standing.MARKED:
-                doubt = self._marks[message.channel_id] or doubt
+            doubt = ""
+            if message.standing:  # not sound
+                marked = message.standing == Standing.MARKED
+                doubt = (marked and self._marks[message.channel_id]) or message.standing.doubt
             yield BagMessage(topic.name, topic.type_name, message.log_time_ns, message.data, doubt)
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from pushfric_core.bags.constants import constants
-from pushfric_core.bags.message_types import record
 from pushfric_core.bags.samples import unknown_pose
 
 FRICTION, CHANGE, REASON = constants("ContactFriction"), constants("ObjectChange"), constants("Reason")
@@ -33,7 +32,7 @@ def _observation(msg: Any) -> Any:
     return _changed(
         msg,
         duration=msg.duration or math.nan,
-        pose=msg.pose[0] if msg.pose else unknown_pose(record),
+        pose=msg.pose[0] if msg.pose else unknown_pose(_record),
         force=msg.force[0] if msg.force else _nowhere(),
         tip_velocity=tip_velocity[0] if tip_velocity else _nowhere(),
         depth=getattr(msg, "depth", 0.0) or math.nan,
@@ -58,9 +57,9 @@ def _friction_estimate(msg: Any) -> Any:
     if not hasattr(msg, "mu_c"):
         return msg
     none = np.zeros(0)
-    unknown = record("pushfric_msgs/msg/Spread", covariance=np.full(4, math.nan), middle=none, low=none, high=none)
+    unknown = SimpleNamespace(covariance=np.full(4, math.nan), middle=none, low=none, high=none, data_points=0)
     spread = msg.spread[0] if msg.spread else unknown
-    unchanged = record("pushfric_msgs/msg/ObjectChange", since_push=CHANGE["NO_PUSH"], shift=_nowhere())
+    unchanged = SimpleNamespace(since_push=CHANGE["NO_PUSH"], shift=_nowhere())
     return _changed(
         msg,
         support_friction=_total_friction(msg.support_friction),
@@ -93,9 +92,14 @@ def _only(values: Any) -> float:
     return float(values[0]) if len(values) else math.nan
 
 
-def _nowhere() -> Any:
-    return record("geometry_msgs/msg/Vector3", **dict.fromkeys("xyz", math.nan))
+def _record(_: str, **fields: Any) -> SimpleNamespace:
+    """A message whose fields are all given: to look its type up would mean to load all types."""
+    return SimpleNamespace(**fields)
 
 
-def _reason(text: str) -> Any:
-    return record("pushfric_msgs/msg/Reason", code=REASON["UNKNOWN"], text=text)
+def _nowhere() -> SimpleNamespace:
+    return SimpleNamespace(**dict.fromkeys("xyz", math.nan))
+
+
+def _reason(text: str) -> SimpleNamespace:
+    return SimpleNamespace(code=REASON["UNKNOWN"], text=text)

@@ -96,6 +96,8 @@ _SPAN = re.compile(r"[0-9]+ from ([0-9]{1,19}) to ([0-9]{1,19})")
 
 Standings = npt.NDArray[np.uint8]
 
+STANDINGS = tuple(Standing)  # by value
+
 
 class Message(NamedTuple):
     """A message as it is stored."""
@@ -507,8 +509,8 @@ class McapFile:
 
     def _sorted(self, stream: BinaryIO, piece: Piece, wanted: Callable[[int], bool], last: Standing) -> Iterator[Message]:
         """The messages of a piece in order of log time, up to a standing."""
-        standings = self.standings[piece.entries.start : piece.entries.stop]
-        if (standings > last).all():
+        standings = [STANDINGS[value] for value in self.standings[piece.entries.start : piece.entries.stop].tolist()]
+        if all(standing > last for standing in set(standings)):
             return
         times = self.entries.log_times[piece.entries.start : piece.entries.stop]
         try:
@@ -521,10 +523,10 @@ class McapFile:
         for number in np.argsort(np.asarray(times), kind="stable").tolist():
             begin = places[number]
             (channel_id,) = CHANNEL_ID.unpack_from(content, begin)
-            if standings[number] <= last and wanted(channel_id):
+            if wanted(channel_id) and standings[number] <= last:
                 (length,) = LENGTH.unpack_from(content, begin - LENGTH.size)
                 data = content[begin + MESSAGE_HEAD.size : begin + length]
-                yield Message(times[number], channel_id, data, Standing(standings[number]))
+                yield Message(times[number], channel_id, data, standings[number])
 
     def _content(self, stream: BinaryIO, piece: Piece) -> bytes:
         if piece.head is not None:

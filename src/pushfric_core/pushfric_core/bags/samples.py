@@ -34,7 +34,7 @@ def quaternion_length(position: Sequence[float], q: Any) -> float:
         ValueError: a coordinate of the position or the quaternion is not finite, or the length is not in QUATERNION_LENGTHS.
     """
     values = (*position, q.x, q.y, q.z, q.w)
-    if not all(math.isfinite(value) for value in values):
+    if not all(map(math.isfinite, values)):
         raise ValueError(f"a pose must be finite, got {values}")
     length = math.hypot(q.x, q.y, q.z, q.w)
     if not QUATERNION_LENGTHS[0] <= length <= QUATERNION_LENGTHS[1]:
@@ -72,7 +72,7 @@ def pusher_sample_from_msg(msg: Any) -> PusherSample:
     """
     direction = (msg.direction.x, msg.direction.y)
     numbers = (msg.position, msg.speed, msg.tip.x, msg.tip.y, *direction, msg.tip_radius)
-    if not all(math.isfinite(number) for number in numbers):
+    if not all(map(math.isfinite, numbers)):
         raise ValueError(f"a pusher state must be finite, got {numbers}")
     check_within("a pusher's position, speed, tip and tip radius", numbers, FARTHEST, "m or m/s")
     if msg.tip_radius < 0:
@@ -97,7 +97,7 @@ def force_sample_from_msg(msg: Any) -> ForceSample:
     if not is_frame(msg.header.frame_id, TABLE):
         raise ValueError(f"a wrench must have frame_id {TABLE!r}, got {msg.header.frame_id!r}")
     force = (msg.wrench.force.x, msg.wrench.force.y)
-    if not all(math.isfinite(component) for component in force):
+    if not all(map(math.isfinite, force)):
         raise ValueError(f"a wrench must be finite, got a force of {force}")
     check_within("a force", force, STRONGEST, "N")
     return ForceSample(stamp_from_msg(msg.header.stamp), force)

@@ -6,7 +6,6 @@ import sys
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console, warn
@@ -128,7 +127,9 @@ def _one(
 def _many(
     sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs: int, dask: str | None, json: str | None
 ) -> bool:
-    # imported late: one estimate needs neither joblib nor matplotlib
+    # imported late: one estimate needs none of joblib, matplotlib and a bar
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
     from pushfric_core.offline.many import Line, estimate_many, inputs_of
     from pushfric_core.offline.summary import counts, mark_outliers, write_summary
     from pushfric_core.offline.table import write_table

@@ -15,7 +15,7 @@ from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.verdict import InputCheck, Verdict
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
-from pushfric_core.geometry.support import COR_SHARE, FreeRadii, check_points, support_forces
+from pushfric_core.geometry.support import COR_SHARE, FreeRadii, SupportForces, check_points, support_forces
 from pushfric_core.program.constraint_rows import stack
 from pushfric_core.program.constraints import (
     Cone,
@@ -269,19 +269,22 @@ class Estimator:
         Raises:
             UninformativePush: one rotates exactly about a support point; the estimator stays as it was.
         """
-        added = (observations,) if isinstance(observations, Observation) else tuple(observations)
+        if isinstance(observations, Observation):
+            self._take(observations, self._forces(observations))
+            return self._estimate(at_rest=False)
+        added = tuple(observations)
         for observation in added:
             self.check(observation)
         for observation in added:
-            self._take(observation)
+            self._take(observation, self._forces(observation))
         return self._estimate(at_rest=len(added) != 1)
 
-    def _take(self, observation: Observation) -> None:
+    def _take(self, observation: Observation, forces: SupportForces) -> None:
         self._seen.append(observation)
         if self._newest is None or observation.stamp >= self._newest.stamp:
             self._newest = observation
         if observation.push_id not in self._rejected:
-            self._append(observation)
+            self._append(observation, forces)
         if self._rejection is not None:
             self._rejection.add(observation)
             if is_due(len(self._seen), self._last_rejection):
@@ -309,7 +312,7 @@ class Estimator:
     def _take_again(self, observations: list[Observation]) -> Estimate:
         self._begin()
         for observation in observations:
-            self._take(observation)
+            self._take(observation, self._forces(observation))
         return self.estimate()
 
     def _reject(self, rejection: OutlierRejection) -> None:
@@ -320,11 +323,10 @@ class Estimator:
         back = self._rejected.keys() - bad.keys()
         for observation in self._seen:
             if observation.push_id in back:
-                self._append(observation)
+                self._append(observation, self._forces(observation))
         self._rejected = bad
 
-    def _append(self, observation: Observation) -> None:
-        forces = support_forces(self.support_points, observation.twist, self._free)
+    def _append(self, observation: Observation, forces: SupportForces) -> None:
         rows = stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns)
         self._program.add(rows)
         self._contacts.append(contact_forces(observation, forces), tip_at(observation))
@@ -343,7 +345,10 @@ class Estimator:
         """
         if not isinstance(observation, Observation):
             raise TypeError(f"expected an Observation, got {type(observation).__name__}; load(PATH) reads bags and CSVs")
-        support_forces(self.support_points, observation.twist, self._free)
+        self._forces(observation)
+
+    def _forces(self, observation: Observation) -> SupportForces:
+        return support_forces(self.support_points, observation.twist, self._free)
 
     def _take_out(self, push_id: int) -> None:
         groups = [group for group, observation in self._observations.items() if observation.push_id == push_id]
@@ -419,9 +424,10 @@ class Estimator:
         found = program.extremes(self._tilts[wanted], delta)
         if found is None:
             return None
-        extremes, most, least = np.split(found, (8, 8 + n))
-        reach = np.column_stack((np.zeros(n), np.diagonal(most)))
+        extremes, most, least = found[:8], found[8 : 8 + n], found[8 + n :]
         bearing = np.flatnonzero(solution.w > 0)
+        reach = np.zeros((n, 2))
+        reach[:, 1] = most.diagonal()
         reach[bearing, 0] = least[np.arange(len(bearing)), bearing]
         if solution.objective > NOISELESS * worst:
             group_pushes = np.fromiter((one.push_id for one in self._observations.values()), dtype=np.int64, count=count)

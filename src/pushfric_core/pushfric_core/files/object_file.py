@@ -45,7 +45,7 @@ Model = TypeVar("Model", bound=pydantic.BaseModel)
 class Strict(pydantic.BaseModel):
     """A part of a YAML file. It refuses unknown keys, and numbers that are not finite."""
 
-    model_config = pydantic.ConfigDict(frozen=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(frozen=True, allow_inf_nan=False, defer_build=True)  # most runs use one of the models
 
     @pydantic.model_validator(mode="before")
     @classmethod

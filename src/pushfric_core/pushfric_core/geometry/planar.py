@@ -138,9 +138,9 @@ def log(pose: Pose) -> Twist:
 
 def velocity_at(twist: Twist, points: npt.ArrayLike) -> Array:
     """Velocities (..., 2) of body points (..., 2): (vx - omega y, vy + omega x)."""
-    velocities = left_of(points)
-    velocities *= twist.omega
-    velocities += (twist.vx, twist.vy)
+    p = as_array(points)
+    velocities = np.empty(p.shape)
+    velocities[..., 0], velocities[..., 1] = twist.vx - twist.omega * p[..., 1], twist.vy + twist.omega * p[..., 0]
     return velocities
 
 

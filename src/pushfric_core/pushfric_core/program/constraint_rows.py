@@ -31,6 +31,8 @@ class ConstraintRows(NamedTuple):
 
 def stack(parts: Sequence[ConstraintRows], n: int) -> ConstraintRows:
     """The rows of several constraints as one record with n columns; rows without the column of the scale get zeros there."""
+    if parts and all(part.a.shape[1] == n for part in parts):
+        return ConstraintRows(*map(np.concatenate, zip(*parts, strict=True)))
     m = sum(len(part.above) for part in parts)
     a, costs = np.zeros((m, n)), np.empty((2, m))
     first = 0

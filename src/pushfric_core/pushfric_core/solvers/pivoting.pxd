@@ -109,7 +109,7 @@ cdef void perturb(State state, double shift) noexcept
 @cython.locals(
     slopes=double[::1], rates=double[::1], direction=double[::1], change=double[::1], x=double[::1], f=double, best=double,
     merit=double, steepness=double, upwards=double, step=double, speed=double, approach=double, distance=double,
-    edge=Py_ssize_t, candidate=Py_ssize_t, entering=Py_ssize_t, end=bint,
+    edge=Py_ssize_t, candidate=Py_ssize_t, entering=Py_ssize_t, size=Py_ssize_t, k=int64_t, ahead=int64_t[::1], end=bint,
     side=double[::1], value=double[::1], cost=double[:, :, ::1], inverse=double[:, ::1],
 )
 cdef int stretch(State state, Ball ball, double[::1] tilt, double level, Py_ssize_t limit, int weights) noexcept

@@ -542,7 +542,7 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
     """
     n = len(state.active)
     slopes, rates, direction, change, x = state.slopes[FIT], state.rates, state.direction, state.change, state.x
-    side, value, cost, inverse = state.side, state.value, state.cost, state.inverse
+    side, value, cost, inverse, ahead = state.side, state.value, state.cost, state.inverse, state.ahead
     f = 0.0
     for j in range(n):
         f += state.settled[j] * x[j]
@@ -577,10 +577,15 @@ def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, wei
         for j in range(n):
             direction[j] = upwards * inverse[j, i]
         evaluate(state, direction, change)
-        step, speed, entering = inf, 0.0, -1
+        size = 0
         for k in range(state.count):
+            ahead[size] = k
+            size += -side[k] * change[k] > PARALLEL  # no branch: the processor would guess wrongly half of the time
+        step, speed, entering = inf, 0.0, -1
+        for p in range(size):
+            k = ahead[p]
             approach = -side[k] * change[k]
-            if approach > PARALLEL and cost[FIT, 0, k] + cost[FIT, 1, k] > 0:
+            if cost[FIT, 0, k] + cost[FIT, 1, k] > 0:
                 distance = max(side[k] * value[k], 0.0) / approach
                 if distance < step - TIE or (distance <= step + TIE and approach > speed):
                     step, speed, entering = distance, approach, k

@@ -22,6 +22,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline, Touch
@@ -311,7 +312,7 @@ class Trajectory:
         Raises:
             ValueError: the pose is not finite.
         """
-        if not np.isfinite(sample.pose).all():
+        if not all(map(math.isfinite, sample.pose)):
             raise ValueError(f"a pose must be finite, got {tuple(map(float, sample.pose))}")
         found = []
         for known in self._poses.take(sample):
@@ -579,7 +580,7 @@ class Trajectory:
         twist = Twist(float(velocity[0]), float(velocity[1]), (following.theta - previous.theta) / duration)
         if not any(twist) or self._speed(twist) < self.config.minimum_speed:
             return None
-        first, at, last = (np.mean([frame.tip for frame in window], axis=0) for window in windows)
+        first, at, last = (_average([frame.tip for frame in window]) for window in windows)
         line = self._pusher.line
         tip: Array | None = None
         if any(frame.free for frame in frames):
@@ -622,7 +623,7 @@ class Trajectory:
         times = [(after.stamp - before.stamp) / NANOSECONDS for before, after in pairwise(frames)]
         steps = [0.5 * (a + b) * time for (a, b), time in zip(pairwise(speeds), times, strict=True)]
         travelled = np.concatenate(((0.0,), np.cumsum(steps)))
-        return float(np.mean(travelled[-self.config.window :]) - np.mean(travelled[: self.config.window]))
+        return float(_average(travelled[-self.config.window :]) - _average(travelled[: self.config.window]))
 
     def _turns(self, frames: list[_Frame]) -> bool:
         """Whether a free tip moves in one direction in the first half of some frames and in another in the second."""
@@ -636,8 +637,14 @@ class Trajectory:
 
 def _mean(poses: list[Pose], reference: float) -> Pose:
     """Mean of some poses, with angles unwrapped around a reference [rad]."""
-    x, y = (float(np.mean(values)) for values in list(zip(*poses, strict=True))[:2])
-    return Pose(x, y, reference + float(np.mean([wrap(pose.theta - reference) for pose in poses])))
+    x, y = (float(_average([pose[axis] for pose in poses])) for axis in (0, 1))
+    return Pose(x, y, reference + float(_average([wrap(pose.theta - reference) for pose in poses])))
+
+
+def _average(values: npt.ArrayLike) -> Array:
+    """The mean over the first axis; np.mean takes three times as long for few values, to the same bits."""
+    array = np.asarray(values)
+    return np.asarray(np.add.reduce(array) / len(array))
 
 
 def _between(start: Pose, end: Pose, share: float) -> Pose:

@@ -35,6 +35,9 @@ LEAST_NORMAL = 0.05
 LEAST_ERROR = 1e-3
 """No force is known better than this, in units of the support friction."""
 
+TOGETHER = 10_000
+"""Bounds are computed for several w at once up to this number of them; more take longer together, and more memory."""
+
 CONFIDENT = 1.645
 """Standard deviations on either side that hold 90 % of a normal distribution."""
 
@@ -62,9 +65,11 @@ def lower_bounds(forces: ContactForces, weights: Array) -> Array:
 
     Args:
         forces: at m contacts.
-        weights: (n,) estimate of w.
+        weights: (n,) estimate of w, or (k, n) several of them: then the result is (k, m).
     """
-    normal, along, free = forces.normal @ weights, np.abs(forces.along @ weights), forces.free @ weights
+    # one product for each w: a product of matrices would have other last bits
+    normal, along, free = (np.stack([part @ w for w in np.atleast_2d(weights)]) for part in forces)
+    along = np.abs(along)
     with np.errstate(divide="ignore", invalid="ignore"):
         bounds = np.where(normal > 0, along / normal, math.inf)
     if free.any():
@@ -72,22 +77,24 @@ def lower_bounds(forces: ContactForces, weights: Array) -> Array:
         turn = np.where(free < known, np.arcsin(np.minimum(free, known) / np.maximum(known, LEAST_DIVISOR)), math.pi)
         eta = np.maximum(np.arctan2(along, normal) - turn, 0.0)
         bounds = np.where(free > 0, np.where(eta < math.pi / 2, np.tan(eta), math.inf), bounds)
-    return np.asarray(bounds)
+    return np.asarray(bounds if np.ndim(weights) > 1 else bounds[0])
 
 
 def percentile(bounds: Array, share: float) -> float:
     """The value at or below which `share` of the lower bounds (m,) lie: order statistic ceil(share * m).
 
+    Of several rows of bounds (k, m), the least of these values.
+
     Raises:
         ValueError: no bounds, or a share outside (0, 1].
     """
-    if not len(bounds):
+    if not bounds.size:
         raise ValueError("a percentile needs at least one lower bound")
     if not 0 < share <= 1:
         raise ValueError(f"share must lie in (0, 1], got {share}")
     # the subtraction forgives 0.9 * 10 being a little above 9
-    rank = math.ceil(share * len(bounds) - 1e-9)
-    return float(np.partition(bounds, rank - 1)[rank - 1])
+    rank = math.ceil(share * bounds.shape[-1] - 1e-9)
+    return float(np.partition(bounds, rank - 1)[..., rank - 1].min())
 
 
 class Kind(StrEnum):
@@ -217,7 +224,9 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
         found = [_least_error(*rows) for rows in _cone_rows(forces, tip, directions, weights) if rows[2].sum() >= FEWEST_SLIPS]
         if found:
             return MuC(found[0][0], min(low for _, low, _ in found), max(high for _, _, high in found), Kind.SLIP)
-    low = min(percentile(lower_bounds(forces, w), 0.9) for w in weights)
+    together = max(1, TOGETHER // max(1, len(forces.normal)))
+    parts = (weights[first : first + together] for first in range(0, len(weights), together))
+    low = min(percentile(lower_bounds(forces, part), 0.9) for part in parts)
     return MuC(None, low, math.inf, Kind.BOUND)
 
 

@@ -253,20 +253,25 @@ class OutlierRejection:
         optimum = self._program.nearest_uniform()
         weights, errors = rows[:, WEIGHT], rows[:, MOMENTS:] @ optimum.w
         slopes = rows[:, MOMENTS:] @ self._shift(optimum.w)
+
+        def changes(lasts: Indices) -> list[tuple[float, Change]]:
+            """A change before each of some of the last pushes, with its log-likelihood ratio."""
+            after = rank >= (k - lasts)[:, None]
+            before_it, after_it = np.split(_shifts_that_fit(errors, slopes, weights, np.concatenate((~after, after))), 2)
+            left = weights * np.abs(errors + np.where(after, after_it @ slopes.T, before_it @ slopes.T))
+            found = []
+            for last, remaining, shift in zip(lasts.tolist(), left, after_it - before_it, strict=True):
+                scale = max(float(remaining.sum()) / _freedom(len(errors) - 4, optimum.w), LEAST_ERROR * self._radius)
+                gains = np.bincount(rank, weights=weights * np.abs(errors) - remaining, minlength=k) / scale
+                # a single bad push is not a change
+                ratio = float(gains.sum() - gains[k - last :].max())
+                found.append((ratio, Change(int(pushes[inside][k - last]), (float(shift[0]), float(shift[1])))))
+            return found
+
         lasts = np.arange(1, min(LATEST, k - BEFORE) + 1)
-        after = rank >= (k - lasts)[:, None]
-        before_it, after_it = np.split(_shifts_that_fit(errors, slopes, weights, np.concatenate((~after, after))), 2)
-        left = weights * np.abs(errors + np.where(after, after_it @ slopes.T, before_it @ slopes.T))
-        found = []
-        for last, remaining, shift in zip(lasts.tolist(), left, after_it - before_it, strict=True):
-            scale = max(float(remaining.sum()) / _freedom(len(errors) - 4, optimum.w), LEAST_ERROR * self._radius)
-            gains = np.bincount(rank, weights=weights * np.abs(errors) - remaining, minlength=k) / scale
-            # a single bad push is not a change
-            ratio = float(gains.sum() - gains[k - last :].max())
-            found.append((ratio, Change(int(pushes[inside][k - last]), (float(shift[0]), float(shift[1])))))
-        if max(ratio for ratio, _ in found[AGREEING - 1 :]) <= UNCHANGED:
+        if max(changes(lasts[AGREEING - 1 :]))[0] <= UNCHANGED:
             return None
-        return max(found, key=lambda one: one[0])[1]
+        return max(changes(lasts), key=lambda one: one[0])[1]
 
     def _shift(self, w: Array) -> Array:
         """(n, 2) of w by a shift of p_CF: a load that tips, on what bears it; a share on all points keeps it defined."""
@@ -338,15 +343,21 @@ def _shifts_that_fit(errors: Array, slopes: Array, weights: Array, parts: npt.ND
     """The d (s, 2) of the least sum of weights * |errors + slopes d| over each of s parts (s, m): least squares, reweighted."""
     d: Array = np.zeros((len(parts), 2))
     counted = parts * weights
-    smallest = 0.1 * (parts @ np.abs(errors)) / parts.sum(axis=1) + RIDGE
+    smallest = (0.1 * (parts @ np.abs(errors)) / parts.sum(axis=1) + RIDGE)[:, None]
     (x, y), products = slopes.T, slopes * errors[:, None]
     squares = np.column_stack((x * x, x * y, y * y))
+    share = np.empty(counted.shape)
     for _ in range(STEPS):
-        share = counted / np.maximum(np.abs(errors + d @ slopes.T), smallest[:, None])
+        np.matmul(d, slopes.T, out=share)
+        share += errors
+        np.maximum(np.abs(share, out=share), smallest, out=share)
+        np.divide(counted, share, out=share)
         xx, xy, yy = (share @ squares).T
         bx, by = (share @ products).T
         ridge = RIDGE * (xx + yy)
         xx, yy = xx + ridge, yy + ridge
         determinant = np.maximum(xx * yy - xy * xy, SMALLEST)
-        d = -np.column_stack((yy * bx - xy * by, xx * by - xy * bx)) / determinant[:, None]
+        d = np.empty((len(parts), 2))
+        d[:, 0], d[:, 1] = xy * by - yy * bx, xy * bx - xx * by
+        d /= determinant[:, None]
     return d

@@ -171,8 +171,10 @@ def spread(points: Array, w: Array, extremes: Array, reach: Array, factors: Arra
     scatter = float(np.mean(np.sum((extremes @ points - middle @ points) ** 2, axis=1)))
     drawn = min(1.0, math.sqrt(np.trace(covariance) / scatter)) if scatter > 0 else 1.0
     samples = middle + drawn * (extremes - middle)
-    wider = w[:, None] + CALIBRATION * np.column_stack((np.minimum(reach[:, 0] - w, 0.0), np.maximum(reach[:, 1] - w, 0.0)))
-    intervals = np.clip(wider, 0.0, 1.0)
+    intervals = np.empty((len(w), 2))
+    intervals[:, 0] = w + CALIBRATION * np.minimum(reach[:, 0] - w, 0.0)
+    intervals[:, 1] = w + CALIBRATION * np.maximum(reach[:, 1] - w, 0.0)
+    np.minimum(np.maximum(intervals, 0.0, out=intervals), 1.0, out=intervals)
     extremes = extremes.copy()
     for array in (extremes, middle, samples, covariance, intervals):
         array.setflags(write=False)

@@ -17,7 +17,7 @@ import rcl_interfaces.msg
 import rcl_interfaces.srv
 import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -26,6 +26,7 @@ from rclpy.type_support import check_for_type_support
 import pushfric_msgs.msg
 import pushfric_msgs.srv
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_ros.node_kit.executor import NodeExecutor
 from pushfric_ros.node_kit.lock import node_lock
 from pushfric_ros.node_kit.network import configured
 
@@ -97,9 +98,10 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
         with configured(images):
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO if winds_up else None)
             if not asked_to_stop:  # otherwise the signal came before rclpy's handlers were installed
-                executor = SingleThreadedExecutor()  # made first, because after a signal it could not be made without an error
+                executor = NodeExecutor()  # made first, because after a signal it could not be made without an error
                 name.enter_context(node_lock(_full_name(make)))
                 node = make()
+                gc.freeze()  # what lasts as long as the node: collections that look at it all take tens of milliseconds
         if executor is not None and node is not None:
             executor.add_node(node)
             node.create_timer(1.0, turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -123,6 +125,8 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
         limit_the_end()
         try:
             if node is not None:
+                if executor is not None:
+                    executor.remove_node(node)
                 node.destroy_node()
         except PushfricError as error:
             code = _refuse(error)
@@ -155,7 +159,7 @@ def _leave(code: int) -> NoReturn:
     os._exit(code)
 
 
-def _spin_until(executor: SingleThreadedExecutor, done: Callable[[], bool], seconds: float = math.inf) -> None:
+def _spin_until(executor: NodeExecutor, done: Callable[[], bool], seconds: float = math.inf) -> None:
     deadline = time.monotonic() + seconds
     while not done() and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.01)

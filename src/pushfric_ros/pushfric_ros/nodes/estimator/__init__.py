@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
 
 PROGRESS_PERIOD = 0.05
-"""Time between reports of how far the estimator has come, in wall time [s]."""
+"""Time between reports of how far the estimator has come, and between drawings, in wall time [s]."""
 
 KINDS = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES}
 """The inputs' names in the ledger."""
@@ -82,11 +82,11 @@ class EstimatorNode(Node):
             check_name(pathlib.Path(self._models.save))
         self._initial, self._bag = model.object, config.bag
         self._prior = prior(pathlib.Path(self._models.model), load_object(model.object)) if self._models.model else []
-        self._handover, self._caught_up = self._interrupted(), False
+        self._resumption, self._caught_up = self._interrupted(), False
         self._diagnostics = topics = Diagnostics(self, self._health, prefix)
         self._publications = Publications(topics, self._settings.slipping)
         self._model_publication = ModelPublication(topics)
-        self._begin(model.object if self._handover is None else self._handover.start.object)
+        self._begin(model.object if self._resumption is None else self._resumption.start.object)
         # the compiled solver is loaded now, not with the first data point
         self._settings.new_estimator(self._object.support_points).estimate()
         self._observations_out = self._required_subscribers = None
@@ -104,10 +104,10 @@ class EstimatorNode(Node):
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
         self._told: tuple[int, int] | None = None  # what the last report said [ns]
-        self.create_timer(PROGRESS_PERIOD, self._publish_progress, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(PROGRESS_PERIOD, self._keep_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._start_out = topics.advertise(EstimationStart, START_TOPIC, LATCHED)
         self._publish_start()
-        if self._handover is None:
+        if self._resumption is None:
             self._publish_settings()
         else:
             self.get_logger().warning(f"goes on from {self._bag}")
@@ -161,11 +161,11 @@ class EstimatorNode(Node):
 
     def _go_on(self) -> None:
         """Take the messages of the bag; once it holds all earlier ones, take those that came by topic meanwhile."""
-        assert self._handover is not None
+        assert self._resumption is not None
         if self._required_subscribers is not None and self._required_subscribers.missing:
             return
         try:
-            found = self._handover.read_on()
+            found = self._resumption.read_on()
         except (OSError, ValueError) as error:
             raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
         before = self._online.estimate
@@ -173,19 +173,19 @@ class EstimatorNode(Node):
             return
         if not self._caught_up:  # with the earlier estimator, whose last messages are known only now
             self._caught_up = True
-            self._begin(self._handover.start.object)
+            self._begin(self._resumption.start.object)
             self._publish_settings()
             self._publish_start()
         for topic, msg, _ in found:
             self._take_input(topic, msg)
-        held = self._handover.held
+        held = self._resumption.held
         for topic, msg, _ in held or ():
             self._take_input(topic, msg)
         if self._online.estimate is not before:
             self._publications.everything(self._judge())
         if held is not None:
             self._look.cancel()
-            self._handover = None
+            self._resumption = None
             estimate = self._online.estimate
             known = "no data points" if estimate is None else data_of(estimate.data_points, estimate.pushes)
             self.get_logger().warning(f"has gone on from the bag with {known}; the topics lead from here")
@@ -202,7 +202,7 @@ class EstimatorNode(Node):
     def _select(self, model: ObjectModel) -> None:
         settings = self._settings
         self._object = model
-        last = self._handover.settings if self._handover is not None else None
+        last = self._resumption.settings if self._resumption is not None else None
         self._excluded = set(settings.excluded if last is None else last.excluded)
         self._maker = ObservationMaker(model.outline, settings.trajectory, settings.with_forces)
         estimator = settings.new_estimator(model.support_points)
@@ -227,8 +227,8 @@ class EstimatorNode(Node):
         self._on_input("wrench", msg)
 
     def _on_input(self, topic: str, msg: Any) -> None:
-        if self._handover is not None:
-            self._handover.hold(topic, msg)
+        if self._resumption is not None:
+            self._resumption.hold(topic, msg)
         elif self._take_input(topic, msg) and topic == "object_pose":
             self._transforms.broadcast(object_transform(msg))
 
@@ -260,23 +260,26 @@ class EstimatorNode(Node):
     def _take(self, observations: list[Observation]) -> None:
         for observation in observations:
             self._made[observation.push_id] += 1
-            if self._handover is None or (observation.push_id, observation.stamp) not in self._handover.told:
-                self._tell(observation)
-            if observation.push_id in self._excluded:
+            used = observation.push_id not in self._excluded
+            if self._resumption is not None:
+                if used:
+                    self._online.learn(observation)
+                if (observation.push_id, observation.stamp) not in self._resumption.told:
+                    self._tell(observation)
                 continue
-            if self._handover is not None:
-                self._online.learn(observation)
-            elif self._online.take(observation):
-                self._show(observation)
-        if self._handover is None and observations:
+            used = used and self._online.take(observation)
+            if used:
+                self._publications.estimate(self._judge(), at_rest=False)
+            self._tell(observation)
+            if used:
+                self._follow_up(observation)
+        if self._resumption is None and observations:
             self._model_publication.keep_up(self._verdict)
 
-    def _show(self, observation: Observation) -> None:
-        """Publish the estimate with a new data point first, and then what planners do not wait for."""
-        msg = self._publications.estimate(self._judge(), at_rest=False)
+    def _follow_up(self, observation: Observation) -> None:
+        """Publish what planners do not wait for, after the estimate with a new data point."""
         self._online.narrow(observation)
         self._publications.region()
-        self._publications.draw(msg)
         if self._online.recognize(observation):
             self._publications.ranking()
 
@@ -302,16 +305,16 @@ class EstimatorNode(Node):
     def _publish_start(self) -> None:
         msg = EstimationStart(object=self._chosen)
         msg.header.stamp, msg.header.frame_id = self.get_clock().now().to_msg(), OBJECT
-        if self._handover is not None:
-            msg.header.stamp = stamp_to_msg(stamp_from_msg(self._handover.start.header.stamp))
-            msg.continuation = self._handover.continuation
+        if self._resumption is not None:
+            msg.header.stamp = stamp_to_msg(stamp_from_msg(self._resumption.start.header.stamp))
+            msg.continuation = self._resumption.continuation
         self._start_out.publish(msg)
 
     def _start_afresh(self, chosen: str) -> None:
         load_object(chosen)  # what cannot be loaded changes nothing
-        if self._handover is not None:  # the rest of the bag no longer counts
+        if self._resumption is not None:  # the rest of the bag no longer counts
             self._look.cancel()
-            self._handover = None
+            self._resumption = None
         self._begin(chosen)
         self._publish_settings()
         self._publish_start()
@@ -375,7 +378,7 @@ class EstimatorNode(Node):
         if self._online.estimate is None:
             self._publications.nothing()
         else:
-            self._publications.draw(self._publications.estimate(verdict))
+            self._publications.estimate(verdict)
         if self._online.ranking is not None:
             self._publications.ranking()
         self._model_publication.publish(verdict)
@@ -396,6 +399,10 @@ class EstimatorNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
         self._start_afresh(self._chosen)
+
+    def _keep_up(self) -> None:
+        self._publish_progress()
+        self._publications.draw()
 
     def _publish_progress(self) -> None:
         """Publish the time up to which all poses have become data points, if it has changed."""
@@ -433,7 +440,7 @@ class EstimatorNode(Node):
         self._noted.update(self._maker.events)
         if self._maker.waiting is not None:
             values["data points without their force yet"] = self._maker.waiting
-        if self._handover is not None:
+        if self._resumption is not None:
             return Health(Level.WARN, f"goes on from {self._bag}", values)
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)

@@ -40,6 +40,7 @@ class Publications:
         self._object, self._online = model, online
         self._mu_c: FrictionReport | None = None  # what was last said of mu_c
         self._region = CenterOfFrictionRegion()
+        self._undrawn: FrictionEstimate | None = None  # published, but not drawn yet
 
     @property
     def complete(self) -> bool:
@@ -54,12 +55,12 @@ class Publications:
         """Publish all that is known."""
         self.region()
         if self._online.estimate is not None:
-            self.draw(self.estimate(verdict))
+            self.estimate(verdict)
         if self._online.ranking is not None:
             self.ranking()
 
-    def estimate(self, verdict: Verdict, at_rest: bool = True) -> FrictionEstimate:
-        """Publish w, p_CF and mu_c, and return the message with all of them.
+    def estimate(self, verdict: Verdict, at_rest: bool = True) -> None:
+        """Publish w, p_CF and mu_c.
 
         Args:
             verdict: on the estimate; there is one.
@@ -76,14 +77,14 @@ class Publications:
         self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
         self._parts(msg if self._online.usable else nothing_known(self._object.name))
-        return msg
+        self._undrawn = msg
 
     def nothing(self) -> None:
         """Publish that nothing is known: without data points, nothing that was published before is valid any longer."""
         msg = nothing_known(self._object.name)
         self._estimate_out.publish(msg)
         self._parts(msg)
-        self.draw(msg)
+        self._undrawn = msg
         self._recognition_out.publish(Recognition())
 
     def region(self) -> None:
@@ -99,8 +100,12 @@ class Publications:
             Recognition() if ranking is None or not ranking.data_points else recognition_to_msg(ranking)
         )
 
-    def draw(self, msg: FrictionEstimate) -> None:
-        """Publish what RViz and the like draw of the estimate in a message, and of the region that was published last."""
+    def draw(self) -> None:
+        """Publish what RViz and the like draw of the last estimate and region, unless that was done or nobody looks."""
+        msg = self._undrawn
+        if msg is None or not self._markers_out.get_subscription_count():
+            return
+        self._undrawn = None
         if msg.status in (msg.STATUS_NO_DATA, msg.STATUS_INFEASIBLE):
             self._markers_out.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             return

@@ -1,0 +1,159 @@
+"""rclpy's executor, at a fifth of its cost: it keeps its wait set, and calls a callback without making a task of it.
+
+rclpy makes a wait set for every callback, wraps the callback in a task, and wakes itself up twice because of it. That takes
+longer than most callbacks of a node. (`rclpy.experimental.EventsExecutor` knows no guard conditions, and in the wheels of Jazzy
+it calls neither timers nor subscriptions.)
+"""
+
+import time
+from collections.abc import Callable, Coroutine
+from contextlib import ExitStack
+from typing import Any
+
+from rclpy.event_handler import EventHandler
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.task import Task
+
+EVENTS_PERIOD = 0.1
+"""Every publisher and subscription has an event for incompatible qualities of service, which rclpy logs. To wait for all of
+these takes as long as to wait for everything else, so they are looked at only this often [s]."""
+
+Entity = Any
+"""What can be ready: a timer, a subscription, a guard condition, a client, a service or another waitable of rclpy."""
+
+
+class NodeExecutor(SingleThreadedExecutor):
+    """Spins one node in one thread.
+
+    Callbacks run one at a time, in rclpy's order. A callback that awaits something holds up no other, whatever its group.
+    """
+
+    _tasks: list[tuple[Task, Any, Any]]  # rclpy's
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._entities: list[list[Entity]] = []  # that the wait set has room for: timers, subscriptions, ... waitables
+        self._in_use = ExitStack()  # keeps them from being destroyed
+        self._events_due = 0.0  # when to look at the events next, by time.monotonic() [s]
+
+    def remove_node(self, node: Node) -> None:
+        """Stop spinning a node, which can then be destroyed."""
+        self._forget()
+        super().remove_node(node)
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait until something is ready, but no longer than this [s], and call the callbacks of all that is.
+
+        Raises:
+            ExternalShutdownException: the context was shut down, for example by a signal.
+            Exception: whatever a callback raises.
+        """
+        self._go_on()
+        for take, entity in self._ready(-1 if timeout_sec is None else round(timeout_sec * 1e9)):
+            call = take(entity)
+            if call is not None:
+                self._call(call())
+
+    def _take_due_timer(self, timer: Entity) -> Any:
+        return self._take_timer(timer) if timer.handle.is_timer_ready() else None  # another callback may have cancelled it
+
+    def _call(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            work.send(None)
+        except StopIteration:
+            return
+        self.create_task(work)  # it awaits something
+
+    def _go_on(self) -> None:
+        """Run the tasks, and forget those that are done."""
+        with self._tasks_lock:
+            tasks = [task for task, _, _ in self._tasks]
+        for task in tasks:
+            task()
+            if task.done() and (error := task.exception()) is not None:
+                raise error
+        if tasks:
+            with self._tasks_lock:
+                self._tasks = [one for one in self._tasks if not one[0].done()]
+
+    def _ready(self, timeout_ns: int) -> list[tuple[Callable[[Entity], Any], Entity]]:
+        """What is ready, each with what takes its data and returns the call to make; waits at most this long, -1: for ever."""
+        (node,) = self.get_nodes()
+        entities = [
+            list(node.timers),
+            list(node.subscriptions),
+            list(node.guards),
+            list(node.clients),
+            list(node.services),
+            list(node.waitables),
+        ]
+        if entities != self._entities:
+            try:
+                self._hold(entities)
+            except InvalidHandle:  # another thread is destroying one of them
+                self._forget()
+                return []
+        timers, subscriptions, guards, clients, services, waitables = entities
+        if (now := time.monotonic()) >= self._events_due:
+            self._events_due = now + EVENTS_PERIOD
+        else:
+            waitables = self._others
+        waiting = self._wait_set
+        waiting.clear_entities()
+        for one in timers:
+            waiting.add_timer(one.handle)
+        for one in subscriptions:
+            waiting.add_subscription(one.handle)
+        for one in guards:
+            waiting.add_guard_condition(one.handle)
+        waiting.add_guard_condition(self._guard.handle)  # tasks, and new entities
+        waiting.add_guard_condition(self._sigint_gc.handle)
+        for one in clients:
+            waiting.add_client(one.handle)
+        for one in services:
+            waiting.add_service(one.handle)
+        for one in waitables:
+            one.add_to_wait_set(waiting)
+        waiting.wait(timeout_ns)
+        if not self._context.ok():
+            raise ExternalShutdownException()
+        found: list[tuple[Callable[[Entity], Any], Entity]] = []
+        for take, kind, known in (
+            (self._take_waitable, "", waitables),
+            (self._take_due_timer, "timer", timers),
+            (self._take_subscription, "subscription", subscriptions),
+            (self._take_guard_condition, "guard_condition", guards),
+            (self._take_client, "client", clients),
+            (self._take_service, "service", services),
+        ):
+            if not kind:
+                found += [(take, one) for one in known if one.is_ready(waiting)]
+            elif ready := waiting.get_ready_entities(kind):
+                found += [(take, one) for one in known if one.handle.pointer in ready]
+        return found
+
+    def _hold(self, entities: list[list[Entity]]) -> None:
+        """Make a wait set for these entities, and keep them from being destroyed by other threads while it is waited for."""
+        self._forget()
+        for one in (entity for kind in entities[:-1] for entity in kind):
+            self._in_use.enter_context(one.handle)
+        for one in entities[-1]:
+            self._in_use.enter_context(one)
+        timers, subscriptions, guards, clients, services = map(len, entities[:-1])
+        for one in entities[-1]:
+            more = one.get_num_entities()
+            timers, subscriptions = timers + more.num_timers, subscriptions + more.num_subscriptions
+            guards, clients = guards + more.num_guard_conditions, clients + more.num_clients
+            services += more.num_services
+        events = sum(one.get_num_entities().num_events for one in entities[-1])
+        own = self._context.handle
+        self._wait_set = rclpy_implementation.WaitSet(subscriptions, guards + 2, timers, clients, services, events, own)
+        self._others = [one for one in entities[-1] if not isinstance(one, EventHandler)]
+        self._entities = entities
+
+    def _forget(self) -> None:
+        self._in_use.close()
+        self._entities = []
