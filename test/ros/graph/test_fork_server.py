@@ -1,12 +1,15 @@
 """The server that forks the processes of nodes, with small programs instead of nodes."""
 
 import contextlib
+import fcntl
 import os
 import pathlib
 import select
 import signal
+import socket
 import subprocess
 import sys
+import termios
 import time
 
 import pytest
@@ -74,6 +77,27 @@ def test_how_a_process_ends_is_known(start, program, code):
     process.wait(PATIENCE)
     assert (process.running, process.returncode) == (False, code)
     assert ("ZeroDivisionError" in process.output.read()) == (code == 1)
+
+
+def test_an_end_that_is_reported_together_with_the_start_is_known(server, start, monkeypatch):
+    """As on a busy machine, where the command line wakes up when both reports have come."""
+    together = []
+
+    def late(*arguments):
+        ready = select_(*arguments)
+        if ready[0] and not together:
+            started = len(server._socket.recv(fork_server.LONGEST, socket.MSG_PEEK))
+            deadline = time.monotonic() + PATIENCE
+            while int.from_bytes(fcntl.ioctl(server._socket, termios.FIONREAD, bytes(4)), sys.byteorder) <= started:
+                assert time.monotonic() < deadline
+            together.append(started)
+        return ready
+
+    select_ = select.select
+    monkeypatch.setattr(fork_server.select, "select", late)
+    process = start("import os; os._exit(4)")
+    process.wait(PATIENCE)
+    assert (together != [], process.returncode) == (True, 4)
 
 
 def test_a_process_is_what_a_fresh_interpreter_would_be(start):

@@ -24,8 +24,8 @@ MODES = (ContactMode.FREE, ContactMode.STICKING, ContactMode.SLIDING)
 
 FREE, STICKING, SLIDING = range(len(MODES))
 
-BLOCK = 32_768
-"""Numbers in an array of the innermost loops: few enough to stay in the cache."""
+BLOCK = 65_536
+"""Numbers in an array of the innermost loops: few enough to stay in the cache, and many for the calls that some rows need."""
 
 BISECTIONS = 100
 """Bound on the steps of a search on a line; about ten are usual."""
@@ -282,32 +282,35 @@ def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Ar
     narrow = NARROW * (high - low)
     last = high - low
     going = np.flatnonzero(high > low)
+    w, work, square = weights[going], works[going], squares[going]
+    low, high, omega, last, narrow = (array[going] for array in (low, high, omegas, last, narrow))
     for _ in range(BISECTIONS):
         if not len(going):
             break
-        omega = omegas[going, None]
-        w, work, square = weights[going], works[going], squares[going]
-        slope = work + omega * square
-        speed = np.sqrt(1 + STILL**2 + omega * (work + slope))
+        slope = work + omega[:, None] * square
+        speed = np.sqrt(1 + STILL**2 + omega[:, None] * (work + slope))
         share = w / speed
         moment = np.sum(share * slope, axis=1)
         stiffness = np.sum(share * (square - (slope / speed) ** 2), axis=1)
         above = moment > 0
-        high[going] = np.where(above, omegas[going], high[going])
-        low[going] = np.where(above, low[going], omegas[going])
-        newton = omegas[going] - moment / np.maximum(stiffness, LEAST_DIVISOR)
-        usable = (newton > low[going]) & (newton < high[going])
+        high, low = np.where(above, omega, high), np.where(above, low, omega)
+        newton = omega - moment / np.maximum(stiffness, LEAST_DIVISOR)
+        usable = (newton > low) & (newton < high)
         # near a support that almost stands still, Newton's steps are short and hardly shrink
-        usable &= np.abs(newton - omegas[going]) <= last[going] / 2
-        following = np.where(usable, newton, (low[going] + high[going]) / 2)
-        last[going] = moved = np.abs(following - omegas[going])
-        omegas[going] = following
-        going = going[(moved > narrow[going]) & (high[going] - low[going] > narrow[going])]
-    omega = omegas[:, None]
-    speed = np.sqrt(1 + STILL**2 + omega * (2 * works + omega * squares))
+        usable &= np.abs(newton - omega) <= last / 2
+        following = np.where(usable, newton, (low + high) / 2)
+        last, omega = np.abs(following - omega), following
+        goes_on = (last > narrow) & (high - low > narrow)
+        if not goes_on.all():
+            omegas[going] = omega
+            going, w, work, square = going[goes_on], w[goes_on], work[goes_on], square[goes_on]
+            low, high, omega, last, narrow = (array[goes_on] for array in (low, high, omega, last, narrow))
+    omegas[going] = omega
+    turn = omegas[:, None]
+    speed = np.sqrt(1 + STILL**2 + turn * (2 * works + turn * squares))
     share = weights / speed
     turning = np.einsum("rn,rnd->rd", share, left_of(arms))
-    return omegas, share.sum(axis=1)[:, None] * velocities + omega * turning
+    return omegas, share.sum(axis=1)[:, None] * velocities + turn * turning
 
 
 def _sliding(weights: Array, arms: Array, edges: Array) -> tuple[Array, Array, Array]:

@@ -94,7 +94,8 @@ class ForkServer:
     def __init__(self) -> None:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._processes: dict[int, NodeProcess] = {}
-        self._started: int | None = None  # process id that the server reported for the last request
+        self._output = -1  # where the process that was asked for last writes
+        self._started: NodeProcess | None = None  # that process, once the server has reported it
         self._ready = self.gone = False
         with theirs:
             self._server = subprocess.Popen(
@@ -145,7 +146,7 @@ class ForkServer:
         """
         self.check()
         self._started = None
-        read, write = os.pipe()
+        self._output, write = os.pipe()
         request = json.dumps({"arguments": list(arguments), "environment": dict(environment)})
         with contextlib.suppress(ConnectionError):  # the server has gone; `listen` notices that, too
             socket.send_fds(self._socket, [request.encode()], [write, *([] if held is None else [held])])
@@ -153,11 +154,10 @@ class ForkServer:
         while self._started is None and not self.gone:
             self.listen(1.0)
         if self._started is None:
-            os.close(read)
+            os.close(self._output)
             self.check()
         assert self._started is not None
-        process = self._processes[self._started] = NodeProcess(self, self._started, read)
-        return process
+        return self._started
 
     def listen(self, seconds: float = 0.0) -> None:
         """Take in what the server has reported, and wait for a report for at most this long [s]."""
@@ -184,8 +184,8 @@ class ForkServer:
 
     def _take(self, ready: bool = False, started: int | None = None, ended: int | None = None, code: int = 0) -> None:
         self._ready |= ready
-        if started is not None:
-            self._started = started
+        if started is not None:  # here, because its end may be the next report
+            self._started = self._processes[started] = NodeProcess(self, started, self._output)
         if ended in self._processes:
             self._processes.pop(ended).returncode = code
 
