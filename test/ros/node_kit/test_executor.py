@@ -4,14 +4,17 @@ import time
 
 import pytest
 from rclpy.clock import Clock, ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from pushfric_msgs.srv import StablePushes
 from pushfric_ros.node_kit.executor import NodeExecutor
 from pushfric_ros.node_kit.losses import Reception
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.turns import Turns
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 AT_ONCE = 1e-9  # period of a timer that is always due [s]
@@ -64,6 +67,43 @@ def test_it_calls_whatever_is_ready(ros, spun):
     asked.call_async(Trigger.Request())
     asked_back.call_async(Trigger.Request()).add_done_callback(lambda _: called.add("client"))
     spun.until(lambda: called == {"timer", "subscription", "service", "guard", "client"}, "all are called")
+
+
+def test_it_leaves_requests_to_a_waitable_that_takes_them(ros, spun):
+    """Also those that come after the waitable has taken all there were."""
+    turns = Turns(spun.node, lambda kind, reason: kind.Response(), 10.0)
+    turns.serve(StablePushes, "asked", lambda request: iter_to(StablePushes.Response()))
+    take_data, late = turns.take_data, []
+
+    def taken():
+        found = take_data()
+        if not late:
+            late.append(asked.call_async(StablePushes.Request()))
+            assert _has_come(spun.node)
+        return found
+
+    turns.take_data = taken
+    asked = ros.node("peer").create_client(StablePushes, "asked")
+    ros.wait_for(asked.service_is_ready, what="the service")
+    first = asked.call_async(StablePushes.Request())
+    spun.until(lambda: first.done() and late and late[0].done(), "the answers")
+    assert turns.answered == 2
+
+
+def iter_to(response):
+    """Work of no slices."""
+    return response
+    yield
+
+
+def _has_come(node: Node) -> bool:
+    """Wait until a request waits to be taken."""
+    (service,) = [one for one in node.services if one.srv_type is StablePushes]
+    waiting = rclpy_implementation.WaitSet(0, 0, 0, 0, 1, 0, node.context.handle)
+    waiting.clear_entities()
+    waiting.add_service(service.handle)
+    waiting.wait(int(60e9))
+    return bool(waiting.get_ready_entities("service"))
 
 
 def test_a_callback_that_waits_holds_up_no_other(spun):

@@ -87,7 +87,7 @@ class NodeExecutor(SingleThreadedExecutor):
             list(node.subscriptions),
             list(node.guards),
             list(node.clients),
-            list(node.services),
+            [one for one in node.services if one.callback_group.can_execute(one)],  # not those whose requests a waitable takes
             list(node.waitables),
         ]
         if entities != self._entities:
