@@ -147,12 +147,17 @@ def test_a_phone_shows_it_without_scrolling_sideways(browser, url, scheme):
         expect(page.locator("#stop")).to_be_in_viewport()
 
 
+def pushes(state: PusherState) -> bool:
+    """Whether a push is under way, and has begun to move."""
+    return state.push_id != PusherState.NO_PUSH and state.position > 0.002
+
+
 def test_a_click_stops_a_push(browser, url, ros):
     states: list[PusherState] = []
     ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
     with visit(browser, url) as page:
         expect(page.locator("#stop")).to_be_enabled()
-        ros.wait_for(lambda: states and states[-1].push_id != PusherState.NO_PUSH, PATIENCE, "a push")
+        ros.wait_for(lambda: states and pushes(states[-1]), PATIENCE, "a push")
         pushed = states[-1].push_id
         page.locator("#stop").click()
         ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
@@ -180,7 +185,7 @@ def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url
     page.goto(url)
     expect(page.locator("#stop")).to_be_enabled()
     expect(page.locator("#prompt")).to_have_attribute("role", "status")
-    ros.wait_for(lambda: states and states[-1].push_id != PusherState.NO_PUSH, PATIENCE, "a push")
+    ros.wait_for(lambda: states and pushes(states[-1]), PATIENCE, "a push")
     page.locator("#next").focus()
     sockets[0][0].close()
     expect(page.locator("#connection")).to_contain_text(re.compile(r"no connection for \d+ s"))
