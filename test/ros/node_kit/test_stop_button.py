@@ -1,5 +1,6 @@
 """The stop that needs no middleware."""
 
+import pathlib
 import subprocess
 import sys
 import threading
@@ -7,6 +8,8 @@ import threading
 import pytest
 
 from pushfric_ros.node_kit.stop_button import StopButton, press, press_as_asked
+
+ROOT = pathlib.Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -60,3 +63,10 @@ def test_the_command_presses_it_first(answering, command):
     ended = subprocess.run(command, capture_output=True, text=True)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "stopped\n", "")
     assert len(answering) == 1
+
+
+def test_the_script_needs_the_standard_library_alone():
+    """The names of commands and the button are looked at before anything is installed."""
+    paths = [str(ROOT / "src" / package) for package in ("pushfric_core", "pushfric_ros")]
+    program = f"import sys; sys.path[:0] = {paths}; import pushfric_ros.commands, pushfric_ros.node_kit.stop_button"
+    subprocess.run([sys.executable, "-I", "-S", "-c", program], check=True)
