@@ -6,7 +6,7 @@ import types
 import pytest
 
 from pushfric_core.pushers import identity
-from pushfric_core.pushers.identity import Identity, identity_of
+from pushfric_core.pushers.identity import identity_of
 
 
 def test_every_link_to_a_port_leads_to_the_same_device(tmp_path):
@@ -15,8 +15,9 @@ def test_every_link_to_a_port_leads_to_the_same_device(tmp_path):
         port = os.ttyname(slave)
         (tmp_path / "by-id").symlink_to(port)
         (tmp_path / "again").symlink_to(tmp_path / "by-id")
-        assert identity_of(port) == Identity(port, False)
-        assert identity_of(str(tmp_path / "again")) == Identity(port, False)
+        assert identity_of(port) == port
+        assert identity_of(str(tmp_path / "again")) == port
+        assert port.startswith("/")
     finally:
         os.close(master)
         os.close(slave)
@@ -33,5 +34,5 @@ def test_every_link_to_a_port_leads_to_the_same_device(tmp_path):
 def test_a_usb_device_is_known_by_its_number_else_by_its_socket(monkeypatch, device, text):
     usb = {"serial_number": None, "usb_interface_path": "/sys/bus/1-2:1.0", "location": "1-2:1.0", "vid": 0x0403, "pid": 0x6001}
     monkeypatch.setattr(identity, "SysFS", lambda path: types.SimpleNamespace(**usb | device))
-    assert identity_of("/dev/ttyUSB0") == Identity(text, True)
-    assert identity_of("/dev/ttyUSB7") == Identity(text, True)
+    assert identity_of("/dev/ttyUSB0") == identity_of("/dev/ttyUSB7") == text
+    assert not text.startswith("/")

@@ -30,7 +30,7 @@ from pushfric_core.pushers.pusher import (
 from pushfric_core.pushers.stroke import Plausibility, Stroke, unevenness
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
-from pushfric_core.simulated.line_damage import random_damage
+from pushfric_core.simulated.line_damage import random_damage, straying
 
 SPEED, ACCELERATION = 0.02, 0.5
 FAR = 0.09
@@ -506,24 +506,13 @@ def test_a_wrong_work_offset_displaces_nothing(stage):
     assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
 
 
-def reported(data: bytes, axis: int, way: Callable[[], float]) -> bytes:
-    """The same reports, with another axis that has gone this far [mm]."""
-
-    def moved(match: re.Match[bytes]) -> bytes:
-        places = match[1].split(b",")
-        places[axis] = b"%.3f" % (float(places[axis]) + way())
-        return b"MPos:" + b",".join(places)
-
-    return re.sub(rb"MPos:([-.\d]+,[-.\d]+,[-.\d]+)", moved, data)
-
-
 @pytest.mark.parametrize(("axis", "letter"), [(1, "Y"), (2, "Z")])
 @pytest.mark.parametrize("moving", [True, False], ids=["in a stroke", "at rest"])
 def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving):
     """A byte of a jog may change from X to Y or Z: then the reports of the pusher's own axis are as they should be."""
     pusher = under_way(stage, 0.03) if moving else stage.driver()
     begin = time.monotonic()
-    stage.line.to_host = lambda data: reported(data, axis, lambda: 20 * (time.monotonic() - begin))
+    stage.line.to_host = straying(axis, lambda: 20 * (time.monotonic() - begin))
     if not moving:
         pusher.ask(0)
     places = rf"axis {letter} went from 0\.000 mm to \d+\.\d{{3}} mm; only X may move"

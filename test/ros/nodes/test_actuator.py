@@ -574,7 +574,7 @@ def test_a_new_process_that_cannot_know_does_not_home_by_itself(ros, tmp_path, c
 def test_a_pusher_is_known_again_by_any_name_of_its_port(ros, controller, tmp_path, capfd):
     """It moved when the old process died, and the new one calls its port otherwise."""
     (tmp_path / "by-id").symlink_to(controller.port)
-    PositionMemory(str(tmp_path / "memory"), identity_of(str(tmp_path / "port")).text).keep(math.nan)
+    PositionMemory(str(tmp_path / "memory"), identity_of(str(tmp_path / "port"))).keep(math.nan)
     cell = Cell(ros, tmp_path / "by-id", memory=str(tmp_path / "memory"))
     cell.refuses(controller, capfd, UNVOUCHED)
 

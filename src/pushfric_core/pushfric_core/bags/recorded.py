@@ -113,15 +113,16 @@ class Recorded:
     Args:
         path: the file or the bag.
         namespace: of the cell; None: the bag has only one.
+        bag: at this path, if it has been opened already.
     Raises:
         InvalidInput: there is no such file, it is a folder of several bags, or it cannot be read.
         MissingPackage: it is a bag, and the packages that read bags are not installed.
     """
 
-    def __init__(self, path: pathlib.Path, namespace: str | None = None) -> None:
+    def __init__(self, path: pathlib.Path, namespace: str | None = None, bag: "Bag | None" = None) -> None:
         check_source(path)
         self.path, self._namespace = path, namespace
-        self._bag = None if path.suffix == ".csv" else _opened(path)
+        self._bag = bag if bag is not None or path.suffix == ".csv" else _opened(path)
 
     @functools.cached_property
     def settings(self) -> EstimatorSettings:

@@ -52,7 +52,7 @@ def recover(
             " --only-confirmed leaves them out here",
             markup=False,
         )
-    doubts = _doubts(out)
+    doubts = _doubts(Bag(out))
     _warn_of(out, doubts)
     if doubts:
         sys.exit(1)
@@ -72,7 +72,7 @@ def verify(
     Exit code 0: they do; 1: it is damaged, or they do not; 2: it is not a bag.
     """
     checked = Bag(bag)
-    doubts = _doubts(bag) if checked.damage is None else []
+    doubts = _doubts(checked) if checked.damage is None else []
     write_json(to_json(condition(checked) | {"doubts": doubts}), json)
     if json != STDOUT:
         _print(checked, Console(highlight=False, soft_wrap=True))
@@ -81,12 +81,12 @@ def verify(
         sys.exit(1)
 
 
-def _doubts(bag: pathlib.Path) -> list[str]:
+def _doubts(bag: Bag) -> list[str]:
     """What does not add up between the messages of a bag, one line each."""
     doubts = []
-    for cell in cells(Bag(bag)):
+    for cell in cells(bag):
         try:
-            ledger = Recorded(bag, cell).ledger()
+            ledger = Recorded(bag.path, cell, bag).ledger()
         except InvalidInput as error:  # a bag, but with a run that nobody understands
             doubts.append(str(error))
         else:

@@ -205,7 +205,7 @@ class Grbl:
 
     @property
     def place(self) -> str:
-        return identity_of(self._path).text
+        return identity_of(self._path)
 
     @property
     def doubt(self) -> str | None:

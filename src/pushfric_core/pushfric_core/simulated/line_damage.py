@@ -2,6 +2,7 @@
 
 import math
 import random
+import re
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -34,6 +35,17 @@ SAID = (
     b"\r\n",
 )
 """Lines that the controller did not send."""
+
+
+def straying(axis: int, way: Callable[[], float]) -> Filter:
+    """A filter that reports another place of an axis, by its number, than the controller does: by this way [mm]."""
+
+    def moved(match: re.Match[bytes]) -> bytes:
+        places = match[1].split(b",")
+        places[axis] = b"%.3f" % (float(places[axis]) + way())
+        return b"Pos:" + b",".join(places)
+
+    return lambda data: re.sub(rb"Pos:([-.\d]+(?:,[-.\d]+)+)", moved, data)
 
 
 class LineDamage(NamedTuple):

@@ -87,7 +87,7 @@ class NodeExecutor(SingleThreadedExecutor):
             list(node.subscriptions),
             list(node.guards),
             list(node.clients),
-            [one for one in node.services if one.callback_group.can_execute(one)],  # not those whose requests a waitable takes
+            list(node.services),
             list(node.waitables),
         ]
         if entities != self._entities:
@@ -96,7 +96,8 @@ class NodeExecutor(SingleThreadedExecutor):
             except InvalidHandle:  # another thread is destroying one of them
                 self._forget()
                 return []
-        timers, subscriptions, guards, clients, services, waitables = entities
+        timers, subscriptions, guards, clients, _, waitables = entities
+        services = self._services
         if (now := time.monotonic()) >= self._events_due:
             self._events_due = now + EVENTS_PERIOD
         else:
@@ -151,6 +152,8 @@ class NodeExecutor(SingleThreadedExecutor):
         events = sum(one.get_num_entities().num_events for one in entities[-1])
         own = self._context.handle
         self._wait_set = rclpy_implementation.WaitSet(subscriptions, guards + 2, timers, clients, services, events, own)
+        # A waitable takes the requests of the other services.
+        self._services = [one for one in entities[4] if one.callback_group.can_execute(one)]
         self._others = [one for one in entities[-1] if not isinstance(one, EventHandler)]
         self._entities = entities
 

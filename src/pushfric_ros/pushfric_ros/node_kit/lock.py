@@ -42,15 +42,23 @@ def node_lock(name: str) -> contextlib.AbstractContextManager[int]:
     )
 
 
+def address(what: str) -> str:
+    """The abstract address that stands for a thing on this machine's ROS domain.
+
+    Raises:
+        InvalidInput: ROS_DOMAIN_ID is not a domain.
+    """
+    digest = hashlib.sha256(f"{domain()} {what}".encode()).hexdigest()  # an address is short
+    return f"\0pushfric-{digest}"
+
+
 @contextlib.contextmanager
 def _claim(what: str, refusal: str) -> Iterator[int]:
-    number = domain()
-    digest = hashlib.sha256(f"{number} {what}".encode()).hexdigest()  # an address is short
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as claim:
         try:
-            claim.bind(f"\0pushfric-{digest}")
+            claim.bind(address(what))
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
                 raise
-            raise InvalidInput(refusal.format(number)) from None
+            raise InvalidInput(refusal.format(domain())) from None
         yield claim.fileno()

@@ -6,11 +6,10 @@ standard library alone.
 """
 
 import contextlib
-import hashlib
 import socket
 
 from pushfric_core.cell.node_settings import NAMESPACE
-from pushfric_ros.node_kit.domain import domain
+from pushfric_ros.node_kit.lock import address
 
 ANSWER_TIMEOUT = 0.5
 """An actuator that does not answer within this time [s] is told by way of the graph."""
@@ -57,12 +56,11 @@ def press(namespace: str) -> str | None:
     Raises:
         InvalidInput: ROS_DOMAIN_ID is not a domain.
     """
-    address = _address(namespace)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as button:
         button.bind("")  # the kernel chooses an address for the answer
         button.settimeout(ANSWER_TIMEOUT)
         try:
-            button.sendto(b"!", address)
+            button.sendto(b"!", _address(namespace))
             return button.recv(LONGEST).decode(errors="replace")
         except OSError:
             return None
@@ -79,5 +77,4 @@ def press_as_asked(arguments: list[str]) -> str | None:
 
 
 def _address(namespace: str) -> str:
-    name = f"{domain()} /{namespace.strip('/')}"
-    return f"\0pushfric-stop-{hashlib.sha256(name.encode()).hexdigest()}"
+    return address(f"stop /{namespace.strip('/')}")

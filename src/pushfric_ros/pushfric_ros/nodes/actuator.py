@@ -366,8 +366,8 @@ class ActuatorNode(LifecycleNode):
         self._recall()
         # before it has homed, its positions count from wherever it stood when it was switched on
         counted_from_home = self._located or not self._config.home
-        if self._lost_at is not None and not (
-            abs(report.position - self._lost_at) <= KEPT or (math.isfinite(self._lost_at) and not counted_from_home)
+        if self._lost_at is not None and (
+            math.isnan(self._lost_at) or (counted_from_home and abs(report.position - self._lost_at) > KEPT)
         ):
             self._located, self._unsure = False, True
             before = "not idle" if math.isnan(self._lost_at) else f"at {self._lost_at:.4f} m"

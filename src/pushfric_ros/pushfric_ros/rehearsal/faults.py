@@ -13,7 +13,7 @@ from pushfric_core.pushers.grbl import RESET_PATIENCE, SILENCE
 from pushfric_core.pushers.grbl_checks import check_controller
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.simulated.faulty_line import Filter, nothing, once
-from pushfric_core.simulated.line_damage import in_lines
+from pushfric_core.simulated.line_damage import in_lines, straying
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
@@ -177,13 +177,7 @@ def another_axis(stage: Stage) -> float:
     """From now on, reports say that another axis moves as fast as the pusher, as after a damaged letter of a command."""
     stage.under_way()
     begin, other = time.monotonic(), int(stage.given.axis[-1] == "X")
-
-    def strayed(match: re.Match[bytes]) -> bytes:
-        places = match[1].split(b",")
-        places[other] = b"%.3f" % (float(places[other]) + 1e3 * stage.given.speed * (time.monotonic() - begin))
-        return b"Pos:" + b",".join(places)
-
-    stage.line.to_host = lambda data: re.sub(rb"Pos:([-.\d]+(?:,[-.\d]+)+)", strayed, data)
+    stage.line.to_host = straying(other, lambda: 1e3 * stage.given.speed * (time.monotonic() - begin))
     return begin
 
 
