@@ -173,8 +173,9 @@ def script():
     return script
 
 
-def test_the_set_up_compiles_the_solver():
-    assert importlib.util.find_spec("pushfric_core.solvers.pivoting").origin.endswith(".so")
+@pytest.mark.parametrize("module", ["solvers.pivoting", "mechanics.least_dissipation"])
+def test_the_set_up_compiles_the_inner_loops(module):
+    assert importlib.util.find_spec(f"pushfric_core.{module}").origin.endswith(".so")
 
 
 def test_a_busy_domain_is_refused_before_the_set_up(workspace):
