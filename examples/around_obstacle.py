@@ -1,6 +1,6 @@
 """A sampling planner with the planner node: brings an object to a pose behind an obstacle, while its friction is learned.
 
-Up to ten times a second, it tries 160 pairs of strokes by the cross-entropy method: the pairs that come nearest to the goal on
+Up to ten times a second, it tries 256 pairs of strokes by the cross-entropy method: the pairs that come nearest to the goal on
 a way around the obstacle are varied for the next round. It plans the next stroke while the present one is carried out. The
 planner node predicts where strokes lead; the estimator learns the friction from the strokes. The object is simulated.
 
@@ -31,7 +31,7 @@ from pushfric_ros.messages.conversions import observation_to_msg
 
 START, GOAL = Pose(-0.15, 0.0, 0.3), np.array((0.15, 0.0, 0.0))
 OBSTACLE, RADIUS = np.array((0.0, -0.01)), 0.03  # [m]
-ROLLOUTS, AHEAD, GOOD = 160, 2, 16
+ROLLOUTS, AHEAD, GOOD = 256, 2, 16
 """Number of plans in a round, of strokes in a plan, and of plans that are varied."""
 
 PERIOD, ROUNDS = 0.1, 8
