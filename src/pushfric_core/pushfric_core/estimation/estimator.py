@@ -320,10 +320,10 @@ class Estimator:
         bad = {push_id: what for push_id, what in rejection.look().items() if push_id not in self._kept}
         for push_id in sorted(bad.keys() - self._rejected.keys()):
             self._take_out(push_id)
-        back = self._rejected.keys() - bad.keys()
-        for observation in self._seen:
-            if observation.push_id in back:
-                self._append(observation, self._forces(observation))
+        if back := self._rejected.keys() - bad.keys():
+            for observation in self._seen:
+                if observation.push_id in back:
+                    self._append(observation, self._forces(observation))
         self._rejected = bad
 
     def _append(self, observation: Observation, forces: SupportForces) -> None:
