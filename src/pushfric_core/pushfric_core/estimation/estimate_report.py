@@ -51,15 +51,15 @@ class FrictionReport(NamedTuple):
         """The report on an estimate, O(M) for M observations; `slipping` as for `EstimateReport.of`."""
         bounds = estimate.contact_friction
         slid = bounds[np.asarray(slipping)] if any(slipping) else None
-        slips = () if estimate.tip is None else estimate.tip.slips
+        slips = np.empty(0, int) if estimate.tip is None else estimate.tip.slips
         return cls(
             estimate.data_points,
             estimate.mu_c_p90,
             estimate.mu_c_max,
             histogram(bounds).tolist(),
             None if slid is None else (float(slid.min()), float(slid.max())),
-            () if estimate.tip is None else [slips.count(state) for state in Slip],
-            slips[-1] if slips else Slip.UNKNOWN,
+            () if estimate.tip is None else np.bincount(slips, minlength=len(Slip)).tolist(),
+            list(Slip)[slips[-1]] if len(slips) else Slip.UNKNOWN,
             estimate.mu_c,
         )
 
