@@ -1,8 +1,8 @@
 """How far the motions in observations are off: the camera's noise, fitted to what the tip shows, and what the tip corrects.
 
 The contact of a rigid object moves with the tip across the edge. So the difference of the two velocities is an error of the
-motion that was seen, and its size over the pushes gives the noise of the poses. Of this error nothing is left if the motion is
-conditioned on the tip's. Consecutive motions of a push are differences of poses that they share, so their errors are correlated.
+motion that was seen, and its size over the pushes gives the noise of the poses. A motion that is conditioned on the tip's has
+no such error. Consecutive motions of a push are differences of poses that they share, so their errors are correlated.
 """
 
 import math
@@ -17,8 +17,9 @@ from pushfric_core.trajectories.observation import Observation
 STEP = 0.005
 """A motion of unknown duration counts as one by this length [m]; only its direction matters."""
 
-WANDER = 0.3
-"""The motions that a finite one is the mean of differ from it by this share of its length per radian of its turn: 1 / sqrt(12)."""
+WANDER = 1.0
+"""The motions that a finite one is the mean of differ from it by this share of its length per radian of its turn. A share of
+1 / sqrt(12) would do for steady motions; chosen on simulated and real pushes together."""
 
 UNSEEN = 0.02
 """Error of a motion, as a share of its length, that is assumed if no tip shows it."""
@@ -49,12 +50,13 @@ class Motions(NamedTuple):
     """The motions of m observations, ordered by push and stamp, about the middle of the support."""
 
     displacements: Array  # (m, 3) [m, m, rad]
-    errors: Array  # (m, 3, 3) the columns are independent errors: of the turn about the contact, of its sliding, and across the edge
+    errors: Array  # (m, 3, 3) columns: independent errors of the turn about the contact, of its sliding, and across the edge
     contacts: Array  # (m, 2) [m]
     normals: Array  # (m, 2) outward
     pushes: Indices  # (pushes + 1,) where each push begins
     links: Array  # (m,) correlation of an observation's errors with those of the one before; 0 at the begin of a push
-    seen: bool  # whether the tip showed the noise
+    noise: tuple[float, float]  # standard deviations of a displacement along an axis [m] and of its angle [rad] ...
+    seen: bool  # ... and whether the tip showed them
     order: Indices  # (m,) index of each in the observations given
 
 
@@ -107,7 +109,7 @@ def motions(observations: Sequence[Observation], middle: Array, radius: float) -
         adjacent[1:] &= since <= ADJACENT * np.median(since[adjacent[1:]])
     links = np.where(adjacent, -_shared(np.where(seen, gap, 0.0), adjacent), 0.0)
     begins = np.concatenate(([0], np.flatnonzero(np.diff(number)) + 1, [len(data)])).astype(np.int64)
-    return Motions(displacements, errors, arms, normals, begins, links, known, order)
+    return Motions(displacements, errors, arms, normals, begins, links, (position, angle), known, order)
 
 
 def _noise(arms: Array, gaps: Array, radius: float) -> tuple[float, float]:

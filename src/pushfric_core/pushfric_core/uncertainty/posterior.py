@@ -1,9 +1,10 @@
 """The posterior of the support friction: what the observations say of w and p_CF if the support may be an area, feet, or both.
 
-docs/derivation.md states the likelihood and the priors. It is sampled by Markov chains (`support_chain`) of several powers of the
-likelihood, which exchange their states (parallel tempering): the weaker ones wander from one explanation to another.
+docs/derivation.md states the likelihood and the priors. Markov chains (`support_chain`) of several powers of the likelihood
+sample it. They exchange their states (parallel tempering): the weaker ones wander from one explanation to another.
 """
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,13 +55,14 @@ MORE = 0.7
 NOISE = 0.35, 1.0
 """Prior standard deviation of the logarithm of the noise's scale, if the tip shows it and if not."""
 
-MISFIT = 0.003, 1.2
-"""Prior median of the misfits of the moment, as a share of the support's radius, and standard deviation of their logarithms."""
+MISFIT = 0.02, 1.0
+"""Prior median of the misfits of the moment, as a share of the support's radius, and standard deviation of their logarithms;
+chosen, like PIVOT, on simulated and real pushes together."""
 
 ROUGHNESS = 1.0, 0.7
 """The same for the logarithm of the pressure."""
 
-PIVOT = 0.3, 1.0
+PIVOT = 1.0, 0.7
 """The same for the unknown force of a support at the centre of rotation, as a share of its weight."""
 
 REACH = 0.55
@@ -75,6 +77,11 @@ SEED = 1993
 FEW = 1e-3
 """A standard deviation of p_CF of less than this share of the support's size is not believed."""
 
+if support_chain.__file__.endswith(".py"):
+    logging.getLogger(__name__).warning(
+        "the posterior is not compiled, and a hundred times slower: install a C compiler and Cython 3, then pushfric_core again"
+    )
+
 
 @comparable
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ class Posterior:
         w: (n,) mean of the support friction distribution over the support points; feet between them are shared out among the
             nearest, so that p_CF stays.
         center_of_friction: (2,) mean of p_CF [m], object frame.
-        covariance: (2, 2) of p_CF [m^2]; the ellipse x' C^-1 x <= 4.605 about the mean holds the truth with a probability of 90 %.
+        covariance: (2, 2) of p_CF [m^2]; the ellipse x' C^-1 x <= 4.605 about the mean contains the truth in 90 % of cases.
         samples: (k, n) equally probable w.
         feet: mean number of feet besides the area.
         area: mean share of the area in the weight.

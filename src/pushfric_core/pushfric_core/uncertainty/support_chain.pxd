@@ -5,17 +5,17 @@ from libc cimport math
 from libc.stdint cimport int64_t
 
 cdef double FIELD, MASS, PLACE, SNAP, NUMBER, SPLIT, EXCHANGE, SIDES, NEAR, APART, TAIL, LEAST_SLOPE, LEAST_AREA, MOST_AREA, STILL
-cdef int DRAWS, SHRINKS, NODES, PIVOTED, MIDDLE
+cdef int DRAWS, SHRINKS, NODES, PIVOTED, MIDDLE, NOISE, MISFIT, PUSH, ROUGHNESS, PIVOT, SIDE
 
 
 cdef class Chain:
-    cdef double[:, ::1] motions, contacts, sides, points, modes, hull, priors
+    cdef double[:, ::1] motions, contacts, sides, points, modes, hull
     cdef double[:, :, ::1] errors
     cdef double[::1] nodes, links, numbers, draws
     cdef int64_t[::1] pushes
     cdef double[:, :, ::1] columns, foot_columns
     cdef double[:, ::1] area, new_area, total, trial, column
-    cdef readonly double[:, ::1] feet
+    cdef readonly double[:, ::1] feet, priors
     cdef readonly double[::1] mass, pressure, scales, moments
     cdef double[::1] field, new_field, new_moments, new_pressure, place, low, high
     cdef int64_t[::1] at_point
@@ -68,7 +68,7 @@ cdef bint accept(Chain chain, double prior) noexcept
 @cython.locals(place=double[::1], points=double[:, ::1], j=Py_ssize_t, _=Py_ssize_t)
 cdef int64_t choose_place(Chain chain) noexcept
 
-@cython.locals(hull=double[:, ::1], place=double[::1], edge=Py_ssize_t)
+@cython.locals(hull=double[:, ::1], place=double[::1], edge=Py_ssize_t, inside=bint)
 cdef bint in_hull(Chain chain) noexcept
 
 @cython.locals(total=double, k=Py_ssize_t)

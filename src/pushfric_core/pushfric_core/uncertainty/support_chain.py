@@ -34,8 +34,8 @@ NEAR, APART = 0.03, 0.1
 each axis, as shares of the support's size."""
 
 NOISE, MISFIT, PUSH, ROUGHNESS, PIVOT, SIDE = range(6)
-"""The scales: of the camera's noise, of the moment's misfit in an observation and in a push, of the pressure's logarithm, of the
-unknown force near the centre of rotation, and of the moment of the sides."""
+"""The scales: of the camera's noise, of the moment's misfit in an observation and in a push, of the pressure's logarithm, of
+the unknown force near the centre of rotation, and of the moment of the sides."""
 
 LEAST_SLOPE = 1e-5
 """A standard deviation of the turn changes the moment by at least this share of the reach."""
@@ -159,8 +159,8 @@ def put_column(chain: Chain, x: float, y: float, column: Array) -> None:
 def log_likelihood(chain: Chain, rows: Array, moments: Array) -> float:
     """The logarithm of the likelihood, up to a constant, of the sums of all columns (ROWS, m)."""
     scales, links, sides, pushes, nodes = chain.scales, chain.links, chain.sides, chain.pushes, chain.nodes
-    noise, misfit, shared = math.exp(2 * scales[0]), math.exp(2 * scales[1]), math.exp(2 * scales[2])
-    pivot, side = math.exp(2 * scales[4]), math.exp(scales[5])
+    noise, misfit, shared = math.exp(2 * scales[NOISE]), math.exp(2 * scales[MISFIT]), math.exp(2 * scales[PUSH])
+    pivot, side = math.exp(2 * scales[PIVOT]), math.exp(scales[SIDE])
     total = 0.0
     for p in range(len(pushes) - 1):
         squares, cross, ones = 0.0, 0.0, 0.0
@@ -214,7 +214,7 @@ def log_likelihood(chain: Chain, rows: Array, moments: Array) -> float:
 def uniform(chain: Chain) -> float:
     """In (0, 1]."""
     chain.drawn += 1
-    return 1.0 - chain.draws[chain.drawn - 1]
+    return 1.0 - float(chain.draws[chain.drawn - 1])
 
 
 def normal(chain: Chain) -> float:
@@ -309,11 +309,11 @@ def choose_place(chain: Chain) -> int:
 
 
 def in_hull(chain: Chain) -> bool:
-    hull, place = chain.hull, chain.place
+    hull, place, inside = chain.hull, chain.place, True
     for edge in range(len(hull)):
         if hull[edge, 0] * place[0] + hull[edge, 1] * place[1] > hull[edge, 2]:
-            return False
-    return True
+            inside = False
+    return inside
 
 
 def total_mass(chain: Chain) -> float:
@@ -338,7 +338,7 @@ def move_field(chain: Chain) -> None:
         for b in range(size):  # the trial takes the place of the present one, and the present one can be had back
             old, other = field[b], new_field[b]
             field[b], new_field[b] = old * cosine + other * sine, other * cosine - old * sine
-        press(chain, field, chain.scales[3], chain.new_pressure, chain.new_area)
+        press(chain, field, chain.scales[ROUGHNESS], chain.new_pressure, chain.new_area)
         add_up(chain, chain.count, chain.new_area, chain.trial)
         fit = log_likelihood(chain, chain.trial, chain.moments)
         if chain.warmth * fit > level:
@@ -610,14 +610,14 @@ def move_scale(chain: Chain) -> None:
     new = old + (0.2 + 0.3 * uniform(chain)) * normal(chain)
     prior = ((old - middle) ** 2 - (new - middle) ** 2) / (2 * deviation * deviation)
     chain.scales[scale] = new
-    if scale == 3:
+    if scale == ROUGHNESS:
         press(chain, chain.field, new, chain.new_pressure, chain.new_area)
         add_up(chain, chain.count, chain.new_area, chain.trial)
     else:
         assign(chain.total, chain.trial)
     if not accept(chain, prior):
         chain.scales[scale] = old
-    elif scale == 3:
+    elif scale == ROUGHNESS:
         assign(chain.new_area, chain.area)
         for j in range(len(chain.pressure)):
             chain.pressure[j] = chain.new_pressure[j]
