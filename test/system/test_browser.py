@@ -171,7 +171,12 @@ def test_a_click_stops_a_push(browser, url, ros):
         assert {state.position for state in states[count:]} == {at_rest}
         page.locator("#reset").click()
         expect(page.locator("#answer")).to_contain_text("released")
-        ros.wait_for(lambda: states[-1].push_id > pushed, PATIENCE, "the next push")
+        expect(page.locator("#prompt")).to_contain_text("Repeat it, skip it, or end the run?")
+        expect(page.locator("#details")).to_contain_text("experiment/repeat")
+        page.locator("#repeat").click()
+        expect(page.locator("#answer")).to_contain_text("is repeated")
+        ros.wait_for(lambda: states[-1].push_id == pushed + PUSHES, PATIENCE, "the same push again")
+        expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"]')).to_contain_text(f"{pushed + 1} (again)")
 
 
 def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
@@ -186,7 +191,7 @@ def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url
     expect(page.locator("#stop")).to_be_enabled()
     expect(page.locator("#prompt")).to_have_attribute("role", "status")
     ros.wait_for(lambda: states and pushes(states[-1]), PATIENCE, "a push")
-    page.locator("#next").focus()
+    page.locator("#skip").focus()
     sockets[0][0].close()
     expect(page.locator("#connection")).to_contain_text(re.compile(r"no connection for \d+ s"))
     expect(page.locator("#stop")).to_be_enabled()
@@ -197,6 +202,10 @@ def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url
     with visit(browser, url) as other:
         other.locator("#reset").click()
         expect(other.locator("#answer")).to_contain_text("released")
+        expect(other.locator("#skip")).to_be_enabled()
+        expect(other.locator("#prompt")).to_contain_text("Repeat it")
+        other.locator("#skip").press("Enter")
+        expect(other.locator("#count")).to_contain_text("skipped")
 
 
 def test_a_push_is_excluded_and_another_given_up(browser, url):
@@ -204,13 +213,14 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
         page.locator("#rows tr").first.get_by_role("button").click()
         for one in (page, other):
             expect(one.locator("#rows tr").first).to_contain_text("excluded")
+            expect(one.locator("#rows tr").first.get_by_role("button")).to_have_text("Keep")
         expect(page.locator("#answer")).to_have_text(re.compile("^Exclude push 1: .* data points"))
         deadline = time.monotonic() + PATIENCE
-        while "is given up" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
+        while "is skipped" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
             assert time.monotonic() < deadline
             expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
-            with page.expect_response("**/next"):
-                page.locator("#next").click()
+            with page.expect_response("**/skip"):
+                page.locator("#skip").click()
 
 
 def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):

@@ -122,7 +122,9 @@ def run_demo(
         specs = graph.with_planner(specs, cell.planner) if planner else specs
         specs = specs if live or view is not None else graph.unattended(specs)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
-        ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live, recorded=bag)
+        ended, last = watch(
+            console, specs, cell.namespace, f"pushing {object_name}", live, prompts=view is not None, recorded=bag
+        )
     return last, ended
 
 

@@ -7,6 +7,7 @@ from pushfric_core.commands.console import warn
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import taken
 from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.push_plan import number_of
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.trajectories.observations import Observations
@@ -78,11 +79,15 @@ def failures(bag: pathlib.Path, namespace: str) -> list[str]:
                 live = msg
     except (PushfricError, ValueError) as error:
         return [f"the bag {bag} does not say how the run went: {error}"]
+    number = number_of(course[-1].push_id, course[-1].count) if course else ""
     if not course or course[-1].phase != PlanProgress.PHASE_FINISHED:
-        return [f"the plan is not finished: it stood at push {course[-1].push_id + 1}" if course else "no plan was begun"]
-    first, newest = course[0], course[-1]
-    planned = first.count - first.push_id + first.completed + first.aborted
-    return disagreements(bag, live, planned, newest.aborted)
+        return [f"the plan is not finished: it stood at push {number}" if course else "no plan was begun"]
+    return disagreements(bag, live, pushes_of(course[0]), course[-1].aborted)
+
+
+def pushes_of(first: PlanProgress) -> int:
+    """Number of pushes that a run is to carry out, by the first progress of its plan that was heard of."""
+    return first.count - first.push_id % max(first.count, 1) + first.completed + first.aborted + first.skipped
 
 
 def course_of(bag: pathlib.Path) -> tuple[list[Estimate], Observations]:

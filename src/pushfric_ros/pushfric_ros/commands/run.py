@@ -85,7 +85,7 @@ def run(
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"
-        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, recorded=bag)
+        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag)
     if ended.code:
         fail(ended.reason, ended.code)
     console.print(f"bag: {bag}", markup=False)

@@ -19,10 +19,12 @@ from pushfric_core.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import CAMERA, TABLE
-from pushfric_core.geometry.planar import Pose, transform
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.vision.camera import Image, load_camera, picture_from
 from pushfric_core.vision.frame_source import TOPICS, Device
+from pushfric_core.vision.overlay import Overlay
 from pushfric_core.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
+from pushfric_msgs.msg import PlanProgress
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level
@@ -101,6 +103,8 @@ class TrackerNode(Node):
         self._alike = 1  # number of identical frames in a row, up to the newest
         self._last: Pose | None = None  # where the object was last seen
         self._placement: Pose | None = None  # where it is to be placed, until it is seen there
+        self._ghost: Pose | None = None  # where a person is to place it now
+        self._placed = False  # whether it lies there
         self._in_sight = False
         self._since = 0  # stamp of the frame since which it is in sight without a break [ns]
         self._sighting: Sighting | None = None  # in the newest frame
@@ -119,6 +123,7 @@ class TrackerNode(Node):
         )
         self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
+        self.create_subscription(PlanProgress, "plan_progress", self._on_plan, LATCHED)
         self._transforms = TransformBroadcaster(self, prefix, fixed=True)
         self._transforms.broadcast(camera_transform(*self._camera.pose()))
         self._device: Device | None = None
@@ -150,6 +155,14 @@ class TrackerNode(Node):
             return
         if 0 < stamp_from_msg(msg.header.stamp) < self._since:  # it came later than frames that show the object placed
             self._in_sight = False
+
+    def _on_plan(self, msg: PlanProgress) -> None:
+        """Draw where the object is to be placed, while a person places it."""
+        self._placed = msg.in_place
+        try:
+            self._ghost = pose_from_msg(msg.placement) if msg.phase == PlanProgress.PHASE_PLACING else None
+        except ValueError:  # the topic placement has the same pose, and its callback complains
+            self._ghost = None
 
     def _on_image(self, msg: ImageMsg) -> None:
         try:
@@ -233,15 +246,16 @@ class TrackerNode(Node):
         self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
 
     def _publish_overlay(self, frame: Image, stamp: int) -> None:
-        """Publish the frame with the outline where the object was seen, or with the reason why it was not."""
+        """Publish the frame with the object as it was seen, or the reason why it was not, and where it is to be placed."""
         self._overlay_time = time.monotonic()
-        picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
-        if self._sighting is not None:
-            corners = self._camera.project(transform(self._sighting.pose, self._object.outline.vertices), self._height)
-            cv2.polylines(picture, [np.rint(corners).astype(np.int32)], True, (0, 200, 0))
-        text = f"{self._sighting.residual_px:.2f} px" if self._sighting else self._reason.partition(":")[0]
-        cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 200, 255))
-        _, jpeg = cv2.imencode(".jpg", picture)
+        overlay, seen = Overlay(frame, self._camera, self._object.outline, self._height), self._sighting
+        overlay.table()
+        if seen is not None:
+            overlay.seen(seen.pose)
+        if self._ghost is not None:
+            overlay.ghost(self._ghost, seen and seen.pose, self._placed)
+        overlay.say(f"{seen.residual_px:.2f} px" if seen else self._reason.partition(":")[0])
+        _, jpeg = cv2.imencode(".jpg", overlay.picture)
         msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))
         msg.header.stamp, msg.header.frame_id = self._shifted(stamp), CAMERA
         self._overlay_out.publish(msg)

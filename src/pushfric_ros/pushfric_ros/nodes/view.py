@@ -60,7 +60,11 @@ class ViewNode(Node):
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
         self.create_timer(UNSEEN_PERIOD, self._read, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
-        triggers = {"stop": "actuator/stop", "reset": "actuator/reset", "next": "experiment/next"}
+        triggers = {
+            "stop": "actuator/stop",
+            "reset": "actuator/reset",
+            **{what: f"experiment/{what}" for what in ("repeat", "skip", "end")},
+        }
         self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
         pushes = {"exclude": "estimator/exclude_push", "keep": "estimator/keep_push"}
         self._services_of |= {what: self.create_client(SelectPush, name) for what, name in pushes.items()}

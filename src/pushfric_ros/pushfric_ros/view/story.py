@@ -18,7 +18,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from pushfric_core.bags.samples import pose_sample_from_msg, stamp_from_msg
+from pushfric_core.bags.samples import pose_from_msg, pose_sample_from_msg, stamp_from_msg
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
@@ -38,6 +38,7 @@ PHASES = {
     PlanProgress.PHASE_PUSHING: "pushing",
     PlanProgress.PHASE_FINISHED: "finished",
     PlanProgress.PHASE_ALARM: "alarm",
+    PlanProgress.PHASE_CHOOSING: "choosing",
 }
 LEVELS = {
     DiagnosticStatus.OK: "ok",
@@ -109,12 +110,19 @@ class Story:
             "count": msg.count,
             "completed": msg.completed,
             "aborted": msg.aborted,
+            "skipped": msg.skipped,
+            "placement": list(pose_from_msg(msg.placement)),
+            "in_place": msg.in_place,
+            "purpose": msg.purpose,
             "message": msg.message,
+            "details": msg.details,
         }
         changed: Change = {"plan": plan}
-        if before is not None and msg.aborted > before.aborted:
-            self._row(before.push_id)["aborted"] = True
-            changed |= self._told(before.push_id)
+        missed = before is not None and msg.aborted + msg.skipped > before.aborted + before.skipped
+        if missed or msg.phase == PlanProgress.PHASE_CHOOSING:
+            push = before.push_id if before is not None and missed else msg.push_id
+            self._row(push)["aborted"] = True
+            changed |= self._told(push)
         if msg.phase == PlanProgress.PHASE_PUSHING:
             self._row(msg.push_id)
             changed |= self._told(msg.push_id)

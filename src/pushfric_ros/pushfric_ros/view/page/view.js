@@ -1,5 +1,5 @@
 // Shows the story of a run, which comes as one flat dict, first whole and then in changes; pushfric_ros/view/story.py lists its keys.
-import { drawError, drawFriction, drawObject } from "./drawings.js";
+import { drawError, drawFriction, drawMap, drawObject, inWords, wayToPlace } from "./drawings.js";
 
 const RETRY_MS = 2000;
 const STALE_MS = 3000; // an image older than this is no longer what the camera sees
@@ -22,6 +22,12 @@ const mm = (metres, digits = 2) => (Number.isFinite(number(metres)) ? (number(me
 const plain = (value, digits = 2) => (number(value) === Infinity ? "∞" : Number.isFinite(number(value)) ? number(value).toFixed(digits) : "–");
 const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
 const rowsOf = () => Object.keys(story).filter((key) => key.startsWith("push/")).map((key) => story[key]).sort((a, b) => a.push - b.push);
+
+/** The number of a push: its place in the plan, and whether it was repeated; push_plan.number_of says the same. */
+function numberOf(push) {
+  const count = story.plan?.count;
+  return count ? `${push % count + 1}${push >= count ? " (again)" : ""}` : `${push + 1}`;
+}
 
 // Connection
 
@@ -96,9 +102,10 @@ function redraw() {
     drawNow();
     drawNumbers();
     drawCamera();
+    drawMap(at("map"), story);
     drawObject(at("drawing"), story, rowsOf());
     drawFriction(at("friction_chart"), story.estimate);
-    drawError(at("error_chart"), rowsOf());
+    drawError(at("error_chart"), rowsOf(), numberOf);
     drawTable();
     drawNodes();
   });
@@ -117,23 +124,32 @@ function drawHeader() {
   const pushes = live && known(story["node/actuator"]);
   at("stop").disabled = live && !pushes; // never for want of a connection: a request may still arrive
   at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
-  at("next").disabled = !(live && ["placing", "pushing", "waiting"].includes(story.plan?.phase));
+  const phase = live ? story.plan?.phase : undefined;
+  at("repeat").disabled = phase !== "choosing";
+  at("skip").disabled = !["placing", "pushing", "waiting", "choosing"].includes(phase);
+  at("end").disabled = !phase || phase === "finished";
 }
 
 function drawNow() {
   const { plan, fault, estimate } = story;
   let prompt = plan?.message || (estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
-  if (fault === "stopped") prompt = "The pusher is stopped: press Reset to let it move again";
-  else if (plan && known(fault) && fault !== "none") prompt += ` (fault: ${fault})`;
+  if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
+  const way = wayToPlace(story);
+  at("place").hidden = !way;
+  if (way) at("place").textContent = plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
+  at("place").classList.toggle("there", Boolean(plan?.in_place));
+  write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
+  at("details").hidden = !plan?.details;
+  write("technical", plan?.details ?? "");
   at("now").className = connection === "live" ? plan?.phase ?? "" : "lost";
   at("progress").parentElement.hidden = !plan;
   if (plan) {
-    const done = plan.completed + plan.aborted;
+    const done = plan.completed + plan.aborted + plan.skipped;
     at("progress").max = Math.max(1, plan.count);
-    at("progress").value = plan.phase === "finished" ? plan.count : plan.push;
-    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}`;
+    at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
+    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
   }
   const verdict = estimate?.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
@@ -200,23 +216,24 @@ function drawTable() {
       }
       const button = document.createElement("button");
       button.addEventListener("click", () => {
-        const what = rejectionOf(row) ? "keep" : "exclude";
-        ask(`${what}/${row.push}`, `${what} push ${row.push + 1}`);
+        const what = row.excluded || rejectionOf(row) ? "keep" : "exclude";
+        ask(`${what}/${row.push}`, `${what} push ${numberOf(row.push)}`);
       });
       line.lastChild.append(button);
       body.insertBefore(line, body.children[index] ?? null);
     }
     const { after } = row;
     const [verdict, bad] = judged(row);
-    const texts = [row.push + 1, row.contacts.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
+    const texts = [numberOf(row.push), row.contacts.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
     texts.forEach((text, column) => { line.cells[column].textContent = text; });
     line.cells[6].className = bad ? "bad" : "";
     const left = Boolean(rejectionOf(row));
     line.className = row.excluded || left ? "out" : "";
     const button = line.lastChild.firstChild;
-    button.textContent = row.excluded ? "Excluded" : left ? "Keep" : "Exclude";
-    button.ariaLabel = `${left ? "Keep" : "Exclude"} push ${row.push + 1}`;
-    button.disabled = row.excluded || connection !== "live" || !row.contacts.length;
+    const out = row.excluded || left;
+    button.textContent = out ? "Keep" : "Exclude";
+    button.ariaLabel = `${button.textContent} push ${numberOf(row.push)}`;
+    button.disabled = connection !== "live" || !row.contacts.length;
   });
 }
 
@@ -226,7 +243,7 @@ function rejectionOf(row) {
 }
 
 function judged(row) {
-  if (row.excluded) return ["excluded", false];
+  if (row.excluded) return [row.aborted ? "aborted, left out" : "excluded", row.aborted];
   const rejected = rejectionOf(row);
   if (rejected) return [`✗ left out: ${rejected.reason.text}`, true];
   if (row.aborted) return ["✗ aborted", true];
@@ -267,7 +284,7 @@ function made(tag, text) {
   return element;
 }
 
-for (const what of ["stop", "reset", "next"]) at(what).addEventListener("click", () => ask(what));
+for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled) return; // whatever has the focus
   event.preventDefault();
