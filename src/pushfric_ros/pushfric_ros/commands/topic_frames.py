@@ -3,7 +3,7 @@
 import os
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,7 @@ class TopicFrames:
     """
 
     pictures, live = False, True
+    names: Sequence[str] = ()
 
     def __init__(self, source: str, namespace: str, discovery: Discovery | None) -> None:
         if discovery is not None:

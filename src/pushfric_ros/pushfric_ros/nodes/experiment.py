@@ -242,7 +242,8 @@ class ExperimentNode(Node):
         msg.header.frame_id, msg.header.stamp = TABLE, self.get_clock().now().to_msg()
         self._poses.clear()
         self._placement_out.publish(msg)
-        where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {math.degrees(wanted.theta):.0f} degrees"
+        turned = 180 - (180 - round(math.degrees(wanted.theta))) % 360
+        where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {turned} degrees"
         prompt = f"{push}: place the object at {where}"
 
         def misplaced() -> str | None:

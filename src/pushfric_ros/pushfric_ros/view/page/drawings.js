@@ -133,11 +133,9 @@ export function drawMap(svg, story) {
     const [u, v] = to(pusher.tip);
     parts.push(made("circle", { class: "tip", cx: u, cy: v, r: Math.max(4, pusher.radius * scale) }));
   }
+  if (pose) parts.unshift(made("path", { class: "outline", d: path(object.map(to), true) }));
   axes([0, 0, 0], " table");
-  if (pose) {
-    parts.push(made("path", { class: "outline", d: path(object.map(to), true) }));
-    axes(pose, "");
-  }
+  if (pose) axes(pose, "");
   if (ghost.length) {
     parts.push(made("path", { class: plan.in_place ? "ghost there" : "ghost", d: path(ghost.map(to), true) }));
     const [u, v] = to(plan.placement);
