@@ -28,6 +28,8 @@ from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.view import ViewNode
 
+AXE = pathlib.Path(__file__).parents[1] / "node_modules/axe-core/axe.min.js"
+
 PATIENCE = 120.0  # [s]
 OBJECT = "wood_rect4"
 STROKE = 0.05  # of each push [m]
@@ -145,6 +147,20 @@ def test_a_phone_shows_it_without_scrolling_sideways(browser, url, scheme):
         first_row(page)
         assert page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]") == [360, 360]
         expect(page.locator("#stop")).to_be_in_viewport()
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, scheme, width):
+    """Contrast, names and roles, by the rules of axe-core."""
+    if not AXE.exists():
+        pytest.skip("no axe-core: npm install --no-package-lock --prefix test brings it")
+    with visit(browser, url, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        first_row(page)
+        page.locator("#nodes details").first.evaluate("details => { details.open = true; }")
+        page.evaluate(AXE.read_text())
+        found = page.evaluate("axe.run()")["violations"]
+    assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
 
 
 def pushes(state: PusherState) -> bool:

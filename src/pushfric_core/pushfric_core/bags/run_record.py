@@ -112,8 +112,8 @@ class RunRecord:
             now, then = (one.push_id % max(one.count, 1) for one in (msg, before))
             if done > earlier + 1 or now > then + 1:
                 self._skipped.append((then, now))
-        if msg.phase == PHASES["PHASE_CHOOSING"]:
-            self.aborted.add(msg.push_id)
+            if before.phase == PHASES["PHASE_PUSHING"] != msg.phase and msg.completed == before.completed:
+                self.aborted.add(before.push_id)
         if msg.phase == PHASES["PHASE_PUSHING"]:
             self.started.add(msg.push_id)
 

@@ -80,7 +80,8 @@ class Overlay:
 
     def _arrow(self, ends: Array, height: float, colour: tuple[int, int, int]) -> None:
         begin, end = (tuple(map(int, pixel)) for pixel in self._pixels(ends, height))
-        cv2.arrowedLine(self.picture, begin, end, colour, self._size, cv2.LINE_AA, FINE, 0.15)
+        for shade, thickness in (((0, 0, 0), 3 * self._size), (colour, self._size)):  # seen on dark and bright ground
+            cv2.arrowedLine(self.picture, begin, end, shade, thickness, cv2.LINE_AA, FINE, 0.15)
 
     def _write(self, text: str, point: tuple[float, ...], colour: tuple[int, int, int], height: float | None = None) -> None:
         (u, v), size = self._pixels(np.array([point]), self._height if height is None else height)[0] >> FINE, self._size

@@ -118,11 +118,11 @@ class Story:
             "details": msg.details,
         }
         changed: Change = {"plan": plan}
-        missed = before is not None and msg.aborted + msg.skipped > before.aborted + before.skipped
-        if missed or msg.phase == PlanProgress.PHASE_CHOOSING:
-            push = before.push_id if before is not None and missed else msg.push_id
-            self._row(push)["aborted"] = True
-            changed |= self._told(push)
+        if before is not None and msg.completed == before.completed:
+            stopped = before.phase == PlanProgress.PHASE_PUSHING != msg.phase
+            if stopped or msg.aborted + msg.skipped > before.aborted + before.skipped:
+                self._row(before.push_id)["aborted"] = True
+                changed |= self._told(before.push_id)
         if msg.phase == PlanProgress.PHASE_PUSHING:
             self._row(msg.push_id)
             changed |= self._told(msg.push_id)

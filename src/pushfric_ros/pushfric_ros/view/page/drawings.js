@@ -209,7 +209,7 @@ export function drawError(svg, rows, numberOf) {
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
   const shown = rows.filter((row) => row.after);
   const values = shown.map(({ after }) => (1e3 * number(after.objective)) / after.data_points);
-  const highest = Math.max(1e-3, ...values.filter(Number.isFinite));
+  const highest = Math.max(0.01, ...values.filter(Number.isFinite));
   const step = niceStep(highest, 3), end = step * Math.ceil(highest / step);
   const parts = [];
   for (let tick = 0; tick <= end + step / 2; tick += step) {
