@@ -123,6 +123,18 @@ def test_the_bag_gives_exactly_the_live_estimate_replayed(demo):
     assert json.loads(run.stdout) == {key: result[key] for key in KEYS}
 
 
+def test_the_images_of_the_bag_are_tracked_again(demo):
+    """Four images of each push; JPEG costs less than a tenth of a pixel."""
+    bag, _, _ = demo
+    run = pushfric("track", bag, "--json")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert found["compared"] >= 4 * 14
+    assert found["no_longer_seen"] == found["newly_seen"] == 0
+    assert found["distance"]["max"] < 6e-5
+    assert sum(file.stat().st_size for file in bag.glob("*.mcap")) < 15e6
+
+
 def test_a_bag_of_observations_alone_is_replayed_too(demo, tmp_path):
     bag, _, _ = demo
     csv = tmp_path / "data.csv"

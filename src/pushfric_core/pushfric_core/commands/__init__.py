@@ -18,6 +18,7 @@ SECTIONS = {
         "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
         "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the"
         " pusher's entries.",
+        "track": "Track the object in the images of a bag again, and say how the poses differ from the recorded ones.",
     },
     "Paper": {
         "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",

@@ -1,7 +1,6 @@
 """The tracker node: camera images -> the object's pose on the table."""
 
 import array
-import math
 import time
 from typing import Any
 
@@ -14,17 +13,26 @@ from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
-from pushfric_core.cell.node_settings import CameraConfig, FrameConfig, ObjectConfig, RequiredSubscribersConfig
+from pushfric_core.cell.node_settings import (
+    CameraConfig,
+    FrameConfig,
+    Images,
+    ImagesConfig,
+    ObjectConfig,
+    RequiredSubscribersConfig,
+)
 from pushfric_core.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import CAMERA, TABLE
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.vision.camera import Image, load_camera, picture_from
+from pushfric_core.vision.camera import Image, load_camera
 from pushfric_core.vision.frame_source import TOPICS, Device
+from pushfric_core.vision.image_messages import image_from_msg
+from pushfric_core.vision.keyframes import KEYFRAMES, Keyframes, Moment
 from pushfric_core.vision.overlay import Overlay
 from pushfric_core.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
-from pushfric_msgs.msg import PlanProgress
+from pushfric_msgs.msg import PlanProgress, PusherState
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level
@@ -38,32 +46,6 @@ from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transf
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Holds more than a second of frames, so that none is lost in a busy moment."""
 
-TO_GREY = {
-    "mono8": (1, None),
-    "mono16": (2, None),
-    "bgr8": (3, cv2.COLOR_BGR2GRAY),
-    "rgb8": (3, cv2.COLOR_RGB2GRAY),
-    "bgra8": (4, cv2.COLOR_BGRA2GRAY),
-    "rgba8": (4, cv2.COLOR_RGBA2GRAY),
-    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2GRAY),
-    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2GRAY),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2GRAY),
-    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2GRAY),
-    "yuyv": (2, cv2.COLOR_YUV2GRAY_YUYV),
-    "yuv422_yuy2": (2, cv2.COLOR_YUV2GRAY_YUYV),
-    "uyvy": (2, cv2.COLOR_YUV2GRAY_UYVY),
-    "yuv422": (2, cv2.COLOR_YUV2GRAY_UYVY),
-    "nv12": (1, None),
-    "nv21": (1, None),
-    "nv24": (1, None),
-}
-"""Bytes per pixel of the (first) plane for each known encoding, and OpenCV's conversion, which takes the luminance of YUV."""
-
-PLANES = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
-"""Size of all planes of an image relative to the luminance plane, which comes first."""
-
-"""The values of `source` that are topics."""
-
 DISORDER = 1_000_000_000
 """Frames that are late by up to this [ns] are dropped; a longer step back means that the clock was reset."""
 
@@ -76,6 +58,12 @@ those that look alike."""
 
 FROZEN_FRAMES = 3
 """This many identical frames in a row mean that the camera is frozen."""
+
+JPEG_QUALITY = 95
+"""Of recorded images."""
+
+MOST_KEYFRAMES = 15e6
+"""Size of all keyframes of a run [byte]."""
 
 OVERLAY_PERIOD = 0.2
 """Least time between overlays [s]."""
@@ -122,6 +110,12 @@ class TrackerNode(Node):
             self, self._pose_out, declare(self, RequiredSubscribersConfig).heard_by
         )
         self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
+        self._images = declare(self, ImagesConfig).images
+        self._keyframes = Keyframes(self._images is Images.ALL) if self._images is not Images.OFF else None
+        self._pushes, self._recorded = False, 0  # whether a push is under way; bytes of keyframes
+        if self._keyframes is not None:
+            self._keyframe_out = topics.advertise(CompressedImage, KEYFRAMES, RELIABLE)
+            self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, SENSOR_DATA)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
         self.create_subscription(PlanProgress, "plan_progress", self._on_plan, LATCHED)
         self._transforms = TransformBroadcaster(self, prefix, fixed=True)
@@ -131,7 +125,7 @@ class TrackerNode(Node):
         if config.source == "topic":
             topics.subscribe(ImageMsg, self._source, self._on_image, IMAGE_QUEUE)
         elif config.source == "compressed":
-            topics.subscribe(CompressedImage, self._source, self._on_compressed_image, IMAGE_QUEUE)
+            topics.subscribe(CompressedImage, self._source, self._on_image, IMAGE_QUEUE)
         else:
             arrived = self.create_guard_condition(self._on_device_frames)
             size = (self._camera.width, self._camera.height)
@@ -164,17 +158,9 @@ class TrackerNode(Node):
         except ValueError:  # the topic placement has the same pose, and its callback complains
             self._ghost = None
 
-    def _on_image(self, msg: ImageMsg) -> None:
+    def _on_image(self, msg: ImageMsg | CompressedImage) -> None:
         try:
-            frame = grey_from_msg(msg)
-        except ValueError as error:
-            self._refuse(str(error))
-            return
-        self._on_frame(frame, stamp_from_msg(msg.header.stamp))
-
-    def _on_compressed_image(self, msg: CompressedImage) -> None:
-        try:
-            frame = picture_from(np.frombuffer(msg.data, np.uint8), msg.format)
+            frame = image_from_msg(msg)
         except ValueError as error:
             self._refuse(str(error))
             return
@@ -217,8 +203,29 @@ class TrackerNode(Node):
                 self._since = stamp
             self._last, self._in_sight = self._sighting.pose, True
             self._publish(self._sighting, stamp)
+        if self._keyframes is not None:
+            self._record(self._keyframes.take(frame, stamp, self._moment()))
         if self._overlay_out.get_subscription_count() and time.monotonic() - self._overlay_time >= OVERLAY_PERIOD:
             self._publish_overlay(frame, stamp)
+
+    def _moment(self) -> Moment:
+        return Moment(self._pushes, self._placed, self._in_sight)
+
+    def _record(self, chosen: list[tuple[int, Image]]) -> None:
+        """Publish images for the bag."""
+        for stamp, frame in chosen:
+            _, jpeg = cv2.imencode(".jpg", frame, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
+            self._recorded += len(jpeg)
+            if self._images is Images.KEYFRAMES and self._recorded > MOST_KEYFRAMES:
+                self._complain(f"no more keyframes are recorded: the bag has {MOST_KEYFRAMES / 1e6:g} MB of them")
+                self._keyframes = None
+                return
+            msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))
+            msg.header.stamp, msg.header.frame_id = self._shifted(stamp), CAMERA
+            self._keyframe_out.publish(msg)
+
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        self._pushes = msg.push_id != PusherState.NO_PUSH
 
     def _look(self, frame: Image) -> Sighting:
         """Find the object, and choose among orientations that look the same.
@@ -310,35 +317,6 @@ class TrackerNode(Node):
             return self._reason
         missing = self._required_subscribers.missing
         return f"waiting for {', '.join(missing)} to receive the poses" if missing else ""
-
-
-def grey_from_msg(msg: ImageMsg) -> Image:
-    """The image (height, width) in grey levels, mono8.
-
-    Mono16 gives its upper byte, YUV its luminance as it is. If the message holds contiguous grey values, the image shares the
-    memory of the message.
-
-    Raises:
-        ValueError: the encoding is not in `TO_GREY`, or the sizes do not fit the data.
-    """
-    if msg.encoding not in TO_GREY:
-        raise ValueError(f"encoding must be {', '.join(TO_GREY)}, got {msg.encoding!r}")
-    pixel_size, conversion = TO_GREY[msg.encoding]
-    data, what = np.frombuffer(msg.data, np.uint8), f"{msg.width} x {msg.height} {msg.encoding}"
-    if not msg.width * msg.height:
-        raise ValueError(f"an image must have pixels, got {what}")
-    if msg.step < msg.width * pixel_size:
-        raise ValueError(f"{what} must have a step of {msg.width * pixel_size} or more, got {msg.step}")
-    size = msg.step * math.ceil(msg.height * PLANES.get(msg.encoding, 1))
-    if len(data) != size:
-        raise ValueError(f"{what} with step {msg.step} must have {size} bytes, got {len(data)}")
-    rows = data[: msg.height * msg.step].reshape(msg.height, msg.step)[:, : msg.width * pixel_size]
-    if pixel_size == 1 and conversion is None:
-        return rows
-    pixels = rows.reshape(msg.height, msg.width, pixel_size)
-    if conversion is None:
-        return np.asarray(cv2.extractChannel(pixels, 0 if msg.is_bigendian else 1))
-    return np.asarray(cv2.cvtColor(pixels, conversion))
 
 
 def _same(frame: Image, other: Image) -> bool:

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from pushfric_core.cell.node_settings import ObjectConfig, ViewConfig
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
+from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.node_kit import executable
@@ -42,6 +43,7 @@ class ViewNode(Node):
 
     AT_TIMES: ClassVar = {
         "overlay/compressed": (CompressedImage, SENSOR_DATA),
+        KEYFRAMES: (CompressedImage, RELIABLE),
         "object_pose": (PoseWithCovarianceStamped, SENSOR_DATA),
         "pusher_state": (PusherState, RELIABLE),
     }
@@ -147,12 +149,18 @@ class ViewNode(Node):
         if looking:
             callbacks: dict[str, Callable[[Any], None]] = {
                 "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
+                KEYFRAMES: self._on_keyframe,
                 "object_pose": self._telling(self._story.on_pose),
                 "pusher_state": self._telling(self._story.on_pusher),
             }
             self._watched = [
                 self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
             ]
+
+    def _on_keyframe(self, msg: CompressedImage) -> None:
+        """Show an image of a bag, if no tracker draws on newer ones."""
+        if not self.count_publishers("overlay/compressed"):
+            self._server.picture(bytes(msg.data))
 
     def _carry_out(self, request: Request) -> None:
         """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""

@@ -192,9 +192,9 @@ function drawCamera() {
   const tracker = story["node/tracker"];
   const old = performance.now() - pictureAt > STALE_MS;
   at("overlay").hidden = !picture;
-  at("overlay").classList.toggle("old", old);
+  at("overlay").classList.toggle("old", old && !known(story["node/player"])); // a bag holds few
   at("no_image").hidden = Boolean(picture);
-  at("no_image").textContent = known(story["node/player"]) ? "A bag holds no images" : "No image yet";
+  at("no_image").textContent = known(story["node/player"]) ? "No image yet: a bag holds few or none" : "No image yet";
   const unseen = tracker && tracker.level !== "ok";
   at("seen").textContent = !tracker ? "" : unseen ? `✗ ${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
   at("seen").classList.toggle("problem", Boolean(unseen));
