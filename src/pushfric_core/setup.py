@@ -53,6 +53,7 @@ setup(
         "pushfric_core": ["py.typed"],
         "pushfric_core.bags": ["msg/*.msg"],
         "pushfric_core.paper": ["report.html.j2"],
+        "pushfric_core.report": ["*.html.j2"],
         "pushfric_core.solvers": ["pivoting.pxd"],
     },
     data_files=[

@@ -203,6 +203,17 @@ class RecorderConfig:
         return [_known_topic(text) for text in self.topics if text]
 
 
+REPORT_FILE = "report.html"
+"""In a bag's folder: the result of the run, as a page."""
+
+
+@dataclass(frozen=True)
+class ShownConfig:
+    """What the view shows of a recorded run. From the graph."""
+
+    report: str = setting("", "file of the page that the run leaves behind; empty: none")
+
+
 class Images(enum.Enum):
     """Which of the camera's images a bag holds."""
 

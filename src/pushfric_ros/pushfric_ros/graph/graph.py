@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import NAMESPACE, Images, PlannerConfig, ViewConfig
+from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, Images, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -277,7 +277,9 @@ def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -
         config: where the view is served.
     """
     reached = specs[0].environment
-    view = NodeSpec("view", {"object": object_name, **plain(config)}, respawn=True, environment=reached)
+    bags = [spec.parameters["bag"] for spec in specs if spec.name == "recorder"]
+    left = {"report": str(pathlib.Path(bags[0], REPORT_FILE).absolute())} if bags else {}
+    view = NodeSpec("view", {"object": object_name, **left, **plain(config)}, respawn=True, environment=reached)
     return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
 
 

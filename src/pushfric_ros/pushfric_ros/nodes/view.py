@@ -16,7 +16,7 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
-from pushfric_core.cell.node_settings import ObjectConfig, ViewConfig
+from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConfig
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
 from pushfric_core.vision.keyframes import KEYFRAMES
@@ -56,7 +56,7 @@ class ViewNode(Node):
         self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
         self._wake = self.create_guard_condition(self._do_what_is_asked)
         self._server = Server(config, self._on_request, self._on_looking)
-        self._server.show(self._story.begin())
+        self._server.show(self._story.begin() | {"report": declare(self, ShownConfig).report})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came

@@ -6,6 +6,7 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
     estimate         the last friction_estimate as the command line's JSON names it, with mu_c's histogram; None: no data yet
     push/ID          a push: its data points, the estimate after it, and whether it was left out or aborted
     plan             the last plan_progress
+    report           file of the page that the run leaves behind; empty: none
     fault            why the pusher has stopped
     node/NAME        the last diagnostics of a node
     pose, pusher     where the object and the pusher are; told only while somebody looks

@@ -140,6 +140,8 @@ function drawNow() {
   at("place").hidden = !way;
   if (way) at("place").textContent = plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
+  at("result").hidden = !(story.report && plan?.phase === "finished");
+  write("report", story.report ?? "");
   write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
