@@ -163,6 +163,20 @@ def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, sche
     assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
 
 
+def test_the_slider_shows_what_was_known_after_each_push(browser, url):
+    with visit(browser, url) as page:
+        first = first_row(page)
+        expect(page.locator('#rows tr[data-push="1"] td').nth(2)).to_have_text(re.compile("[0-9]"))
+        page.locator("#moment").press("Home")
+        expect(page.locator("#moment_name")).to_have_text("after push 1")
+        expect(page.locator("#center")).to_contain_text(f"{first[2]}, {first[3]}")
+        expect(page.locator("#pushes")).to_have_text("of 1 push")
+        expect(page.locator("#drawing .weight")).not_to_have_count(0)
+        expect(page.locator("#drawing .tip")).to_have_count(0)
+        page.locator("#moment").press("End")
+        expect(page.locator("#moment_name")).to_have_text("now")
+
+
 def pushes(state: PusherState) -> bool:
     """Whether a push is under way, and has begun to move."""
     return state.push_id != PusherState.NO_PUSH and state.position > 0.002

@@ -30,8 +30,11 @@ Change = dict[str, Any]
 REMEMBERED = 1000
 """Data points and estimates come on two topics. One waits for its counterpart until this many more of its kind have come."""
 
-AFTER_PUSH = ("center_of_friction", "confidence", "mu_c", "objective", "data_points", "verdict")
-"""The parts of an estimate that the row of a push keeps."""
+AFTER_PUSH = (
+    "center_of_friction", "center_of_friction_covariance", "confidence", "data_points", "gap", "mu_c", "object", "objective",
+    "pushes", "status", "support_points", "verdict", "w",
+)  # fmt: skip
+"""The parts of an estimate that the row of a push keeps, to be looked at later."""
 
 PHASES = {
     PlanProgress.PHASE_WAITING: "waiting",
@@ -78,7 +81,7 @@ class Story:
         friction = msg.contact_friction
         histogram = {"bin_width": friction.bin_width, "counts": list(friction.histogram)}
         stamp = stamp_from_msg(msg.header.stamp)
-        _remember(self._after, stamp, {key: told[key] for key in AFTER_PUSH if key in told})
+        _remember(self._after, stamp, {key: told[key] for key in AFTER_PUSH if key in told} | {"histogram": histogram})
         return {"estimate": told | {"histogram": histogram}, **self._row_after(stamp)}
 
     def on_observation(self, msg: Observation) -> Change:

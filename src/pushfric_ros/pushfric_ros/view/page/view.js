@@ -12,6 +12,7 @@ let picture = null; // address of the image shown
 let pictureAt = -Infinity;
 let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused
+let moment = null; // the push after which the estimate is shown; null: now
 let newsAt = performance.now(); // when something last came
 
 // Numbers, as JSON has them and as people read them
@@ -100,11 +101,13 @@ function redraw() {
     drawing = false;
     drawHeader();
     drawNow();
+    drawTime();
     drawNumbers();
     drawCamera();
     drawMap(at("map"), story);
-    drawObject(at("drawing"), story, rowsOf());
-    drawFriction(at("friction_chart"), story.estimate);
+    const [estimate, rows] = estimateShown();
+    drawObject(at("drawing"), moment === null ? story : { ...story, estimate, pusher: null }, rows);
+    drawFriction(at("friction_chart"), estimate);
     drawError(at("error_chart"), rowsOf(), numberOf);
     drawTable();
     drawNodes();
@@ -159,8 +162,27 @@ function drawNow() {
   if (known(estimate?.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.change.since_push + 1}.`;
 }
 
+function drawTime() {
+  const rows = rowsOf().filter((row) => row.after);
+  if (moment !== null && !rows.some((row) => row.push === moment)) moment = null;
+  at("time").hidden = rows.length < 2;
+  at("time").classList.toggle("past", moment !== null);
+  const slider = at("moment"), chosen = rows.findIndex((row) => row.push === moment);
+  slider.max = rows.length;
+  slider.value = chosen < 0 ? rows.length : chosen;
+  const name = chosen < 0 ? "now" : `after push ${numberOf(moment)}`;
+  slider.setAttribute("aria-valuetext", name);
+  if (at("moment_name").value !== name) at("moment_name").value = name;
+}
+
+// The estimate at the moment that is shown, and the rows of the pushes up to then
+function estimateShown() {
+  const rows = rowsOf(), last = rows.findIndex((row) => row.push === moment);
+  return last < 0 ? [story.estimate, rows] : [rows[last].after, rows.slice(0, last + 1)];
+}
+
 function drawNumbers() {
-  const { estimate } = story;
+  const [estimate] = estimateShown();
   const [x, y] = estimate?.center_of_friction ?? [];
   unit("center", estimate ? `${mm(x)}, ${mm(y)}` : "–", "mm");
   at("confidence").textContent = known(estimate?.confidence) ? `off by at most ${mm(estimate.confidence)} mm, with 90 %` : "";
@@ -286,6 +308,10 @@ function made(tag, text) {
   return element;
 }
 
+at("moment").addEventListener("input", ({ target }) => {
+  moment = rowsOf().filter((row) => row.after)[target.value]?.push ?? null;
+  redraw();
+});
 for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled) return; // whatever has the focus
