@@ -371,9 +371,9 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
 def test_pictures_for_the_docs(browser, tmp_path):
     """The pictures of README and docs, from a whole demo: the page on a screen and on a phone, and what moves on it."""
     folder = pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
-    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", str(tmp_path / "bag"), "--view", "0"]
+    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", "runs/first", "--view", "0"]
     frames: list[Image.Image] = []
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as demo, contextlib.ExitStack() as visits:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as demo, contextlib.ExitStack() as visits:
         assert demo.stderr is not None
         url = next(line.split()[1] for line in demo.stderr if line.startswith("view: http"))
         threading.Thread(target=demo.stderr.read).start()  # so that it is never full

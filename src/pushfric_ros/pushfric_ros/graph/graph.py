@@ -278,7 +278,7 @@ def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -
     """
     reached = specs[0].environment
     bags = [spec.parameters["bag"] for spec in specs if spec.name == "recorder"]
-    left = {"report": str(pathlib.Path(bags[0], REPORT_FILE).absolute())} if bags else {}
+    left = {"report": str(pathlib.Path(bags[0], REPORT_FILE))} if bags else {}
     view = NodeSpec("view", {"object": object_name, **left, **plain(config)}, respawn=True, environment=reached)
     return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
 
