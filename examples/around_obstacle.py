@@ -1,6 +1,6 @@
 """A sampling planner with the planner node: brings an object to a pose behind an obstacle, while its friction is learned.
 
-Up to ten times a second, it tries 160 pairs of strokes by the cross-entropy method: the pairs that come nearest to the goal on
+Up to ten times a second, it tries 256 pairs of strokes by the cross-entropy method: the pairs that come nearest to the goal on
 a way around the obstacle are varied for the next round. It plans the next stroke while the present one is carried out. The
 planner node predicts where strokes lead; the estimator learns the friction from the strokes. The object is simulated.
 
@@ -12,32 +12,36 @@ planner node predicts where strokes lead; the estimator learns the friction from
 import argparse
 import math
 import time
-from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import Point, Vector3
-from push_to_pose import APPROACH, FRAME_RATE, NAME, STEEPEST, TIP_RADIUS, arm, stroke
+from push_to_pose import (
+    APPROACH,
+    FRAME_RATE,
+    TIP_RADIUS,
+    Cell,
+    carried_out,
+    nearby,
+    random_strokes,
+    tips,
+    turned,
+    uniform,
+)
 from rclpy.node import Node
 
-from pushfric_core import Observation, Pose, PushedObject, PushingLine, Trajectory
-from pushfric_core.geometry.planar import Array, left_of
+from pushfric_core import Pose, PushedObject
+from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_msgs.msg import Observation as ObservationMsg
-from pushfric_msgs.msg import PlanarPose
-from pushfric_msgs.srv import PredictStroke
-from pushfric_ros.messages.conversions import observation_to_msg
 
 START, GOAL = Pose(-0.15, 0.0, 0.3), np.array((0.15, 0.0, 0.0))
 OBSTACLE, RADIUS = np.array((0.0, -0.01)), 0.03  # [m]
-ROLLOUTS, AHEAD, GOOD = 160, 2, 16
+ROLLOUTS, AHEAD, GOOD = 256, 2, 16
 """Number of plans in a round, of strokes in a plan, and of plans that are varied."""
 
 PERIOD, ROUNDS = 0.1, 8
 """Time of a round [s], and the least number of rounds before a stroke."""
 
-LONGEST, SHORTEST = 0.04, 0.001  # strokes [m]
 STEP = 0.008  # of the prediction [m]
 FIRST = 4
 """Strokes that only serve to learn the friction."""
@@ -45,8 +49,10 @@ FIRST = 4
 CLOSE = 0.002
 """The goal is reached at this distance [m], an angle counted with the arm of the support points."""
 
+NAME = "wood_rect3"
 KNOWN = TABLE_1[NAME]
 OUTLINE = KNOWN.outline
+ARM = uniform(KNOWN).length
 
 
 class Outcome(NamedTuple):
@@ -57,71 +63,11 @@ class Outcome(NamedTuple):
     rounds: list[float]  # how long each took [s]
 
 
-class Cell:
-    """The services and topics of the cell."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._client = node.create_client(PredictStroke, "planner/predict_stroke")
-        self._out = node.create_publisher(ObservationMsg, "observation", 2000)
-
-    def wait(self) -> None:
-        """Wait until both nodes are there."""
-        while not (self._client.wait_for_service(1.0) and self._out.get_subscription_count()):
-            print("waiting for the estimator and the planner", flush=True)
-
-    def learn(self, observations: Sequence[Observation]) -> None:
-        """Send observations to the estimator."""
-        for observation in observations:
-            self._out.publish(observation_to_msg(observation, NAME))
-
-    def ends(self, poses: Array, strokes: Array) -> Array | None:
-        """Poses (k, 3) after strokes (k, 4) from poses (k, 3); None while there is no model."""
-        contacts, directions = tips(poses, strokes)
-        origins = contacts - APPROACH * directions
-        request = PredictStroke.Request(
-            starts=[PlanarPose(x=x, y=y, theta=theta) for x, y, theta in poses.tolist()],
-            origins=[Point(x=x, y=y) for x, y in origins.tolist()],
-            directions=[Vector3(x=x, y=y) for x, y in directions.tolist()],
-            tip_radii=np.full(len(poses), TIP_RADIUS),
-            positions=APPROACH + strokes[:, 3],
-            step=STEP,
-            mean_only=True,
-        )
-        future = self._client.call_async(request)
-        rclpy.spin_until_future_complete(self._node, future)
-        answer = future.result()
-        return np.array([(end.x, end.y, end.theta) for end in answer.ends]) if answer.success else None
-
-
-def turned(vectors: Array, angles: Array) -> Array:
-    """Vectors (k, 2) turned by angles (k,)."""
-    return np.cos(angles)[:, None] * vectors + np.sin(angles)[:, None] * left_of(vectors)
-
-
-def tips(poses: Array, strokes: Array) -> tuple[Array, Array]:
-    """Where the tip's centre touches (k, 2), and its directions (k, 2), table frame."""
-    edges = strokes[:, 0].astype(int)
-    contacts = OUTLINE.vertices[edges] + strokes[:, 1:2] * OUTLINE.edges[edges] + TIP_RADIUS * OUTLINE.normals[edges]
-    directions = turned(-OUTLINE.normals[edges], poses[:, 2] + strokes[:, 2])
-    return poses[:, :2] + turned(contacts, poses[:, 2]), directions / np.linalg.norm(directions, axis=1)[:, None]
-
-
-def random_plans(count: int, rng: np.random.Generator) -> Array:
-    """Plans (count, AHEAD, 4): edge, place along it from 0 to 1, tilt against its normal [rad], length [m] of each stroke."""
-    shape = count, AHEAD
-    edges = rng.choice(len(OUTLINE.edges), shape, p=OUTLINE.lengths / OUTLINE.perimeter)
-    lengths = SHORTEST + (LONGEST - SHORTEST) * rng.uniform(size=shape) ** 2
-    return np.stack((edges, rng.uniform(0.1, 0.9, shape), rng.uniform(-STEEPEST, STEEPEST, shape), lengths), axis=2)
-
-
 def varied(plans: Array, share: float, rng: np.random.Generator) -> Array:
     """Good plans, others that differ from them by a share of the range of each number, and some new ones."""
     new = ROLLOUTS // 4
-    many = plans[rng.integers(len(plans), size=ROLLOUTS - new - len(plans))].copy()
-    many[..., 1:] += share * rng.normal(size=many[..., 1:].shape) * (0.8, 2 * STEEPEST, LONGEST)
-    many[..., 1:] = np.clip(many[..., 1:], (0.1, -STEEPEST, SHORTEST), (0.9, STEEPEST, LONGEST))
-    return np.concatenate((plans, many, random_plans(new, rng)))
+    many = plans[rng.integers(len(plans), size=ROLLOUTS - new - len(plans))]
+    return np.concatenate((plans, nearby(many, share, rng), random_strokes(KNOWN, (new, AHEAD), rng)))
 
 
 def clearance(poses: Array) -> Array:
@@ -145,7 +91,7 @@ def way(places: Array) -> Array:
 def errors(poses: Array) -> Array:
     """How far poses (k, 3) are from the goal (k,) [m], an angle counted with the arm of the support points."""
     angles = (poses[:, 2] - GOAL[2] + math.pi) % (2 * math.pi) - math.pi
-    return np.sqrt(way(poses[:, :2]) ** 2 + (arm() * angles) ** 2)
+    return np.sqrt(way(poses[:, :2]) ** 2 + (ARM * angles) ** 2)
 
 
 def costs(cell: Cell, pose: Array, plans: Array) -> Array | None:
@@ -156,7 +102,7 @@ def costs(cell: Cell, pose: Array, plans: Array) -> Array | None:
         ends = cell.ends(poses, plans[:, number])
         if ends is None:
             return None
-        contacts, directions = tips(poses, plans[:, number])
+        contacts, directions = tips(KNOWN, poses, plans[:, number])
         tip = np.linalg.norm(contacts - APPROACH * directions - OBSTACLE, axis=1) - RADIUS - TIP_RADIUS
         free = np.minimum.reduce((clearance(ends), clearance((poses + ends) / 2), tip))
         found += np.where(free < 0.002, 1.0, 0.0)
@@ -164,18 +110,6 @@ def costs(cell: Cell, pose: Array, plans: Array) -> Array | None:
         found += errors(ends) * (0.3 if number < AHEAD - 1 else 1.0)
         poses = ends
     return found
-
-
-def carried_out(
-    pushed: PushedObject, pose: Array, chosen: Array, number: int, rng: np.random.Generator
-) -> Iterator[list[Observation]]:
-    """Carry out a stroke that was planned for a pose; yields what is observed in each frame."""
-    contacts, directions = tips(pose[None], chosen[None])
-    (x, y), (dx, dy) = (contacts - APPROACH * directions)[0].tolist(), directions[0].tolist()
-    line, end = PushingLine((x, y), (dx, dy), TIP_RADIUS), float(APPROACH + chosen[3])
-    trajectory = Trajectory(OUTLINE)
-    for pose_sample, state in stroke(pushed, line, end, number, 10**10 * number, KNOWN.noise, rng):
-        yield trajectory.add_pose(pose_sample) + trajectory.add_pusher(state)
 
 
 def reach(node: Node, strokes: int, seed: int, pace: float = 1.0) -> Outcome:
@@ -188,10 +122,10 @@ def reach(node: Node, strokes: int, seed: int, pace: float = 1.0) -> Outcome:
         pace: strokes and rounds take this share of their time; 0: no longer than they need.
     """
     rng = np.random.default_rng(seed)
-    cell = Cell(node)
+    cell = Cell(node, NAME, STEP)
     cell.wait()
     pushed = PushedObject(OUTLINE, KNOWN.support, KNOWN.mu_c, START)
-    plans, rounds = random_plans(ROLLOUTS, rng), []
+    plans, rounds = random_strokes(KNOWN, (ROLLOUTS, AHEAD), rng), []
     outcome = Outcome([], [], rounds)
 
     def note() -> None:
@@ -221,7 +155,7 @@ def reach(node: Node, strokes: int, seed: int, pace: float = 1.0) -> Outcome:
         if not learning:  # what was to come next is a start for the next plans
             plans = varied(np.roll(plans[:GOOD], -1, axis=1), 0.3, rng)
         begin = time.perf_counter()
-        for frame, data in enumerate(carried_out(pushed, pose, chosen, number, rng)):
+        for frame, data in enumerate(carried_out(KNOWN, pushed, pose, chosen, number, rng)):
             while time.perf_counter() < begin + frame * pace / FRAME_RATE:
                 plan(ends[0] if ends is not None else pose, 0.2)
             cell.learn(data)

@@ -1,47 +1,53 @@
-"""A planner that pushes an object to a goal pose, learning on the way how it slides.
+"""A planner that pushes an object to a goal pose with the planner node, learning on the way how it slides.
 
-It draws random strokes, refines the best ones, and chooses the stroke after which the exact quasi-static model predicts the
-object nearest to the goal. The model comes from the data points of the strokes so far. The same planner with uniform pressure,
-and with wrong friction, shows what learning is worth. The object, the camera's noise and the pusher are simulated;
-pushfric_core is all it needs.
+It draws random strokes, refines the best ones, and chooses the stroke after which the planner node predicts the object nearest
+to the goal. The estimator learns from each stroke how the object slides, and tells the node. Two other nodes are told that the
+pressure is uniform, and a wrong friction: that shows what learning is worth. The object, the camera's noise and the pusher are
+simulated.
 
+    ros2 run pushfric_ros estimator_node --ros-args -r __ns:=/learned -p object:=delrin_rect_right -p source:=observations &
+    for name in learned uniform wrong; do ros2 run pushfric_ros planner_node --ros-args -r __ns:=/$name & done
     python3 examples/push_to_pose.py --seeds 20 --figure push_to_pose.png
 """
 
 import argparse
 import math
+import time
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import rclpy
+from geometry_msgs.msg import Point, Vector3
+from rclpy.node import Node
+from std_srvs.srv import Trigger
 
-from pushfric_core import (
-    Estimator,
-    FrictionModel,
-    Observation,
-    Outline,
-    Pose,
-    PushedObject,
-    PushfricError,
-    PushingLine,
-    Support,
-    Trajectory,
-    friction_model,
-    predict_strokes,
-)
-from pushfric_core.geometry.planar import transform
-from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core import FrictionModel, Observation, Pose, PushedObject, PushingLine, Support, Trajectory
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.geometry.planar import Array, left_of
+from pushfric_core.geometry.table_1 import TABLE_1, TableObject
 from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
+from pushfric_msgs.msg import Basis, PlanarPose
+from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
+from pushfric_msgs.msg import Observation as ObservationMsg
+from pushfric_msgs.srv import PredictStroke
+from pushfric_ros.messages.conversions import MODEL_TOPIC, observation_to_msg
+from pushfric_ros.node_kit.qos import LATCHED
 
+NAME = "delrin_rect_right"
 GOAL = Pose(0.0, 0.0, 0.0)
-NAME = "wood_rect3"
-STROKES, ROUNDS, FEWEST = 5, 3, 4
+FARTHEST = (0.1, 0.1, 1.0)
+"""From the goal, in the beginning [m, m, rad]."""
+
+STROKES, LEARNING = 3, 10
+"""Number of strokes to the goal, and before them to learn the friction."""
+
 CANDIDATES, GOOD, REFINEMENTS = 200, 10, (0.1, 0.03, 0.01, 0.003)
 TIP_RADIUS, APPROACH, SPEED, FRAME_RATE = 0.003, 0.01, 0.02, 14.0  # [m], [m], [m/s], [Hz]
 LONGEST, STEEPEST = 0.05, math.radians(25)  # of a stroke [m], against the contact normal [rad]
 STEP = 0.004  # of the prediction [m]
-GUESS = 0.3
-"""mu_c before the first data point."""
+PATIENCE = 3.0
+"""For a model with all observations [s]; the estimator may refuse the last ones."""
 
 
 class Course(NamedTuple):
@@ -51,151 +57,211 @@ class Course(NamedTuple):
     errors: list[float]  # how far each is from the goal [m]: the position, and the angle times the arm of the support points
 
 
-def wrong(support: Support, mu_c: float) -> FrictionModel:
-    """Friction as a careless user might guess it: p_CF is wrong by 8 mm, and mu_c is half of the true one."""
-    points = support.points + (0.008, 0.0)
-    return FrictionModel.of(Support(points, support.weights), mu_c / 2)
+class Cell:
+    """The services and topics of a cell in which an object is pushed.
 
-
-def uniform(points: np.ndarray) -> FrictionModel:
-    """The same pressure on all support points: the usual assumption before any push."""
-    return FrictionModel.of(Support(points, np.full(len(points), 1 / len(points))), GUESS)
-
-
-def random_strokes(outline: Outline, rng: np.random.Generator) -> np.ndarray:
-    """Strokes (CANDIDATES, 4): edge, place along it from 0 to 1, tilt against its normal [rad], length [m]; most are short."""
-    edges = rng.choice(len(outline.edges), CANDIDATES, p=outline.lengths / outline.perimeter)
-    along, tilts = rng.uniform(0.1, 0.9, CANDIDATES), rng.uniform(-STEEPEST, STEEPEST, CANDIDATES)
-    return np.column_stack((edges, along, tilts, LONGEST * rng.uniform(0.0, 1.0, CANDIDATES) ** 2))
-
-
-def nearby(strokes: np.ndarray, share: float, rng: np.random.Generator) -> np.ndarray:
-    """CANDIDATES strokes: some good ones, and others that differ from them by a share of the range of each number."""
-    many = np.repeat(strokes, CANDIDATES // len(strokes), axis=0)
-    noise = share * rng.normal(size=(len(many), 3)) * (0.8, 2 * STEEPEST, LONGEST)
-    low, high = (0.1, -STEEPEST, 0.0), (0.9, STEEPEST, LONGEST)
-    many[:, 1:] = np.clip(many[:, 1:] + noise, low, high)
-    return np.concatenate((strokes, many))
-
-
-def lines_of(outline: Outline, pose: Pose, strokes: np.ndarray) -> tuple[list[PushingLine], np.ndarray]:
-    """The lines of the tip on the table, and where strokes along them end [m]."""
-    lines = []
-    for number, along, tilt, _ in strokes:
-        edge = int(number)
-        contact, normal = outline.vertices[edge] + along * outline.edges[edge], outline.normals[edge]
-        direction = transform(Pose(0, 0, pose.theta + tilt), -normal)
-        start = transform(pose, contact + TIP_RADIUS * normal) - APPROACH * direction
-        lines.append(PushingLine((start[0], start[1]), (direction[0], direction[1]), TIP_RADIUS))
-    return lines, APPROACH + strokes[:, 3]
-
-
-def best_stroke(
-    model: FrictionModel, outline: Outline, pose: Pose, rng: np.random.Generator
-) -> tuple[PushingLine, float, float]:
-    """The stroke that leaves the object nearest to the goal, where it ends, and how near that is [m]: random, then refined.
-
-    The mean friction of the model plans: the mean cost over its samples would hardly fall with a short stroke.
+    Args:
+        node: in the cell's namespace; not spun by others.
+        name: of the object.
+        step: of the predictions [m].
     """
-    mean = FrictionModel.of(model.support, model.mean_mu_c)
-    strokes = random_strokes(outline, rng)
-    for share in (*REFINEMENTS, None):
-        lines, ends = lines_of(outline, pose, strokes)
-        left = predict_strokes(mean, outline, [pose] * len(lines), lines, ends, STEP).poses[:, 0]
-        costs = distance(left, arm())
-        if share is not None:
-            strokes = nearby(strokes[np.argsort(costs)[:GOOD]], share, rng)
-    best = int(np.argmin(costs))
-    return lines[best], float(ends[best]), float(costs[best])
+
+    def __init__(self, node: Node, name: str, step: float) -> None:
+        self.known: TableObject = TABLE_1[name]
+        self._node, self._name, self._step = node, name, step
+        self._strokes = node.create_client(PredictStroke, "planner/predict_stroke")
+        self._reset = node.create_client(Trigger, "estimator/reset")
+        self._observations = node.create_publisher(ObservationMsg, "observation", 2000)
+        self._models = node.create_publisher(FrictionModelMsg, MODEL_TOPIC, LATCHED)
+        self._basis = Basis()
+
+    def wait(self, learns: bool = True) -> None:
+        """Wait until the planner is there, and the estimator of a cell that learns."""
+        while not (
+            self._strokes.wait_for_service(1.0)
+            and (self._observations.get_subscription_count() if learns else self._models.get_subscription_count())
+        ):
+            print(f"waiting for the nodes in {self._node.get_namespace()}", flush=True)
+
+    def ends(self, poses: Array, strokes: Array) -> Array | None:
+        """Poses (k, 3) after strokes (k, 4) from poses (k, 3); None while there is no model."""
+        contacts, directions = tips(self.known, poses, strokes)
+        origins = contacts - APPROACH * directions
+        request = PredictStroke.Request(
+            starts=[PlanarPose(x=x, y=y, theta=theta) for x, y, theta in poses.tolist()],
+            origins=[Point(x=x, y=y) for x, y in origins.tolist()],
+            directions=[Vector3(x=x, y=y) for x, y in directions.tolist()],
+            tip_radii=np.full(len(poses), TIP_RADIUS),
+            positions=APPROACH + strokes[:, 3],
+            step=self._step,
+            mean_only=True,
+        )
+        answer = self._called(self._strokes, request)
+        self._basis = answer.basis
+        return np.array([(end.x, end.y, end.theta) for end in answer.ends]) if answer.success else None
+
+    def learn(self, observations: Sequence[Observation]) -> None:
+        """Send observations to the estimator."""
+        for observation in observations:
+            self._observations.publish(observation_to_msg(observation, self._name))
+
+    def settle(self, newest: int, pose: Array) -> None:
+        """Wait for a model with the observation of this time [ns]."""
+        deadline = time.monotonic() + PATIENCE
+        while stamp_from_msg(self._basis.header.stamp) < newest and time.monotonic() < deadline:
+            rclpy.spin_once(self._node, timeout_sec=0.05)
+            self.ends(pose[None], np.zeros((1, 4)))
+
+    def forget(self) -> None:
+        """Let the estimation start again."""
+        self._called(self._reset, Trigger.Request())
+
+    def tell(self, model: FrictionModel) -> None:
+        """Tell the planner a friction model, in place of an estimator; return once it has it."""
+        msg = FrictionModelMsg(basis=Basis(object=self._name, has_model=True))
+        msg.outline, msg.support_points = (
+            [Point(x=x, y=y) for x, y in points.tolist()] for points in (self.known.outline.vertices, model.support_points)
+        )
+        msg.w, msg.mu_c, msg.weights, msg.total_friction = model.w.ravel(), model.mu_c, model.share, math.nan
+        self._models.publish(msg)
+        while self.ends(np.zeros((1, 3)), np.zeros((1, 4))) is None:
+            rclpy.spin_once(self._node, timeout_sec=0.05)
+
+    def _called(self, client, request):
+        future = client.call_async(request)
+        rclpy.spin_until_future_complete(self._node, future)
+        return future.result()
 
 
-def arm() -> float:
-    """Arm at which a rotation counts as much as a translation [m]: the rms distance of the support points from their middle."""
-    return uniform(TABLE_1[NAME].support_points).length
+def turned(vectors: Array, angles: Array) -> Array:
+    """Vectors (k, 2) turned by angles (k,)."""
+    return np.cos(angles)[:, None] * vectors + np.sin(angles)[:, None] * left_of(vectors)
 
 
-def distance(poses: np.ndarray, length: float) -> np.ndarray:
-    """Distance (...) of poses (..., 3) from the goal [m]; at the arm `length` [m], an angle counts as much as a position."""
+def tips(known: TableObject, poses: Array, strokes: Array) -> tuple[Array, Array]:
+    """Where the tip's centre touches (k, 2), and its directions (k, 2), table frame."""
+    outline, edges = known.outline, strokes[:, 0].astype(int)
+    contacts = outline.vertices[edges] + strokes[:, 1:2] * outline.edges[edges] + TIP_RADIUS * outline.normals[edges]
+    directions = turned(-outline.normals[edges], poses[:, 2] + strokes[:, 2])
+    return poses[:, :2] + turned(contacts, poses[:, 2]), directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def random_strokes(known: TableObject, shape: int | tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Strokes (*shape, 4): edge, place along it from 0 to 1, tilt against its normal [rad], length [m]; most are short."""
+    edges = rng.choice(len(known.outline.edges), shape, p=known.outline.lengths / known.outline.perimeter)
+    along, tilts = rng.uniform(0.1, 0.9, shape), rng.uniform(-STEEPEST, STEEPEST, shape)
+    return np.stack((edges, along, tilts, LONGEST * rng.uniform(0.0, 1.0, shape) ** 2), axis=-1)
+
+
+def nearby(strokes: Array, share: float, rng: np.random.Generator) -> Array:
+    """Strokes (..., 4) that differ from others by a share of the range of each number."""
+    found = strokes.copy()
+    found[..., 1:] += share * rng.normal(size=found[..., 1:].shape) * (0.8, 2 * STEEPEST, LONGEST)
+    found[..., 1:] = np.clip(found[..., 1:], (0.1, -STEEPEST, 0.0), (0.9, STEEPEST, LONGEST))
+    return found
+
+
+def uniform(known: TableObject) -> FrictionModel:
+    """The same pressure on all support points: the usual assumption before any push."""
+    points = known.support_points
+    return FrictionModel.of(Support(points, np.full(len(points), 1 / len(points))), 0.3)
+
+
+def wrong(known: TableObject) -> FrictionModel:
+    """Friction as a careless user might guess it: p_CF is wrong by 8 mm, and mu_c is half of the true one."""
+    return FrictionModel.of(Support(known.support.points + (0.008, 0.0), known.support.weights), known.mu_c / 2)
+
+
+TOLD = {"learned": None, "uniform": uniform, "wrong": wrong}
+"""What the planner of each cell is told; None: by an estimator."""
+
+
+def distance(known: TableObject, poses: Array) -> Array:
+    """Distance (...) of poses (..., 3) from the goal [m]; at the arm of the support points, an angle counts as a position."""
     angles = (poses[..., 2] - GOAL.theta + math.pi) % (2 * math.pi) - math.pi
-    return np.sqrt((poses[..., 0] - GOAL.x) ** 2 + (poses[..., 1] - GOAL.y) ** 2 + (length * angles) ** 2)
+    arm = uniform(known).length
+    return np.sqrt((poses[..., 0] - GOAL.x) ** 2 + (poses[..., 1] - GOAL.y) ** 2 + (arm * angles) ** 2)
 
 
-def stroke(
-    pushed: PushedObject,
-    line: PushingLine,
-    end: float,
-    push_id: int,
-    start: int,
-    noise: tuple[float, float],
-    rng: np.random.Generator,
-) -> Iterator[tuple[PoseSample, PusherSample]]:
-    """Carry out a stroke; frames of the camera and reports of the pusher."""
+def best_stroke(cell: Cell, pose: Array, rng: np.random.Generator) -> tuple[Array, float]:
+    """The stroke (4,) that leaves the object nearest to the goal, and how near that is [m]: random, then refined."""
+    strokes = random_strokes(cell.known, CANDIDATES, rng)
+    for share in (*REFINEMENTS, None):
+        costs = distance(cell.known, cell.ends(np.repeat(pose[None], len(strokes), axis=0), strokes))
+        if share is not None:
+            good = strokes[np.argsort(costs)[:GOOD]]
+            strokes = np.concatenate((good, nearby(np.repeat(good, CANDIDATES // GOOD, axis=0), share, rng)))
+    best = int(np.argmin(costs))
+    return strokes[best], float(costs[best])
+
+
+def carried_out(
+    known: TableObject, pushed: PushedObject, pose: Array, chosen: Array, push_id: int, rng: np.random.Generator
+) -> Iterator[list[Observation]]:
+    """Carry out a stroke (4,) that was planned for a pose (3,); yields what is observed in each frame of the camera."""
+    contacts, directions = tips(known, pose[None], chosen[None])
+    (x, y), (dx, dy) = (contacts - APPROACH * directions)[0].tolist(), directions[0].tolist()
+    line, end = PushingLine((x, y), (dx, dy), TIP_RADIUS), float(APPROACH + chosen[3])
+    trajectory = Trajectory(known.outline)
     frames = math.ceil(end / SPEED * FRAME_RATE)
     for frame in range(frames + 1):
         position = end * frame / frames
         pushed.push(line, position)
-        stamp = start + round(frame * 1e9 / FRAME_RATE)
-        x, y, theta = np.add(pushed.pose, rng.normal(0.0, (noise[0], noise[0], noise[1])))
-        yield PoseSample(stamp, Pose(x, y, theta)), PusherSample(stamp + 1, position, SPEED, line, push_id)
-
-
-def place(seed: int, fixed: FrictionModel | None) -> Course:
-    """Push the object from a random pose to the goal, with a fixed model, or with one that learns.
-
-    The model that learns has placed the object ROUNDS - 1 times before, from other poses: at first with uniform pressure, and
-    with what it has learned once there are FEWEST pushes.
-    """
-    known = TABLE_1[NAME]
-    model = uniform(known.support_points) if fixed is None else fixed
-    estimator = Estimator(known.support_points)
-    for turn in range(ROUNDS):
-        rng = np.random.default_rng([seed, turn])
-        pushed = PushedObject(
-            known.outline, known.support, known.mu_c, Pose(*rng.uniform((-0.1, -0.1, -1), (0.1, 0.1, 1)).tolist())
+        stamp = 10**10 * push_id + round(frame * 1e9 / FRAME_RATE)
+        seen = Pose(*np.add(pushed.pose, noise(known, rng)).tolist())
+        yield trajectory.add_pose(PoseSample(stamp, seen)) + trajectory.add_pusher(
+            PusherSample(stamp + 1, position, SPEED, line, push_id)
         )
-        if fixed is None or turn == ROUNDS - 1:
-            course, model = _placed(pushed, model, estimator if fixed is None else None, STROKES * turn, rng)
-    return course
 
 
-def _placed(
-    pushed: PushedObject, model: FrictionModel, estimator: Estimator | None, first: int, rng: np.random.Generator
-) -> tuple[Course, FrictionModel]:
-    """Strokes towards the goal, and the model after them; without an estimator it stays as it is."""
-    known = TABLE_1[NAME]
-    trajectory = Trajectory(known.outline)
+def noise(known: TableObject, rng: np.random.Generator) -> Array:
+    """The error of a pose in a single frame (3,) [m, m, rad]."""
+    return rng.normal(0.0, (known.noise.position, known.noise.position, known.noise.angle))
+
+
+def place(cell: Cell, seed: int, learns: bool) -> Course:
+    """Push the object from a random pose to the goal; a cell that learns has seen LEARNING strokes from elsewhere."""
+    known = cell.known
+    push_id = (LEARNING + STROKES) * (seed + 1)
+
+    def push(pushed: PushedObject, pose: Array, chosen: Array, rng: np.random.Generator) -> None:
+        nonlocal push_id
+        push_id += 1
+        data = [one for some in carried_out(known, pushed, pose, chosen, push_id, rng) for one in some]
+        if learns and data:
+            cell.learn(data)
+            cell.settle(data[-1].stamp, pose)
+
+    if learns:
+        cell.forget()
+        rng = np.random.default_rng([seed, 0])
+        pushed = PushedObject(known.outline, known.support, known.mu_c, GOAL)
+        for chosen in random_strokes(known, LEARNING, rng):
+            chosen[3] = LONGEST / 2
+            push(pushed, np.array(pushed.pose), chosen, rng)
+    rng = np.random.default_rng([seed, 1])
+    start = Pose(*rng.uniform(np.negative(FARTHEST), FARTHEST).tolist())
+    pushed = PushedObject(known.outline, known.support, known.mu_c, start)
     poses = [pushed.pose]
-    for push_id in range(first, first + STROKES):
-        seen = Pose(*np.add(pushed.pose, rng.normal(0.0, (*(known.noise.position,) * 2, known.noise.angle)) / 3).tolist())
-        line, end, cost = best_stroke(model, known.outline, seen, rng)
-        if cost < distance(np.array(seen), arm()):  # else none of the candidates helps; the next ones may
-            data: list[Observation] = []
-            for pose, state in stroke(pushed, line, end, push_id, 10**10 * push_id, known.noise, rng):
-                data += trajectory.add_pose(pose) + trajectory.add_pusher(state)
-            if estimator is not None:
-                model = learned(estimator, data) or model
+    for _ in range(STROKES):
+        seen = np.add(pushed.pose, noise(known, rng) / 3)  # the object rests: a mean of nine frames
+        chosen, cost = best_stroke(cell, seen, rng)
+        if cost < distance(known, seen):  # else none of the candidates helps; the next ones may
+            push(pushed, seen, chosen, rng)
         poses.append(pushed.pose)
-    return Course(poses, distance(np.array(poses), arm()).tolist()), model
+    return Course(poses, distance(known, np.array(poses)).tolist())
 
 
-def learned(estimator: Estimator, data: Sequence[Observation]) -> FrictionModel | None:
-    """The model that follows from all data points so far; None while there are too few, or they contradict each other."""
-    for observation in data:
-        try:
-            estimator.add(observation)
-        except PushfricError:
-            continue  # the object rotated about a support point
-    estimate = estimator.estimate()
-    if estimate.pushes < FEWEST or estimate.contradiction is not None:
-        return None
-    return friction_model(estimate)
-
-
-def run(seeds: Sequence[int]) -> dict[str, list[Course]]:
-    """Tries from the same poses with each kind of model."""
-    known = TABLE_1[NAME]
-    fixed = {"learned": None, "uniform": uniform(known.support_points), "wrong": wrong(known.support, known.mu_c)}
-    return {name: [place(seed, model) for seed in seeds] for name, model in fixed.items()}
+def run(cells: dict[str, Cell], seeds: Sequence[int]) -> dict[str, list[Course]]:
+    """Tries from the same poses in each cell."""
+    courses = {}
+    for name, cell in cells.items():
+        told = TOLD[name]
+        cell.wait(learns=told is None)
+        if told is not None:
+            cell.tell(told(cell.known))
+        courses[name] = [place(cell, seed, learns=told is None) for seed in seeds]
+    return courses
 
 
 def draw(courses: dict[str, list[Course]], path: str) -> None:
@@ -218,12 +284,13 @@ def draw(courses: dict[str, list[Course]], path: str) -> None:
     figure.savefig(path, dpi=110)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20, help="how many tries with each kind of friction")
     parser.add_argument("--figure", help="draw the errors there (.png, .svg, .pdf)")
-    given = parser.parse_args(arguments)
-    courses = run(range(given.seeds))
+    given = parser.parse_args()
+    rclpy.init()
+    courses = run({name: Cell(Node("push_to_pose", namespace=f"/{name}"), NAME, STEP) for name in TOLD}, range(given.seeds))
     for name, tries in courses.items():
         final = 1e3 * np.array([each.errors[-1] for each in tries])
         print(f"{name}: median final error {np.median(final):.2f} mm, 90 % below {np.percentile(final, 90):.2f} mm")

@@ -1,3 +1,4 @@
+import pathlib
 from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
@@ -8,7 +9,7 @@ method of Lynch, "Estimating the Friction Parameters of Pushed Objects" (IROS 19
 """
 
 DIRECTIVES = {
-    "annotation_typing": False,  # pivoting.pxd has the types
+    "annotation_typing": False,  # the .pxd have the types
     "boundscheck": False,
     "cdivision": True,
     "infer_types": True,
@@ -18,7 +19,9 @@ DIRECTIVES = {
 
 
 def compiled() -> list[Extension]:
-    """The solver's inner loop. Without Cython 3 or a compiler it stays Python: the same bits, a hundred times slower."""
+    """The inner loops: modules with types in a .pxd. Without Cython 3 or a compiler they stay Python: the same bits, a hundred
+    times slower.
+    """
     try:
         from Cython import __version__
         from Cython.Build import cythonize
@@ -26,13 +29,16 @@ def compiled() -> list[Extension]:
         return []
     if int(__version__.partition(".")[0]) < 3:
         return []
-    solver = Extension(
-        "pushfric_core.solvers.pivoting",
-        ["pushfric_core/solvers/pivoting.py"],
-        extra_compile_args=["-O3", "-g0", "-ffp-contract=off"],  # no fused multiply-add: the same bits on every machine
-        optional=True,
-    )
-    return cythonize([solver], build_dir="build", quiet=True, compiler_directives=DIRECTIVES)
+    loops = [
+        Extension(
+            ".".join(types.with_suffix("").parts),
+            [str(types.with_suffix(".py"))],
+            extra_compile_args=["-O3", "-g0", "-ffp-contract=off"],  # no fused multiply-add: the same bits on every machine
+            optional=True,
+        )
+        for types in sorted(pathlib.Path("pushfric_core").rglob("*.pxd"))
+    ]
+    return cythonize(loops, build_dir="build", quiet=True, compiler_directives=DIRECTIVES)
 
 
 setup(
@@ -51,10 +57,8 @@ setup(
     ext_modules=compiled(),
     package_data={
         "pushfric_core": ["py.typed"],
+        "": ["*.pxd", "*.html.j2"],
         "pushfric_core.bags": ["msg/*.msg"],
-        "pushfric_core.paper": ["report.html.j2"],
-        "pushfric_core.report": ["*.html.j2"],
-        "pushfric_core.solvers": ["pivoting.pxd"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),

@@ -9,7 +9,7 @@ from pushfric_core.geometry.planar import cross, left_of, rotation
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.quasi_static import MODES, holding_margins, motion_cones, motions
+from pushfric_core.mechanics.quasi_static import MODES, Motions, holding_margins, motion_cones, motions
 from pushfric_core.mechanics.simulation import ContactMode, pushed_motion
 
 TRIANGLE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
@@ -48,14 +48,20 @@ def test_each_motion_is_that_of_the_scalar_model(rng):
                 assert MODES[found.modes[k, s]] is exact.mode
 
 
-def test_blocks_do_not_change_the_result(rng, monkeypatch):
+def test_what_is_computed_together_does_not_change_the_result(rng, monkeypatch):
     points, normals, velocities = random_pushes(TRIANGLE, 30, rng)
     weights = rng.dirichlet(np.ones(3), 4)
     support_points = TRIANGLE.vertices / 2 + 0.02
     mu_c = np.full(4, 0.4)
     whole = motions(support_points, weights, mu_c, points, normals, velocities)
+    for k in range(30):
+        for s in range(4):
+            alone = motions(support_points, weights[[s]], mu_c[[s]], points[[k]], normals[[k]], velocities[[k]])
+            assert alone == Motions(*(array[k, s][None, None] for array in whole))
+    twists = np.column_stack((velocities, rng.normal(size=30)))
+    margins = holding_margins(support_points, weights, mu_c, points, normals, np.full(30, 0.01), twists, 0.05)
     monkeypatch.setattr(quasi_static, "BLOCK", 7)
-    assert motions(support_points, weights, mu_c, points, normals, velocities) == whole
+    assert (holding_margins(support_points, weights, mu_c, points, normals, np.full(30, 0.01), twists, 0.05) == margins).all()
 
 
 def test_a_tip_that_leaves_the_object_does_not_move_it():

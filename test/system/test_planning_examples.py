@@ -118,14 +118,23 @@ def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
     del sys.modules["randomised_mujoco"]
 
 
-def test_the_planner_brings_the_object_nearer(push_to_pose, monkeypatch, tmp_path):
-    small = {"STROKES": 2, "CANDIDATES": 16, "ROUNDS": 2, "STEP": 0.015, "REFINEMENTS": (0.05,), "FEWEST": 1}
+def test_the_planner_brings_the_object_nearer(push_to_pose, ros, monkeypatch, tmp_path):
+    small = {"STROKES": 2, "LEARNING": 4, "CANDIDATES": 40, "REFINEMENTS": (0.1, 0.03), "FARTHEST": (0.03, 0.03, 0.3)}
     for name, value in small.items():
         monkeypatch.setattr(push_to_pose, name, value)
-    courses = push_to_pose.run([0])
+    given = {"object": push_to_pose.NAME, "source": "observations"}
+    parameters = [Parameter(name, value=value) for name, value in given.items()]
+    planners = [PlannerNode(namespace=f"/{name}") for name in push_to_pose.TOLD]
+    ros.compose(EstimatorNode(namespace="/learned", parameter_overrides=parameters), *planners)
+    nodes = {name: Node("push_to_pose", namespace=f"/{name}") for name in push_to_pose.TOLD}
+    cells = {name: push_to_pose.Cell(node, push_to_pose.NAME, 0.015) for name, node in nodes.items()}
+    courses = push_to_pose.run(cells, [0])
+    for node in nodes.values():
+        node.destroy_node()
     assert list(courses) == ["learned", "uniform", "wrong"]
     for (course,) in courses.values():
         assert course.poses[0] == courses["wrong"][0].poses[0]
         assert course.errors[-1] < 0.8 * course.errors[0]
+    assert courses["learned"][0].poses[-1] != courses["uniform"][0].poses[-1] != courses["wrong"][0].poses[-1]
     push_to_pose.draw(courses, str(tmp_path / "errors.png"))
     assert (tmp_path / "errors.png").stat().st_size > 1000

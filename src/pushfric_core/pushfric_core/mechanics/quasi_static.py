@@ -6,6 +6,7 @@ needs a force outside the friction cone, the tip slides: the force lies on the c
 the same work, the object takes the one that dissipates least.
 """
 
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -13,28 +14,29 @@ import numpy.typing as npt
 
 from pushfric_core.errors import SolverFailed
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, as_array, cross, left_of
+from pushfric_core.geometry.planar import Array, Indices, as_array, cross, left_of
 from pushfric_core.geometry.support import check_points
-from pushfric_core.mechanics.damped_newton import Step, minimized
+from pushfric_core.mechanics import least_dissipation
+from pushfric_core.mechanics.least_dissipation import ENDLESS, WEDGED
+from pushfric_core.mechanics.least_dissipation import FREE as FREE
+from pushfric_core.mechanics.least_dissipation import SLIDING as SLIDING
+from pushfric_core.mechanics.least_dissipation import STICKING as STICKING
 from pushfric_core.mechanics.simulation import ITERATIONS, STILL, ContactMode
 from pushfric_core.records import comparable
 
 MODES = (ContactMode.FREE, ContactMode.STICKING, ContactMode.SLIDING)
-"""What the numbers in `Motions.modes` stand for."""
-
-FREE, STICKING, SLIDING = range(len(MODES))
+"""What the numbers in `Motions.modes` stand for: FREE, STICKING and SLIDING."""
 
 BLOCK = 65_536
-"""Numbers in an array of the innermost loops: few enough to stay in the cache, and many for the calls that some rows need."""
-
-BISECTIONS = 100
-"""Bound on the steps of a search on a line; about ten are usual."""
-
-NARROW = 1e-12
-"""The search on a line ends when its bracket has shrunk to this fraction of the first one."""
+"""Numbers in an array of a loop: few enough to stay in the cache, and many for the calls that they need."""
 
 SUM = 1e-6
 """The sum of weights may differ from 1 by this much."""
+
+if least_dissipation.__file__.endswith(".py"):
+    logging.getLogger(__name__).warning(
+        "predictions are not compiled, and a hundred times slower: install a C compiler and Cython 3, then pushfric_core again"
+    )
 
 
 @comparable
@@ -73,18 +75,21 @@ def motions(
     contacts, normals, velocities = _rows(len(mu_c), contact_points, contact_normals, tip_velocities)
     count = len(contacts) // len(mu_c)
     samples = np.tile(np.arange(len(mu_c)), count)
-    moved = motions_of_rows(points, weights[samples], mu_c[samples], contacts, normals, velocities)
+    moved = motions_of_rows(points, weights, mu_c, samples, contacts, normals, velocities)
     shape = (count, len(mu_c))
     return Motions(moved.twists.reshape(*shape, 3), moved.modes.reshape(shape), moved.forces.reshape(*shape, 2))
 
 
-def motions_of_rows(points: Array, weights: Array, mu_c: Array, contacts: Array, normals: Array, velocities: Array) -> Motions:
-    """As `motions`, for r pushes with a friction distribution each; the arguments are not checked.
+def motions_of_rows(
+    points: Array, weights: Array, mu_c: Array, samples: Indices, contacts: Array, normals: Array, velocities: Array
+) -> Motions:
+    """As `motions`, for r pushes with a sample each; the arguments are not checked.
 
     Args:
         points: (n, 2).
-        weights: (r, n).
-        mu_c: (r,).
+        weights: (s, n).
+        mu_c: (s,).
+        samples: (r,) rows of weights and mu_c.
         contacts: (r, 2).
         normals: (r, 2).
         velocities: (r, 2).
@@ -93,15 +98,9 @@ def motions_of_rows(points: Array, weights: Array, mu_c: Array, contacts: Array,
     Raises:
         SolverFailed: a motion did not converge.
     """
-    twists, forces = np.zeros((len(contacts), 3)), np.zeros((len(contacts), 2))
-    modes = np.full(len(contacts), FREE, dtype=np.int8)
-    pushing = np.flatnonzero(np.sum(velocities * normals, axis=1) < 0)
-    step = max(1, BLOCK // len(points))
-    for start in range(0, len(pushing), step):
-        rows = pushing[start : start + step]
-        twists[rows], modes[rows], forces[rows] = _pushed(
-            points, weights[rows], mu_c[rows], contacts[rows], normals[rows], velocities[rows]
-        )
+    twists, modes, forces = np.zeros((len(samples), 3)), np.zeros(len(samples), np.int8), np.zeros((len(samples), 2))
+    contact, rows = least_dissipation.Contact(points, weights), (contacts, normals, velocities)
+    _check(least_dissipation.push_each(contact, mu_c, samples, *rows, ITERATIONS, twists, modes, forces))
     return Motions(twists, modes, forces)
 
 
@@ -124,17 +123,8 @@ def motion_cones(
     count = len(contacts) // len(mu_c)
     samples = np.tile(np.arange(len(mu_c)), count)
     cones = np.empty((len(contacts), 2, 3))
-    step = max(1, BLOCK // len(points))
-    for start in range(0, len(contacts), step):
-        rows = slice(start, start + step)
-        arms = points - contacts[rows, None]
-        for side, sign in enumerate((-1.0, 1.0)):
-            edges = -normals[rows] + (sign * mu_c[samples[rows]])[:, None] * tangent(normals[rows])
-            edges /= np.linalg.norm(edges, axis=1)[:, None]
-            slip, omega, _ = _sliding(weights[samples[rows]], arms, edges)
-            moved = edges + slip[:, None] * left_of(edges)
-            origin = moved - omega[:, None] * left_of(contacts[rows])
-            cones[rows, side] = np.column_stack((origin, omega)) / np.linalg.norm(moved, axis=1)[:, None]
+    contact = least_dissipation.Contact(points, weights)
+    _check(least_dissipation.cone_each(contact, mu_c, samples, contacts, normals, ITERATIONS, cones))
     return cones.reshape(count, len(mu_c), 2, 3)
 
 
@@ -211,7 +201,7 @@ def _samples(support_points: npt.ArrayLike, weights: npt.ArrayLike, mu_c: npt.Ar
     if not ((mu_c >= 0) & np.isfinite(mu_c)).all():
         raise ValueError(f"mu_c must be at least 0 and finite, got {mu_c.min():g} to {mu_c.max():g}")
     bearing = (weights > 0).any(axis=0)
-    return points[bearing], weights[:, bearing], mu_c
+    return points[bearing], as_array(weights[:, bearing]), mu_c
 
 
 def _rows(samples: int, *arrays: npt.ArrayLike) -> list[Array]:
@@ -229,129 +219,8 @@ def _rows(samples: int, *arrays: npt.ArrayLike) -> list[Array]:
     return [array.reshape(-1, 2) for array in wide]
 
 
-def _pushed(
-    points: Array, weights: Array, mu_c: Array, contacts: Array, normals: Array, velocities: Array
-) -> tuple[Array, npt.NDArray[np.int8], Array]:
-    """Twists (r, 3), modes (r,) and forces (r, 2) of tips that move into the object."""
-    arms = points - contacts[:, None]  # (r, n, 2)
-    speeds = np.linalg.norm(velocities, axis=1)
-    directions = velocities / speeds[:, None]
-    omegas, forces = _sticking(weights, arms, directions)
-    at_contact = np.column_stack((velocities, omegas * speeds))
-    modes = np.full(len(contacts), STICKING, dtype=np.int8)
-
-    along = tangent(normals)
-    shear, pressure = np.sum(forces * along, axis=1), -np.sum(forces * normals, axis=1)
-    slips = np.flatnonzero(np.abs(shear) > mu_c * pressure)
-    if len(slips):
-        # sticking would need a force outside the friction cone: this is the cone's edge on that side
-        edges = -normals[slips] + (np.sign(shear[slips]) * mu_c[slips])[:, None] * along[slips]
-        edges /= np.linalg.norm(edges, axis=1)[:, None]
-        slip, omega, forces[slips] = _sliding(weights[slips], arms[slips], edges)
-        moved = edges + slip[:, None] * left_of(edges)
-        inward = -np.sum(moved * normals[slips], axis=1)
-        if not (inward > 0).all():
-            raise SolverFailed("no sliding motion keeps the tip in contact")
-        scale = -np.sum(velocities[slips] * normals[slips], axis=1) / inward
-        at_contact[slips] = np.column_stack((moved, omega)) * scale[:, None]
-        modes[slips] = SLIDING
-    origin = at_contact[:, :2] - at_contact[:, 2:] * left_of(contacts)
-    return np.column_stack((origin, at_contact[:, 2])), modes, forces
-
-
-def _sticking(weights: Array, arms: Array, velocities: Array) -> tuple[Array, Array]:
-    """The rotations (r,) about the contacts that dissipate least, and the forces (r, 2), of contacts with unit velocities.
-
-    Newton's method on the moment about the contact, which grows with the rotation. If a step leaves the bracket, or is more
-    than half as long as the last one, the bracket is halved instead.
-
-    Args:
-        weights: (r, n).
-        arms: (r, n, 2) from the contacts to the support points [m].
-        velocities: (r, 2) unit vectors.
-    """
-    squares = np.sum(arms**2, axis=2)
-    works = np.asarray(cross(arms, velocities[:, None]))  # v . (-y, x) of each arm
-    # at these rotations, each support by itself moves slowest
-    own = np.where((squares > 0) & (weights > 0), -works / np.maximum(squares, LEAST_DIVISOR), np.nan)
-    with np.errstate(all="ignore"):
-        low = np.fmin.reduce(own, axis=1, initial=np.nan)
-        high = np.fmax.reduce(own, axis=1, initial=np.nan)
-    low, high = np.nan_to_num(low), np.nan_to_num(high)  # all the weight at the contact: it does not rotate
-    omegas = (low + high) / 2
-    narrow = NARROW * (high - low)
-    last = high - low
-    going = np.flatnonzero(high > low)
-    w, work, square = weights[going], works[going], squares[going]
-    low, high, omega, last, narrow = (array[going] for array in (low, high, omegas, last, narrow))
-    for _ in range(BISECTIONS):
-        if not len(going):
-            break
-        slope = work + omega[:, None] * square
-        speed = np.sqrt(1 + STILL**2 + omega[:, None] * (work + slope))
-        share = w / speed
-        moment = np.sum(share * slope, axis=1)
-        stiffness = np.sum(share * (square - (slope / speed) ** 2), axis=1)
-        above = moment > 0
-        high, low = np.where(above, omega, high), np.where(above, low, omega)
-        newton = omega - moment / np.maximum(stiffness, LEAST_DIVISOR)
-        usable = (newton > low) & (newton < high)
-        # near a support that almost stands still, Newton's steps are short and hardly shrink
-        usable &= np.abs(newton - omega) <= last / 2
-        following = np.where(usable, newton, (low + high) / 2)
-        last, omega = np.abs(following - omega), following
-        goes_on = (last > narrow) & (high - low > narrow)
-        if not goes_on.all():
-            omegas[going] = omega
-            going, w, work, square = going[goes_on], w[goes_on], work[goes_on], square[goes_on]
-            low, high, omega, last, narrow = (array[goes_on] for array in (low, high, omega, last, narrow))
-    omegas[going] = omega
-    turn = omegas[:, None]
-    speed = np.sqrt(1 + STILL**2 + turn * (2 * works + turn * squares))
-    share = weights / speed
-    turning = np.einsum("rn,rnd->rd", share, left_of(arms))
-    return omegas, share.sum(axis=1)[:, None] * velocities + turn * turning
-
-
-def _sliding(weights: Array, arms: Array, edges: Array) -> tuple[Array, Array, Array]:
-    """For contacts pushed along unit forces: velocity across the force per velocity along it (r,), rotation (r,), force (r, 2).
-
-    A damped Newton method on the dissipation, a convex function of the first two.
-
-    Args:
-        weights: (r, n).
-        arms: (r, n, 2) from the contacts to the support points [m].
-        edges: (r, 2) unit forces.
-    """
-    lever = np.asarray(cross(arms, edges[:, None]))  # what a unit of rotation adds along the force
-    reach = np.sum(arms * edges[:, None], axis=2)  # and across it
-    squares = lever**2 + reach**2
-    trace = 1e-9 * np.array((np.full(len(edges), arms.shape[1]), squares.sum(axis=1))).T
-
-    def speeds_at(rows: Indices, u: Array) -> tuple[Array, Array, Array]:
-        ahead, across = 1 + u[:, 1:] * lever[rows], u[:, :1] + u[:, 1:] * reach[rows]
-        return ahead, across, np.sqrt(ahead**2 + across**2 + STILL**2)
-
-    def newton(rows: Indices, u: Array) -> Step:
-        w = weights[rows]
-        ahead, across, speed = speeds_at(rows, u)
-        share = w / speed
-        growth = ahead * lever[rows] + across * reach[rows]
-        bend = share / speed**2
-        gradient = np.column_stack((np.sum(share * across, axis=1), np.sum(share * growth, axis=1)))
-        a = np.sum(share - bend * across**2, axis=1) + trace[rows, 0]
-        b = np.sum(share * reach[rows] - bend * across * growth, axis=1)
-        c = np.sum(share * squares[rows] - bend * growth**2, axis=1) + trace[rows, 1]
-        determinant = a * c - b * b
-        step = np.column_stack((b * gradient[:, 1] - c * gradient[:, 0], b * gradient[:, 0] - a * gradient[:, 1]))
-        step /= determinant[:, None]
-        return Step(np.sum(w * speed, axis=1), step, -np.sum(gradient * step, axis=1))
-
-    def dissipation(rows: Indices, u: Array) -> Array:
-        return np.asarray(np.sum(weights[rows] * speeds_at(rows, u)[2], axis=1))
-
-    u = minimized(np.zeros((len(edges), 2)), newton, dissipation, ITERATIONS)
-    ahead, across, speed = speeds_at(np.arange(len(edges)), u)
-    share = weights / speed
-    force = np.sum(share * ahead, axis=1)[:, None] * edges + np.sum(share * across, axis=1)[:, None] * left_of(edges)
-    return u[:, 0], u[:, 1], force
+def _check(outcome: int) -> None:
+    if outcome == ENDLESS:
+        raise SolverFailed(f"the motion did not converge; most steps allowed: {ITERATIONS}")
+    if outcome == WEDGED:
+        raise SolverFailed("no sliding motion keeps the tip in contact")

@@ -154,8 +154,9 @@ class _Motion:
         support_points, w, mu_c = self._friction
         twists[met], modes[met] = quasi_static.motions_of_rows(
             support_points,
-            w[self._samples[met]],
-            mu_c[self._samples[met]],
+            w,
+            mu_c,
+            self._samples[met],
             touches.points[met],
             touches.normals[met],
             directions[met],

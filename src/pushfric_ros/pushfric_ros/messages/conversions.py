@@ -442,7 +442,9 @@ def _as_many(names: str, *arrays: np.ndarray) -> None:
 
 
 def _twist(row: Sequence[float]) -> TwistMsg:
-    return TwistMsg(linear=_vector(row[:2]), angular=Vector3(z=row[2]))
+    twist = TwistMsg()  # as with arguments, in half the time
+    twist.linear.x, twist.linear.y, twist.angular.z = row
+    return twist
 
 
 def _point(xy: Sequence[float] | np.ndarray) -> Point:
