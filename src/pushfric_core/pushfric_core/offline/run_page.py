@@ -87,10 +87,11 @@ def _cards(figures: dict[str, Any]) -> list[Cell]:
     else:
         low, high = mu["interval"]
         friction = Cell(number(mu["value"]), "contact friction mu_c", spread=f"{number(low)} to {number(high)} with 90 %")
+    solved = f"{figures['status']}, gap {1e3 * figures['gap']:.0e} mm"
     return [
         Cell(f"({number(x)}, {number(y)}) mm", "centre of friction p_CF", spread=trust),
         friction,
-        Cell(f"{number(1e3 * figures['objective'], 3)} mm", "fit error", spread=f"{figures['status']}, certified"),
+        Cell(f"{number(1e3 * figures['objective'], 3)} mm", "fit error", spread=solved),
         Cell(f"{figures['data_points']}", "observations", spread=f"of {counted(figures['pushes'], 'push', 'pushes')}"),
     ]
 
