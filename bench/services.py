@@ -74,9 +74,9 @@ def measure(progress: Callable[[str], None]) -> Figures:
     """Run the whole plan of the demo's cell once, and let many clients ask a planner.
 
     Returns:
-        By kind of push: "answers" to questions about one push, and about many ("answers_to_many"), and "estimates": {count,
-        p50_ms, p90_ms, p99_ms}; "heartbeat_gap_s": the longest. "crowd": {"at_once": number of answers to AT_ONCE calls;
-        "in_a_row": number of answers to CLIENTS x TIMES calls, "p50_ms", "p99_ms"}.
+        By kind of push: "answers" to questions about one push, and "estimates": {count, p50_ms, p90_ms, p99_ms}; the same of
+        answers about many ("answers_to_many"); and "heartbeat_gap_s": the longest. "crowd": {"at_once": number of answers to
+        AT_ONCE calls; "in_a_row": number of answers to CLIENTS x TIMES calls, "p50_ms", "p99_ms"}.
     """
     progress("answers while a cell pushes")
     planner = _Planner()
@@ -116,7 +116,7 @@ class _Planner:
         self._now: str | None = None  # kind of the present push
         self._busy = False  # MANY pushes are being answered
         self._answers: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [ms]
-        self._answers_to_many: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [ms]
+        self._answers_to_many: list[float] = []  # [ms]
         self._gaps: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [s]
         self._beat: int | None = None  # when the last heartbeat was published [ns]
 
@@ -140,8 +140,8 @@ class _Planner:
             if push != PusherState.NO_PUSH:
                 delays[_kind(push)].append((published - max(self._poses[newest], self._pusher_states[state])) / 1e6)
         return {
-            "answers": {kind: _spread(values) for kind, values in self._answers.items()},
-            "answers_to_many": {kind: _spread(values) for kind, values in self._answers_to_many.items()},
+            "answers": {kind: _spread(values) for kind, values in self._answers.items() if kind != "quiet"},
+            "answers_to_many": _spread(self._answers_to_many),
             "estimates": {kind: _spread(values) for kind, values in delays.items()},
             "heartbeat_gap_s": {kind: max(values, default=math.nan) for kind, values in self._gaps.items()},
         }
@@ -156,15 +156,15 @@ class _Planner:
             self._busy = True
             begin_many = time.perf_counter()
             many = self._greedy.call_async(self._many)
-            many.add_done_callback(lambda answer: self._on_answer_to_many(begin_many, kind, answer))
+            many.add_done_callback(lambda answer: self._on_answer_to_many(begin_many, answer))
 
     def _on_answer(self, begin: float, answers: list[float], answer: Future) -> None:
         if answer.result().success:  # there is no estimate before the first data point
             answers.append(1e3 * (time.perf_counter() - begin))
 
-    def _on_answer_to_many(self, begin: float, kind: str, answer: Future) -> None:
+    def _on_answer_to_many(self, begin: float, answer: Future) -> None:
         self._busy = False
-        self._on_answer(begin, self._answers_to_many[kind], answer)
+        self._on_answer(begin, self._answers_to_many, answer)
 
     def _on_heartbeat(self, msg: Heartbeat, info: dict[str, Any]) -> None:
         if not msg.node.endswith("/estimator"):

@@ -123,7 +123,8 @@ def test_a_push_slides_from_where_its_tip_begins_to():
     # more than errors usually are, and less than they can be
     unsure = replace(tip, slip=np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.0)), mismatch=1.5 * mismatch)
     assert np.isnan(unsure.directions[7:]).all()
-    assert unsure.slips == [Slip.STICKING] * 7 + [Slip.UNKNOWN] * 2
+    assert [list(Slip)[index] for index in unsure.slips] == [Slip.STICKING] * 7 + [Slip.UNKNOWN] * 2
+    assert [list(Slip)[index] for index in replace(tip, slip=-slip).slips[4:7]] == [Slip.RIGHT] * 3
 
 
 def test_sticking_pushes_bound_what_slides_say_from_below():

@@ -40,7 +40,7 @@ def test_strokes_are_predicted_and_predictions_are_exact(monkeypatch):
     assert figures["predictions"]["count"] == 800
     assert 0 < figures["predictions"]["largest_difference"] < 1e-3
     targets = list(planning.verdicts(figures))
-    assert [target.asked for target in targets] == ["<= 1", "<= 0.5", "<= 1", "<= 0.001"]
+    assert [target.asked for target in targets] == ["<= 1", "<= 0.5", "<= 0.2", "<= 0.001"]
     assert targets[-1].met
     shown = list(display.plain_tables("planning", figures))
     assert [(table.title, table.row_count) for table in shown] == [("planning", 3), ("planning: strokes", 1)]

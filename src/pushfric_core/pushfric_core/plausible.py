@@ -42,7 +42,10 @@ def check_within(what: str, values: Iterable[float], most: float, unit: str) -> 
         ValueError: one is not finite, or its absolute value is larger than `most`.
     """
     numbers = tuple(map(float, values))
-    if all(abs(number) <= most for number in numbers):
+    for number in numbers:
+        if not abs(number) <= most:
+            break
+    else:
         return
     got = f"{numbers[0]:g}" if len(numbers) == 1 else f"{numbers}"
     if not all(map(math.isfinite, numbers)):

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from pushfric_core.bags.constants import constants
 from pushfric_core.bags.contents import BagMessage
 from pushfric_core.bags.samples import observation_from_msg
@@ -208,7 +206,7 @@ def _alike(one: Observation, other: Observation) -> bool:
     """Whether two observations have the same contact, normal, motion and tip, as far as both were recorded."""
     for name in ("contact_point", "contact_normal", "twist", "tip_velocity"):
         a, b = getattr(one, name), getattr(other, name)
-        if a is not None and b is not None and not np.allclose(a, b, rtol=0, atol=SAME):
+        if a is not None and b is not None and any(abs(x - y) > SAME for x, y in zip(a, b, strict=True)):
             return False
     return True
 

@@ -6,7 +6,7 @@ from rich.console import Console
 
 from pushfric_core.commands.console import console
 from pushfric_core.commands.json_option import STDOUT, write_json
-from pushfric_core.estimation.estimate_report import center_line, contact_friction_line
+from pushfric_core.estimation.estimate_report import center_line, contact_friction_line, posterior_line
 from pushfric_core.report.ledger import events, table
 from pushfric_core.report.report import to_json
 from pushfric_core.solvers.program import Loss
@@ -28,6 +28,8 @@ def print_result(figures: dict[str, Any], json: str | None, loss: Loss) -> None:
     mu = figures["mu_c"]
     output = Console(highlight=False, soft_wrap=True)
     output.print(center_line(figures))
+    if "posterior" in figures:
+        output.print(posterior_line(figures))
     output.print(contact_friction_line(figures))
     if "total_friction" in figures:
         output.print(f"total  {figures['total_friction']:.3f} N of support friction")

@@ -12,6 +12,7 @@ from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers.program import Status
 from pushfric_core.uncertainty.contact_friction import MuC, Slip
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
+from pushfric_core.uncertainty.posterior import Posterior
 from pushfric_core.uncertainty.reasons import Reason
 
 if TYPE_CHECKING:
@@ -50,15 +51,15 @@ class FrictionReport(NamedTuple):
         """The report on an estimate, O(M) for M observations; `slipping` as for `EstimateReport.of`."""
         bounds = estimate.contact_friction
         slid = bounds[np.asarray(slipping)] if any(slipping) else None
-        slips = () if estimate.tip is None else estimate.tip.slips
+        slips = np.empty(0, int) if estimate.tip is None else estimate.tip.slips
         return cls(
             estimate.data_points,
             estimate.mu_c_p90,
             estimate.mu_c_max,
             histogram(bounds).tolist(),
             None if slid is None else (float(slid.min()), float(slid.max())),
-            () if estimate.tip is None else [slips.count(state) for state in Slip],
-            slips[-1] if slips else Slip.UNKNOWN,
+            () if estimate.tip is None else np.bincount(slips, minlength=len(Slip)).tolist(),
+            list(Slip)[slips[-1]] if len(slips) else Slip.UNKNOWN,
             estimate.mu_c,
         )
 
@@ -95,6 +96,7 @@ class EstimateReport:
     notes: Sequence[Reason] = ()
     rejected: Sequence[Rejected] = ()
     change: Change | None = None  # of the object
+    posterior: Posterior | None = None  # None: not asked for, or there is none
 
     @classmethod
     def of(
@@ -104,6 +106,7 @@ class EstimateReport:
         slipping: Sequence[bool] = (),
         verdict: Verdict | None = None,
         friction: FrictionReport | None = None,
+        posterior: bool = False,
     ) -> "EstimateReport":
         """The report on an estimate.
 
@@ -113,6 +116,7 @@ class EstimateReport:
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
             verdict: on its input; None: not judged.
             friction: what is said of mu_c; None: what this estimate says.
+            posterior: whether to sample it, which takes about a second.
         """
         solution, spread, verdict = estimate.solution, estimate.spread, verdict or Verdict()
         return cls(
@@ -135,6 +139,7 @@ class EstimateReport:
             verdict.notes,
             verdict.rejected,
             verdict.change,
+            estimate.posterior if posterior else None,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -164,6 +169,16 @@ class EstimateReport:
             figures["w_intervals"] = self.spread.intervals.tolist()
             center = (self.spread.middle @ self.support_points).tolist()
             figures["middle"] = {"w": self.spread.middle.tolist(), "center_of_friction": center}
+        if self.posterior is not None:
+            figures["posterior"] = {
+                "center_of_friction": self.posterior.center_of_friction.tolist(),
+                "center_of_friction_covariance": self.posterior.covariance.tolist(),
+                "confidence": self.posterior.radius,
+                "w": self.posterior.w.tolist(),
+                "feet": self.posterior.feet,
+                "area": self.posterior.area,
+                "data_points": self.posterior.data_points,
+            }
         if (mu_c := friction.mu_c) is not None:
             figures["mu_c"] |= {"value": mu_c.value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind.value}
         if friction.slips:
@@ -181,6 +196,14 @@ def center_line(figures: dict[str, Any]) -> str:
     x, y = (1e3 * value for value in figures["center_of_friction"])
     trust = f", within {figures['confidence'] * 1e3:.2f} mm with 90 % probability" if "confidence" in figures else ""
     return f"p_CF   ({x:.2f}, {y:.2f}) mm{trust}"
+
+
+def posterior_line(figures: dict[str, Any]) -> str:
+    """The posterior in words, from what `EstimateReport.to_dict` gives."""
+    found = figures["posterior"]
+    x, y = (1e3 * value for value in found["center_of_friction"])
+    within = f"within {found['confidence'] * 1e3:.2f} mm with 90 % probability"
+    return f"sampled ({x:.2f}, {y:.2f}) mm, {within}; {100 * found['area']:.0f} % on an area, and {found['feet']:.1f} feet"
 
 
 def contact_friction_line(figures: dict[str, Any]) -> str:

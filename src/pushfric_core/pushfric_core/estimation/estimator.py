@@ -320,10 +320,10 @@ class Estimator:
         bad = {push_id: what for push_id, what in rejection.look().items() if push_id not in self._kept}
         for push_id in sorted(bad.keys() - self._rejected.keys()):
             self._take_out(push_id)
-        back = self._rejected.keys() - bad.keys()
-        for observation in self._seen:
-            if observation.push_id in back:
-                self._append(observation, self._forces(observation))
+        if back := self._rejected.keys() - bad.keys():
+            for observation in self._seen:
+                if observation.push_id in back:
+                    self._append(observation, self._forces(observation))
         self._rejected = bad
 
     def _append(self, observation: Observation, forces: SupportForces) -> None:
@@ -430,9 +430,9 @@ class Estimator:
         reach[:, 1] = most.diagonal()
         reach[bearing, 0] = least[np.arange(len(bearing)), bearing]
         if solution.objective > NOISELESS * worst:
-            group_pushes = np.fromiter((one.push_id for one in self._observations.values()), dtype=np.int64, count=count)
             places = np.empty(self._next, dtype=np.int64)
-            places[list(self._observations)] = np.arange(count)
+            places[np.fromiter(self._observations, dtype=np.int64, count=count)] = np.arange(count)
+            group_pushes = self._contacts.tip.push.astype(np.int64)
             factors = effects(rows, places[program.row_groups()], group_pushes, extremes, solution.scale, delta)
         else:  # the set is that of the optima
             factors = np.full(4, 1 / ELLIPSE)

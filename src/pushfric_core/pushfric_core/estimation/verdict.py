@@ -245,7 +245,8 @@ class _Lines:
     """The lines along which contacts moved: p_CF lies on the side of each to which the object turned (Mason's theorem 2)."""
 
     def __init__(self) -> None:
-        self._kept: list[tuple[int, tuple[float, ...]]] = []  # a heap: the checksum, negated; contact, unit direction, push
+        self._kept: list[tuple[int, tuple[float, ...], int]] = []  # a heap: the checksum, negated; the line; its row
+        self._rows = np.empty((LINES, 5))  # contact, unit direction, push
 
     def add(self, observation: Observation) -> None:
         """Take the line of an observation, with p_CF on its left. One without a turn or a line has none."""
@@ -255,14 +256,19 @@ class _Lines:
             return
         line = (*observation.contact_point, vx / speed, vy / speed, float(observation.push_id))
         ranked = -zlib.crc32(struct.pack("5d", *line)), line
-        if len(self._kept) < LINES:
-            heapq.heappush(self._kept, ranked)
+        row = len(self._kept)
+        if row < LINES:
+            heapq.heappush(self._kept, (*ranked, row))
+        elif ranked > self._kept[0][:2]:  # the lines with the lowest checksums stay
+            row = self._kept[0][2]
+            heapq.heapreplace(self._kept, (*ranked, row))
         else:
-            heapq.heappushpop(self._kept, ranked)  # the lines with the lowest checksums stay
+            return
+        self._rows[row] = line
 
     def sides(self, point: Array) -> tuple[Array, Array]:
         """How far a point (2,) lies on the side of each line where p_CF must be [m], and the push of each line."""
-        lines = np.array([line for _, line in self._kept]).reshape(-1, 5)
+        lines = self._rows[: len(self._kept)]
         return cross(lines[:, 2:4], point - lines[:, :2]), lines[:, 4].astype(int)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import Array, Pose, as_array, inverse, left_of, rotation, transform
+from pushfric_core.geometry.planar import Array, Pose, as_array, left_of, rotation
 
 
 class PushingLine(NamedTuple):
@@ -33,9 +33,9 @@ class PushingLine(NamedTuple):
 
         `distance` is the stroke position at that moment; point and normal are in the object frame.
         """
-        start = transform(inverse(pose), self.origin)
-        direction = rotation(-pose.theta) @ as_array(self.direction)
-        return outline.first_touch(start, direction, self.tip_radius)
+        back = rotation(-pose.theta)  # `transform` by the inverse of the pose, and the direction turned back by it
+        start = as_array(self.origin) @ back.T - back @ (pose.x, pose.y)
+        return outline.first_touch(start, back @ as_array(self.direction), self.tip_radius)
 
 
 def pushing_line(origin: Sequence[float], direction: Sequence[float], tip_radius: float) -> PushingLine:

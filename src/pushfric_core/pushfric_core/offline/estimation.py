@@ -53,10 +53,10 @@ class Estimation(NamedTuple):
         """The last estimate."""
         return self.course[-1]
 
-    def figures(self) -> dict[str, Any]:
-        """All numbers, as the command line's JSON names them."""
+    def figures(self, posterior: bool = False) -> dict[str, Any]:
+        """All numbers, as the command line's JSON names them; with those of the posterior, which takes about a second."""
         slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
-        figures = EstimateReport.of(self.result, self.model.name, slipping, self.verdict).to_dict()
+        figures = EstimateReport.of(self.result, self.model.name, slipping, self.verdict, posterior=posterior).to_dict()
         if self.refined is not None:
             solution = self.refined.solution
             figures["refined"] = {

@@ -328,7 +328,8 @@ class Simplex:
     def rows(self) -> ConstraintRows:
         """The present rows, in order of arrival; O(M)."""
         rows = self._rows.part(slice(self._count))
-        rows = rows.part(rows.scale > 0)
+        if not (present := rows.scale > 0).all():
+            rows = rows.part(present)
         scale = rows.scale[:, None]
         return ConstraintRows(rows.a * scale, *(rows.cost / scale).T)
 

@@ -38,6 +38,9 @@ LEAST_ERROR = 1e-3
 TOGETHER = 10_000
 """Bounds are computed for several w at once up to this number of them; more take longer together, and more memory."""
 
+BLOCK = 4096
+"""Contacts whose bounds are computed together."""
+
 CONFIDENT = 1.645
 """Standard deviations on either side that hold 90 % of a normal distribution."""
 
@@ -67,8 +70,7 @@ def lower_bounds(forces: ContactForces, weights: Array) -> Array:
         forces: at m contacts.
         weights: (n,) estimate of w, or (k, n) several of them: then the result is (k, m).
     """
-    # one product for each w: a product of matrices would have other last bits
-    normal, along, free = (np.stack([part @ w for w in np.atleast_2d(weights)]) for part in forces)
+    normal, along, free = (_products(part, np.atleast_2d(weights)) for part in forces)
     along = np.abs(along)
     with np.errstate(divide="ignore", invalid="ignore"):
         bounds = np.where(normal > 0, along / normal, math.inf)
@@ -78,6 +80,19 @@ def lower_bounds(forces: ContactForces, weights: Array) -> Array:
         eta = np.maximum(np.arctan2(along, normal) - turn, 0.0)
         bounds = np.where(free > 0, np.where(eta < math.pi / 2, np.tan(eta), math.inf), bounds)
     return np.asarray(bounds if np.ndim(weights) > 1 else bounds[0])
+
+
+def _products(part: Array, weights: Array) -> Array:
+    """(k, m) of rows (m, n) with each of some w (k, n), some rows at a time, which stay in the cache.
+
+    One product for each w: a product of matrices would have other last bits.
+    """
+    found = np.empty((len(weights), len(part)))
+    for first in range(0, len(part), BLOCK):
+        rows = slice(first, first + BLOCK)
+        for w, products in zip(weights, found, strict=True):
+            np.dot(part[rows], w, out=products[rows])
+    return found
 
 
 def percentile(bounds: Array, share: float) -> float:
@@ -163,10 +178,9 @@ class Tip:
         return directions
 
     @property
-    def slips(self) -> list[Slip]:
-        """How the tip moves in each of the m data points."""
-        states = {0.0: Slip.STICKING, 1.0: Slip.LEFT, -1.0: Slip.RIGHT}
-        return [states.get(direction, Slip.UNKNOWN) for direction in self.directions.tolist()]
+    def slips(self) -> npt.NDArray[np.intp]:
+        """How the tip moves in each of the m data points, as an index of `Slip`."""
+        return np.nan_to_num(self.directions % 3 + 1).astype(int)  # NaN, 0, 1 and -1 in the order of Slip
 
 
 class MuC(NamedTuple):
