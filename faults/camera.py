@@ -175,7 +175,8 @@ def run(fault: str, folder: pathlib.Path) -> None:
         thread = threading.Thread(target=spin)
         thread.start()
         try:
-            ended, _ = watch(console, specs, NAMESPACE, fault, live=False, unfinished=lambda _: None, recorded=folder / "bag")
+            told = {"live": False, "unfinished": lambda _: None, "prompts": True}
+            ended, _ = watch(console, specs, NAMESPACE, fault, recorded=folder / "bag", **told)
         finally:
             over.set()
             thread.join()

@@ -57,9 +57,8 @@ setup(
     ext_modules=compiled(),
     package_data={
         "pushfric_core": ["py.typed"],
-        "": ["*.pxd"],
+        "": ["*.pxd", "*.html.j2"],
         "pushfric_core.bags": ["msg/*.msg"],
-        "pushfric_core.paper": ["report.html.j2"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),

@@ -28,6 +28,8 @@ from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.view import ViewNode
 
+AXE = pathlib.Path(__file__).parents[1] / "node_modules/axe-core/axe.min.js"
+
 PATIENCE = 120.0  # [s]
 OBJECT = "wood_rect4"
 STROKE = 0.05  # of each push [m]
@@ -147,6 +149,34 @@ def test_a_phone_shows_it_without_scrolling_sideways(browser, url, scheme):
         expect(page.locator("#stop")).to_be_in_viewport()
 
 
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, scheme, width):
+    """Contrast, names and roles, by the rules of axe-core."""
+    if not AXE.exists():
+        pytest.skip("no axe-core: npm install --no-package-lock --prefix test brings it")
+    with visit(browser, url, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        first_row(page)
+        page.locator("#nodes details").first.evaluate("details => { details.open = true; }")
+        page.evaluate(AXE.read_text())
+        found = page.evaluate("axe.run()")["violations"]
+    assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
+
+
+def test_the_slider_shows_what_was_known_after_each_push(browser, url):
+    with visit(browser, url) as page:
+        first = first_row(page)
+        expect(page.locator('#rows tr[data-push="1"] td').nth(2)).to_have_text(re.compile("[0-9]"))
+        page.locator("#moment").press("Home")
+        expect(page.locator("#moment_name")).to_have_text("after push 1")
+        expect(page.locator("#center")).to_contain_text(f"{first[2]}, {first[3]}")
+        expect(page.locator("#pushes")).to_have_text("of 1 push")
+        expect(page.locator("#drawing .weight")).not_to_have_count(0)
+        expect(page.locator("#drawing .tip")).to_have_count(0)
+        page.locator("#moment").press("End")
+        expect(page.locator("#moment_name")).to_have_text("now")
+
+
 def pushes(state: PusherState) -> bool:
     """Whether a push is under way, and has begun to move."""
     return state.push_id != PusherState.NO_PUSH and state.position > 0.002
@@ -171,7 +201,12 @@ def test_a_click_stops_a_push(browser, url, ros):
         assert {state.position for state in states[count:]} == {at_rest}
         page.locator("#reset").click()
         expect(page.locator("#answer")).to_contain_text("released")
-        ros.wait_for(lambda: states[-1].push_id > pushed, PATIENCE, "the next push")
+        expect(page.locator("#prompt")).to_contain_text("Repeat it, skip it, or end the run?")
+        expect(page.locator("#details")).to_contain_text("experiment/repeat")
+        page.locator("#repeat").click()
+        expect(page.locator("#answer")).to_contain_text("is repeated")
+        ros.wait_for(lambda: states[-1].push_id == pushed + PUSHES, PATIENCE, "the same push again")
+        expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"]')).to_contain_text(f"{pushed + 1} (again)")
 
 
 def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
@@ -186,7 +221,7 @@ def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url
     expect(page.locator("#stop")).to_be_enabled()
     expect(page.locator("#prompt")).to_have_attribute("role", "status")
     ros.wait_for(lambda: states and pushes(states[-1]), PATIENCE, "a push")
-    page.locator("#next").focus()
+    page.locator("#skip").focus()
     sockets[0][0].close()
     expect(page.locator("#connection")).to_contain_text(re.compile(r"no connection for \d+ s"))
     expect(page.locator("#stop")).to_be_enabled()
@@ -197,6 +232,10 @@ def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url
     with visit(browser, url) as other:
         other.locator("#reset").click()
         expect(other.locator("#answer")).to_contain_text("released")
+        expect(other.locator("#skip")).to_be_enabled()
+        expect(other.locator("#prompt")).to_contain_text("Repeat it")
+        other.locator("#skip").press("Enter")
+        expect(other.locator("#count")).to_contain_text("skipped")
 
 
 def test_a_push_is_excluded_and_another_given_up(browser, url):
@@ -204,13 +243,14 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
         page.locator("#rows tr").first.get_by_role("button").click()
         for one in (page, other):
             expect(one.locator("#rows tr").first).to_contain_text("excluded")
+            expect(one.locator("#rows tr").first.get_by_role("button")).to_have_text("Keep")
         expect(page.locator("#answer")).to_have_text(re.compile("^Exclude push 1: .* data points"))
         deadline = time.monotonic() + PATIENCE
-        while "is given up" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
+        while "is skipped" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
             assert time.monotonic() < deadline
             expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
-            with page.expect_response("**/next"):
-                page.locator("#next").click()
+            with page.expect_response("**/skip"):
+                page.locator("#skip").click()
 
 
 def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
@@ -331,9 +371,9 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
 def test_pictures_for_the_docs(browser, tmp_path):
     """The pictures of README and docs, from a whole demo: the page on a screen and on a phone, and what moves on it."""
     folder = pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
-    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", str(tmp_path / "bag"), "--view", "0"]
+    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", "runs/first", "--view", "0"]
     frames: list[Image.Image] = []
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as demo, contextlib.ExitStack() as visits:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as demo, contextlib.ExitStack() as visits:
         assert demo.stderr is not None
         url = next(line.split()[1] for line in demo.stderr if line.startswith("view: http"))
         threading.Thread(target=demo.stderr.read).start()  # so that it is never full

@@ -1,12 +1,16 @@
 """The whole graph as its user runs it: real processes, real middleware, one demo for all tests of this module."""
 
+import contextlib
 import json
 import os
 import pathlib
+import pty
 import re
 import signal
 import subprocess
 import sys
+import termios
+import urllib.request
 
 import numpy as np
 import pytest
@@ -119,6 +123,18 @@ def test_the_bag_gives_exactly_the_live_estimate_replayed(demo):
     assert json.loads(run.stdout) == {key: result[key] for key in KEYS}
 
 
+def test_the_images_of_the_bag_are_tracked_again(demo):
+    """Four images of each push; JPEG costs less than a tenth of a pixel."""
+    bag, _, _ = demo
+    run = pushfric("track", bag, "--json")
+    assert run.returncode == 0, run.stderr
+    found = json.loads(run.stdout)
+    assert found["compared"] >= 4 * 14
+    assert found["no_longer_seen"] == found["newly_seen"] == 0
+    assert found["distance"]["max"] < 6e-5
+    assert sum(file.stat().st_size for file in bag.glob("*.mcap")) < 15e6
+
+
 def test_a_bag_of_observations_alone_is_replayed_too(demo, tmp_path):
     bag, _, _ = demo
     csv = tmp_path / "data.csv"
@@ -132,6 +148,75 @@ def test_a_bag_of_observations_alone_is_replayed_too(demo, tmp_path):
     csv.write_text("\n".join(rows) + "\n")
     run = pushfric("estimate", csv, "--object", "rubber_rect4", "--json")
     assert json.loads(run.stdout)["w"] == demo[1]["w"]
+
+
+def asked(url: str, what: str) -> bool:
+    """Whether what a visitor of the page asks for is done."""
+    with urllib.request.urlopen(urllib.request.Request(url + what, method="POST"), timeout=60) as answer:
+        return json.loads(answer.read())["done"]
+
+
+def test_a_demo_that_a_person_stops_repeats_the_push_and_ends_properly(tmp_path):
+    bag = tmp_path / "bag"
+    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", bag, "--view", "127.0.0.1:0"]
+    with subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL) as demo:
+        said = []
+
+        def read(*until: str) -> str:
+            for line in demo.stderr:
+                said.append(line)
+                if any(words in line for words in until):
+                    return line
+            raise AssertionError("".join(said))
+
+        try:
+            url = read("view: http").split()[1]
+            read("push   1 ")  # the estimate after the first push
+            answer = ""
+            while "Repeat it" not in answer:  # a stop between two pushes aborts none
+                assert asked(url, "stop")
+                read("it was stopped: press Reset")
+                assert asked(url, "reset")
+                answer = read("Repeat it", "place the object")
+            assert asked(url, "repeat")
+            read("(again) of 14")
+            assert asked(url, "end")
+            said += demo.stderr
+        finally:
+            demo.send_signal(signal.SIGINT)
+    output = "".join(said)
+    assert demo.returncode == 0, output
+    assert "p_CF x [mm]" in output
+    assert (bag / "figure.png").exists()
+
+
+def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
+    ours, terminal = pty.openpty()
+    command = [sys.executable, "-m", "pushfric_core", "demo", "--bag", str(tmp_path / "bag")]
+    shown = ""
+    with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal) as demo:
+        os.close(terminal)
+
+        def read(until: str) -> None:
+            nonlocal shown
+            shown = ""
+            while until not in shown:
+                shown += os.read(ours, 65536).decode(errors="replace")
+
+        read("2/14")
+        assert not termios.tcgetattr(ours)[3] & termios.ECHO
+        os.write(ours, b" ")
+        read("nothing moves until a reset")
+        read("press Reset")
+        os.write(ours, b"r")
+        read("released")
+        os.write(ours, b"e")
+        read("the run ends")
+        with contextlib.suppress(OSError):  # the last process with this terminal has ended
+            read("never")
+    assert demo.returncode == 0, shown
+    assert "figure.png" in shown
+    os.close(ours)
 
 
 @pytest.fixture

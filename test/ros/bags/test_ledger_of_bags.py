@@ -195,3 +195,5 @@ def test_aborted_pushes_are_counted_against_the_plan():
         for phase, push_id, aborted in ((0, 4, 0), (1, 4, 0), (1, 5, 1), (2, 6, 2), (3, 13, 9)):
             monitor._on_progress(PlanProgress(phase=phase, push_id=push_id, count=14, aborted=aborted))
         assert (monitor.planned, monitor.aborted) == (10, 9)
+        monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PUSHING, push_id=14 + 3, count=14))
+        assert monitor.next_push == 4

@@ -29,7 +29,7 @@ def test_a_person_jogs_stops_and_resets(ros):
         assert controller.position() == pytest.approx(0.010)
         assert line(wait_for_idle()) == "idle at 10.000 mm, 0.00 mm/s"
         person.say_stop()
-        assert person.call("actuator/stop") == "stopped: nothing moves until actuator/reset is called"
+        assert person.call("actuator/stop") == "stopped: nothing moves until a reset"
         with pytest.raises(NoAnswer, match="the actuator refuses"):
             person.jog(0.010, 0.05)
         assert person.call("actuator/reset") == "released"

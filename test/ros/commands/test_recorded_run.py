@@ -25,7 +25,7 @@ def test_a_run_whose_plan_bag_and_estimate_agree_has_not_failed():
     [
         ("aborted", 2, "2 of 14 pushes were aborted"),
         ("phase", PlanProgress.PHASE_PUSHING, "the plan is not finished: it stood at push 14"),
-        ("push_id", 77, "no observation came from push 78"),
+        ("push_id", 77, "no observation came from push 8 (again)"),
     ],
 )
 def test_what_went_wrong_is_in_the_bag(monkeypatch, field, value, said):

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from pushfric_core.cell.cell_file import SECTIONS, driver_kinds, load_cell
+from pushfric_core.cell.node_settings import ImagesConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.files.object_file import load_object, read_points, save_object
@@ -320,6 +321,9 @@ def test_every_setting_of_a_cell_reaches_its_node(write):
     assert nodes["recorder"]["topics"][-1] == "tf tf2_msgs/msg/TFMessage reliable"
     for name, section in {"tracker": "camera", "actuator": "pusher", "experiment": "plan", "recorder": "recorder"}.items():
         kinds = [*SECTIONS[section], *driver_kinds(section, {"tracker": "contour"})]
+        if name == "recorder":  # the tracker chooses the images
+            kinds.remove(ImagesConfig)
+            assert nodes["tracker"]["images"] == "keyframes"
         assert {field.name for kind in kinds for field in dataclasses.fields(kind)} <= set(nodes[name])
 
 

@@ -48,8 +48,8 @@ MISSED = (
     r"( and said that its executor had hung for \d+\.\d\d s)?; {}(; the actuator itself stood still for \d+\.\d\d s)?"
 )
 UNKNOWN = "where the pusher stands is not known: "
-UNHOMED = UNKNOWN + "see that it is free to move, then call actuator/reset, which homes"
-UNVOUCHED = UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset"
+UNHOMED = UNKNOWN + "see that it is free to move, then reset, which homes"
+UNVOUCHED = UNKNOWN + "bring it to its home end, restart the controller, then reset"
 LINE = {
     "line_origin": [0.1, -0.2],
     "line_direction": [0.0, 2.0],
@@ -514,7 +514,7 @@ def test_the_button_stops_a_push_without_the_graph(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     assert press("/another_cell") is None
-    assert press(cell.node.get_namespace().strip("/")) == "stopped: nothing moves until actuator/reset is called"
+    assert press(cell.node.get_namespace().strip("/")) == "stopped: nothing moves until a reset"
     assert cell.result(handle).result.message == "somebody asked for a stop"
     rest = cell.comes_to_rest(controller)
     assert not cell.send().accepted

@@ -492,6 +492,29 @@ def test_a_bad_push_is_left_out_and_the_service_takes_it_back(ros):
     assert not estimates[-1].rejected
 
 
+def test_an_excluded_push_is_kept_as_if_it_had_never_been_out(ros):
+    """Also those of its data points that came while it was out; what is published is the same to the last bit."""
+    node, out, estimates = estimator_of_observations(ros)
+    settings = collect(ros, node, String, "estimator_settings", LATCHED)
+    for observation in DATA[:3]:
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: len(estimates) == 3, what="the estimates")
+    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
+    late = replace(DATA[1], stamp=DATA[3].stamp + 1)
+    for observation in (late, DATA[3]):
+        out.publish(observation_to_msg(observation, NAME))
+    ros.wait_for(lambda: estimates[-1].data_points == 3, what="the estimate with the last push")
+    answer = call(ros, node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=1))
+    assert (answer.success, answer.message) == (True, "kept: 5 data points of 4 pushes are in")
+    ros.wait_for(lambda: estimates[-1].data_points == 5, what="the estimate with the push")
+    expected = Estimator(load_object(NAME).support_points)
+    for observation in (*DATA[:3], late, DATA[3]):
+        model = expected.add(observation)
+    assert estimates[-1].objective == model.solution.objective
+    ros.wait_for(lambda: EstimatorSettings.from_text(settings[-1].data).kept == (1,), what="the settings")
+    assert EstimatorSettings.from_text(settings[-1].data).excluded == ()
+
+
 @pytest.mark.parametrize("wild", [PoseWithCovarianceStamped, PusherState])
 def test_a_wild_stamp_costs_one_message_live(ros, wild):
     """In the third of four pushes, a pose or a pusher state is stamped a day ahead; without it, the rest is as it was."""

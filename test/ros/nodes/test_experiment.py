@@ -30,6 +30,7 @@ from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
+from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
@@ -38,7 +39,7 @@ from pushfric_ros.nodes.experiment import ExperimentNode
 
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
-ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then press Reset"
 DISTANCE = 0.03
 """Length of a push [m]."""
 GAP = 0.005
@@ -76,7 +77,7 @@ class Table:
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
         self._node.create_timer(0.02, self._show)
         self.well = ["/cell/estimator"]
-        self.settled = 0 if parameters.get("choose") else 2**62  # what the estimator reports [ns]
+        self.settled = 0 if parameters.get("choose") else (2**31 - 1) * 10**9  # what the estimator reports [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08,
                  "still": STILL, "awaits": ["estimator"]}  # fmt: skip
@@ -154,6 +155,13 @@ class Table:
         self.ros.wait_for(answer.done, what=f"the answer of {service}")
         return answer.result().success
 
+    def choose(self, choice: str) -> None:
+        """Wait until a person is asked what becomes of an aborted push, and answer."""
+        asked = self.wait_for_message("Repeat it, skip it, or end the run?", 60.0)
+        assert asked.phase == PlanProgress.PHASE_CHOOSING
+        assert "experiment/repeat" in asked.details
+        assert self.call(f"experiment/{choice}")
+
 
 def overrides(parameters) -> list[Parameter]:
     return [Parameter(name, value=value) for name, value in parameters.items()]
@@ -210,11 +218,11 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     table = Table(ros, tmp_path, awaits=["estimator", "recorder"])
     table.wait_for_message("place the object")
     assert table.wait_for_message("waiting for: recorder").phase == PlanProgress.PHASE_WAITING
-    assert not table.call("experiment/next")  # there is no push to give up yet
+    assert not table.call("experiment/skip")  # there is no push to give up yet
     wanted, table.object = table.object, AWAY
-    ros.wait_for(lambda: table.node._misplaced(wanted) == "it lies 26 cm off")
+    ros.wait_for(lambda: table.node._misplaced(wanted) == "it lies about 260 mm off")
     table.well.append("/cell/recorder")
-    table.wait_for_message("it lies 26 cm off")
+    table.wait_for_message("it lies about 260 mm off")
     life.end()  # the node has died, and is started again
     ros.wait_for(lambda: table.node._unwell() == "estimator", 60.0, what="the silence of the estimator")
     table.object = wanted
@@ -228,7 +236,7 @@ def test_who_could_not_be_heard_while_the_experiment_stood_still_is_not_given_up
     DeafPusher(ros, accept=True)
     table = Table(ros, tmp_path, actuator="deaf", lost_object=1.0, lost_result=1.0)
     table.obedient = False
-    table.wait_for_message("cm off", 60.0)
+    table.wait_for_message("mm off", 60.0)
     node, found = table.node, []
 
     def stand_still() -> None:
@@ -247,7 +255,7 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table = Table(ros, tmp_path)
     table.obedient = False
     table.object = Pose(0.5, 0.5, 0.0)
-    table.wait_for_message("cm off")
+    table.wait_for_message("mm off")
     wanted = table.wanted[0]
     table.visible = False
     table.wait_for_message("it is not seen")
@@ -285,7 +293,7 @@ rclpy.spin(node)
 def test_a_listener_that_acknowledges_nothing_does_not_hold_the_end_up(ros, tmp_path, monkeypatch):
     monkeypatch.setattr("pushfric_ros.nodes.experiment.LAST_WORDS", 1.0)
     DeafPusher(ros, accept=False)
-    table = Table(ros, tmp_path, actuator="deaf")
+    table = Table(ros, tmp_path, actuator="deaf", attended=False)
     table.obedient = False
     with subprocess.Popen([sys.executable, "-c", LISTENER]) as listener:
         try:
@@ -319,17 +327,18 @@ def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, 
     table = Table(ros, tmp_path, speed=0.02)
     table.obedient = False
     table.wait_for_message("push 1 of 3: place the object at")
-    assert table.call("experiment/next")
+    assert table.call("experiment/skip")
     table.wait_for_message("push 2 of 3: place the object at")
     table.obedient, table.object = True, table.wanted[-1]
     table.wait_for_message("push 2 of 3")
     ros.wait_for(lambda: any(state.push_id == 1 and state.position > 0.002 for state in table.states), what="a stroke")
-    assert table.call("experiment/next")
+    assert table.call("experiment/skip")
     table.wait_for_message("bringing the pusher back")
     last = table.wait_for_end()
-    assert (last.completed, last.aborted) == (1, 2)
+    assert (last.completed, last.aborted, last.skipped) == (1, 0, 2)
+    assert last.message == "1 of 3 pushes done, 2 skipped"
     assert pushed(table.states) == [1, 2]
-    assert capfd.readouterr().err.count("a person went on to the next push") == 2
+    assert capfd.readouterr().err.count("a person skipped it") == 2
 
 
 def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
@@ -337,12 +346,14 @@ def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, c
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.hit_limit()
     waiting = table.wait_for_message(ALARM)
-    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_ALARM, 1)
+    assert waiting.phase == PlanProgress.PHASE_ALARM
+    assert "actuator/reset" in waiting.details
     rest = controller.position()
     assert rest > 0.005
     assert table.call("actuator/reset")
+    table.choose("skip")
     last = table.wait_for_end()
-    assert (last.completed, last.aborted) == (2, 1)
+    assert (last.completed, last.skipped) == (2, 1)
     assert pushed(table.states) == [0, 1, 2]
     assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
@@ -357,8 +368,9 @@ def test_a_pusher_unplugged_during_a_push_costs_one_push(ros, controller, tmp_pa
     (tmp_path / "port").symlink_to(controller.port)
     table.wait_for_message(ALARM)
     assert table.call("actuator/reset")
+    table.choose("skip")
     last = table.wait_for_end()
-    assert (last.completed, last.aborted) == (2, 1)
+    assert (last.completed, last.skipped) == (2, 1)
 
 
 def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
@@ -366,7 +378,8 @@ def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.reset()
     waiting = table.wait_for_message(ALARM)
-    assert (waiting.phase, waiting.aborted) == (PlanProgress.PHASE_ALARM, 1)
+    assert waiting.phase == PlanProgress.PHASE_ALARM
+    assert "actuator/reset" in waiting.details
     assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
     assert controller.position() > 0.005
     controller._carriage = 0.0  # the operator moves it by hand
@@ -375,8 +388,9 @@ def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros
     table.wait_for_message(ALARM)
     assert controller.position() == 0.0
     assert table.call("actuator/reset")
+    table.choose("skip")
     last = table.wait_for_end()
-    assert (last.completed, last.aborted) == (2, 1)
+    assert (last.completed, last.skipped) == (2, 1)
     assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
@@ -385,6 +399,7 @@ def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller
     table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
     ros.wait_for(lambda: controller.position() > 0.002, what="the push")
     table.visible = False
+    table.choose("skip")
     table.wait_for_message("the pusher stays where it is: the object is not seen")
     assert max(state.position for state in table.states) < 0.029  # short of the push's end
     assert re.search(r"push 1 aborted: the object was not seen for \d+\.\d\d s; lost_object is 0\.5 s", capfd.readouterr().err)
@@ -412,7 +427,7 @@ def test_a_clock_that_jumps_back_forgets_the_poses_before_it(ros, controller, tm
     table.now = lambda: time.monotonic_ns() - begin + offset[0]
     clock.create_timer(0.02, lambda: clock_out.publish(Clock(clock=Time(nanoseconds=table.now()).to_msg())))
     table.obedient = False
-    table.wait_for_message("cm off")
+    table.wait_for_message("mm off")
     ros.wait_for(lambda: len(table.node._poses) > 5, what="poses")
     offset[0] -= 5 * 10**11
     ros.wait_for(lambda: table.node._poses[0][0] < 6 * 10**11, what="poses of the new time only")
@@ -463,7 +478,7 @@ def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, t
 )
 def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(ros, tmp_path, capfd, accept, why):
     DeafPusher(ros, accept)
-    table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3)
+    table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3, attended=False)
     last = table.wait_for_end()
     assert (last.completed, last.aborted) == (0, 3)
     assert len(re.findall(f"aborted: {why}", capfd.readouterr().err)) == 3
@@ -479,7 +494,7 @@ def test_a_foreign_clock_is_named_before_the_first_push(ros, controller, tmp_pat
         region.publish(CenterOfFrictionRegion(next_pushes=[Candidate(edge=0)]))
     table = Table(ros, tmp_path, **plan)
     table.now = lambda: time.time_ns() + off * 10**9
-    table.settled = 2**62
+    table.settled = (2**31 - 1) * 10**9
     told = table.wait_for_message(f"no push can be measured: the clock of the camera is {way} this computer's: set it", 60.0)
     assert told.phase == PlanProgress.PHASE_WAITING
     assert pushed(table.states) == []
@@ -502,8 +517,66 @@ def test_a_push_is_stopped_when_what_is_seen_does_not_follow_it(ros, controller,
         return seen[-1 - (fault == "alternating" and len(table.states) % 2)]
 
     table.shown = shown
-    ros.wait_for(lambda: table.node._progress.aborted == 1, 60.0, what="the aborted push")
+    ros.wait_for(lambda: table.node._awaits_choice, 60.0, what="the aborted push")
     assert max(state.position for state in table.states) < 0.025  # of 0.03: it was stopped
     said = capfd.readouterr().err
     assert re.search("push 1 aborted: the object (does not follow the pusher|leaps by 2[4-7] mm)", said)
     assert "check that the camera gives new images" in said
+
+
+def stopped_in_mid_push(ros, tmp_path, **parameters) -> Table:
+    """A run whose first push a person has stopped; nothing moves until a reset, which has been made."""
+    table = Table(ros, tmp_path, speed=0.02, **parameters)
+    ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
+    assert table.call("actuator/stop")
+    waiting = table.wait_for_message("it was stopped: press Reset")
+    assert (waiting.phase, waiting.details) == (PlanProgress.PHASE_WAITING, "services: actuator/reset; fault: stopped")
+    assert not table.call("experiment/withdraw")
+    assert table.call("actuator/reset")
+    return table
+
+
+def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, tmp_path):
+    table = stopped_in_mid_push(ros, tmp_path)
+    left_out = []
+
+    def exclude(request, response):
+        left_out.append(request.push_id)
+        response.success = True
+        return response
+
+    ros.node("estimator", namespace="/cell").create_service(SelectPush, "estimator/exclude_push", exclude)
+    table.choose("repeat")
+    assert table.wait_for_message("push 1 (again) of 3: place the object at").push_id == 3
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted, last.skipped, last.message) == (3, 0, 0, "3 of 3 pushes done")
+    assert pushed(table.states) == [0, 3, 1, 2]
+    assert left_out == [0]
+
+
+def test_a_person_ends_the_run_after_a_stop(ros, controller, tmp_path):
+    table = stopped_in_mid_push(ros, tmp_path)
+    assert not table.call("experiment/withdraw")
+    table.choose("end")
+    last = table.wait_for_message("0 of 3 pushes done; ended by a person")
+    assert (last.phase, last.completed, last.aborted) == (PlanProgress.PHASE_FINISHED, 0, 0)
+
+
+def test_a_person_ends_the_run_while_it_is_stopped(ros, controller, tmp_path):
+    """Nothing moves: the pusher stays where it is, and needs no reset."""
+    table = Table(ros, tmp_path, speed=0.02)
+    ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
+    assert table.call("actuator/stop")
+    table.wait_for_message("it was stopped: press Reset")
+    assert not table.call("experiment/withdraw")
+    assert table.call("experiment/end")
+    table.wait_for_message("0 of 3 pushes done; ended by a person")
+
+
+def test_there_is_nothing_to_repeat_before_a_push_was_aborted(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    table.obedient = False
+    table.wait_for_message("push 1 of 3: place the object at")
+    assert not table.call("experiment/repeat")
+    assert table.call("experiment/end")
+    assert table.wait_for_message("ended by a person").phase == PlanProgress.PHASE_FINISHED

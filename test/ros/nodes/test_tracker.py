@@ -21,11 +21,12 @@ from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
+from pushfric_core.vision.image_messages import TO_GREY, grey_from_msg
 from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
-from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TO_GREY, TrackerNode, grey_from_msg
+from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TrackerNode
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.000625, distortion=(-0.1, 0.02, 0.0, 0.0, 0.0))
 HALF_SIZE = np.array((0.0635, 0.032))

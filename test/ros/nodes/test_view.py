@@ -207,13 +207,13 @@ def test_requests_reach_their_services_and_their_answers_the_visitor(cell):
 
     cell.node.create_subscription(Empty, "stop", stopped.append, RELIABLE)
     assert cell.post("stop")[1] == {"done": False, "message": "no service /cell/actuator/stop: nobody there can do it"}
-    for name in ("actuator/stop", "actuator/reset", "experiment/next"):
+    for name in ("actuator/stop", "actuator/reset", *(f"experiment/{what}" for what in ("repeat", "skip", "end"))):
         cell.node.create_service(Trigger, name, answer)
     cell.node.create_service(SelectPush, "estimator/exclude_push", exclude)
     cell.node.create_service(SelectPush, "estimator/keep_push", keep)
     for client in cell.view._services_of.values():
         cell.ros.wait_for(client.service_is_ready, PATIENCE, f"the service {client.srv_name}")
-    for what in ("stop", "reset", "next"):
+    for what in ("stop", "reset", "repeat", "skip", "end"):
         assert cell.post(what) == (200, {"done": True, "message": "as you like"})
     assert cell.post("exclude/3") == (200, {"done": False, "message": "no such push"})
     assert cell.post("keep/4")[0] == 200
@@ -238,7 +238,7 @@ def test_without_the_token_only_a_stop_is_taken(ros):
     cell = Cell(ros, token="a-secret-word")
     assert cell.url.endswith("/?token=a-secret-word")
     assert cell.post("stop")[0] == 200
-    for what in ("reset", "next", "exclude/1", "keep/1", "reset?token=another", "reset?token=%C3%A9"):
+    for what in ("reset", "skip", "end", "exclude/1", "keep/1", "reset?token=another", "reset?token=%C3%A9"):
         assert cell.post(what) == (401, {"done": False, "message": "the token is missing or wrong"})
     assert cell.post("reset?token=a-secret-word")[0] == 200
     assert cell.post("reset", Authorization="Bearer a-secret-word")[0] == 200

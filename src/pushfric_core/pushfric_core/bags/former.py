@@ -73,12 +73,17 @@ def _friction_estimate(msg: Any) -> Any:
     )
 
 
+def _plan_progress(msg: Any) -> Any:
+    return msg if hasattr(msg, "skipped") else _changed(msg, skipped=0, in_place=False, purpose="", details="")
+
+
 FORMER: dict[str, Callable[[Any], Any]] = {
     "pushfric_msgs/msg/Observation": _observation,
     "pushfric_msgs/msg/SupportFriction": _total_friction,
     "pushfric_msgs/msg/ContactFriction": _contact_friction,
     "pushfric_msgs/msg/FrictionEstimate": _friction_estimate,
     "pushfric_msgs/msg/LimitSurface": _total_friction,
+    "pushfric_msgs/msg/PlanProgress": _plan_progress,
 }
 """The types whose definitions have changed since version 0.1.0."""
 

@@ -157,6 +157,10 @@ class Recorded:
             raise InvalidInput(f"{self.path}: expected a bag")
         return self._source(self._bag, with_forces)
 
+    def holds(self, topic: str) -> bool:
+        """Whether this is a bag with that topic."""
+        return self._bag is not None and any(one.name == topic for one in self._bag.summary.topics)
+
     def read(self, model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool = False) -> "Reading":
         """The observations, with those of the model that the recorded run went on from first.
 

@@ -7,6 +7,7 @@ from pushfric_core.bags.constants import constants
 from pushfric_core.bags.contents import BagMessage
 from pushfric_core.bags.samples import observation_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimation.push_plan import number_of
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.trajectories.ledger import Ledger
@@ -103,11 +104,14 @@ class RunRecord:
     def _on_plan(self, msg: Any) -> None:
         before, self._plan = self._plan, msg
         if before is not None:
-            done, earlier = msg.completed + msg.aborted, before.completed + before.aborted
+            done, earlier = (one.completed + one.aborted + one.skipped for one in (msg, before))
             if done > earlier:
-                (self.aborted if msg.aborted > before.aborted else self._done).add(before.push_id)
-            if done > earlier + 1 or msg.push_id > before.push_id + 1:
-                self._skipped.append((before.push_id, msg.push_id))
+                (self._done if msg.completed > before.completed else self.aborted).add(before.push_id)
+            now, then = (one.push_id % max(one.count, 1) for one in (msg, before))
+            if done > earlier + 1 or now > then + 1:
+                self._skipped.append((then, now))
+            if before.phase == PHASES["PHASE_PUSHING"] != msg.phase and msg.completed == before.completed:
+                self.aborted.add(before.push_id)
         if msg.phase == PHASES["PHASE_PUSHING"]:
             self.started.add(msg.push_id)
 
@@ -116,7 +120,10 @@ class RunRecord:
         """In words, where the plan stands if the bag does not show its end; None without a plan, or at its end."""
         if self._plan is None or self._plan.phase == PHASES["PHASE_FINISHED"]:
             return None
-        return f"the plan is not finished: it stands at push {self._plan.push_id + 1} of {self._plan.count}"
+        return f"the plan is not finished: it stands at push {self._number(self._plan.push_id)} of {self._plan.count}"
+
+    def _number(self, push_id: int) -> str:
+        return number_of(push_id, self._plan.count)
 
     def close(self, ledger: Ledger, made: Sequence[Observation] | None, settings: EstimatorSettings, earlier: int) -> None:
         """Note in a ledger what does not add up.
@@ -189,9 +196,9 @@ class RunRecord:
                 f"the plan goes from push {before + 1} to push {after + 1}, and the bag says nothing of what lies between"
             )
         if pushed is not None and (empty := sorted(self._done.difference(pushed))):
-            ledger.doubt(f"no observation came from push {', '.join(str(push_id + 1) for push_id in empty)}")
+            ledger.doubt(f"no observation came from push {', '.join(map(self._number, empty))}")
         if silent := sorted(self._done - self.started):
-            which = ", ".join(str(push_id + 1) for push_id in silent)
+            which = ", ".join(map(self._number, silent))
             ledger.doubt(f"push {which} of the plan is done, but the bag does not show its beginning")
 
 

@@ -17,6 +17,7 @@ from pushfric_core.cell.node_settings import (
     CameraConfig,
     Discovery,
     FrameConfig,
+    ImagesConfig,
     ModelConfig,
     ObjectConfig,
     PlanConfig,
@@ -56,7 +57,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "pusher": (PusherConfig,),
     "plan": (PlanConfig,),
     "estimator": (*EstimatorSettings.PARTS, ModelConfig),
-    "recorder": (RecorderConfig,),
+    "recorder": (RecorderConfig, ImagesConfig),
     "view": (ViewConfig,),
     "planner": (PlannerConfig,),
     "poses": (MountConfig,),
@@ -101,6 +102,7 @@ class CellFile:
     discovery: Discovery = CellConfig.discovery
     frames: FrameConfig = field(default_factory=FrameConfig)
     model: ModelConfig = field(default_factory=ModelConfig)
+    images: ImagesConfig = field(default_factory=ImagesConfig)
     poses: Sequence[Any] = ()  # settings of what is followed instead of the camera, if anything is
     tip: Sequence[Any] = ()  # the same instead of the pusher
 
@@ -133,7 +135,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
-    seen, pushes, (plan,), (*estimator, model), (recorder,), (view,), (planner,), poses, tip, (simulation,) = map(
+    seen, pushes, (plan,), (*estimator, model), (recorder, images), (view,), (planner,), poses, tip, (simulation,) = map(
         section, SECTIONS
     )
     (camera, *trackers), (pusher, driver) = seen or (None,), pushes or (None, None)
@@ -162,6 +164,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         named.discovery,
         frames,
         model,
+        images,
         poses,
         tip,
     )

@@ -203,6 +203,36 @@ class RecorderConfig:
         return [_known_topic(text) for text in self.topics if text]
 
 
+REPORT_FILE = "report.html"
+"""In a bag's folder: the result of the run, as a page."""
+
+
+@dataclass(frozen=True)
+class ShownConfig:
+    """What the view shows of a recorded run. From the graph."""
+
+    report: str = setting("", "file of the page that the run leaves behind; empty: none")
+
+
+class Images(enum.Enum):
+    """Which of the camera's images a bag holds."""
+
+    OFF = "off"
+    KEYFRAMES = "keyframes"
+    ALL = "all"
+
+
+@dataclass(frozen=True)
+class ImagesConfig:
+    """Which images are recorded. In the section `recorder`; the tracker publishes them."""
+
+    images: Images = setting(
+        Images.KEYFRAMES,
+        "images in the bag, as JPEG: off; keyframes: the placed object, begin, middle and end of each push, and each loss of"
+        " the object, 15 MB at most; all",
+    )
+
+
 def _known_topic(text: str) -> KnownTopic:
     words = text.split()
     if len(words) != 3 or words[2] not in QUALITIES:
@@ -217,6 +247,7 @@ class RecordingConfig:
     bag: str = setting(REQUIRED, "folder of the bag, new or empty")
     object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
     model: str = setting("", "path of the model that the estimator starts with; copied into the bag's folder")
+    calibration: str = setting("", "path of the camera's calibration; copied into the bag's folder")
 
     def __post_init__(self) -> None:
         if not self.bag:

@@ -68,3 +68,23 @@ def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: 
     tip = as_array(line.origin) + position * as_array(line.direction)
     x, y = tip - rotation(theta) @ (contact + line.tip_radius * outline.normals[push.edge])
     return Pose(float(x), float(y), wrap(theta))
+
+
+def number_of(push_id: int, count: int) -> str:
+    """The number of a push in a plan of `count` pushes, for people: 3, and 3 (again) when it is repeated."""
+    return f"{push_id % count + 1}" + " (again)" * (push_id >= count) if count else f"{push_id + 1}"
+
+
+def purpose_of(outline: Outline, push: PlannedPush, chosen: bool) -> str:
+    """What a push is for, in a sentence for people.
+
+    Args:
+        outline: of the object.
+        push: the push.
+        chosen: whether it was chosen from the region of p_CF.
+    """
+    off = push.offset * 1e3
+    where = "at its middle" if abs(off) < 0.5 else f"{abs(off):.0f} mm {'after' if off > 0 else 'before'} its middle"
+    slanting = f", {abs(np.rad2deg(push.angle)):.0f} degrees aslant" if abs(push.angle) > 0.01 else ""
+    what = "shrinks the region of p_CF most" if chosen else "shows on which side of its force p_CF lies"
+    return f"A push on side {push.edge + 1} of {len(outline.vertices)}, {where}{slanting}: it {what}."

@@ -303,6 +303,11 @@ def save_model(file: ModelFile, path: pathlib.Path) -> None:
         InvalidInput: the file cannot be written there.
     """
     check_name(path)
+    write_whole(path, as_yaml(file))
+
+
+def as_yaml(file: ModelFile) -> str:
+    """The text of the file."""
     content = file.model_dump(exclude_none=True, exclude_defaults=True)
-    text = yaml.safe_dump({"format": FORMAT} | content, sort_keys=False, default_flow_style=None, width=128)
-    write_whole(path, text)
+    text: str = yaml.safe_dump({"format": FORMAT} | content, sort_keys=False, default_flow_style=None, width=128)
+    return text

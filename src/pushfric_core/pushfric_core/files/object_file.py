@@ -33,6 +33,7 @@ def within(most: float, unit: str) -> Any:
 
 Length = Annotated[float, within(FARTHEST, "m")]
 Point = tuple[Length, Length]
+CAMERA_FILE = "camera.yaml"
 PRIOR_FILE = "prior.yaml"
 """Name of the model in a bag's folder that the recorded run went on from."""
 

@@ -341,6 +341,14 @@ def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: in
     return float(min(angles[rank - 1] * np.sqrt(count / max(count - fitted, 1)), np.pi))
 
 
+def prediction_errors(model: FrictionModel, observations: Sequence[Observation]) -> Array:
+    """Angles (m,) between the motions of m >= 1 data points and those that the mean friction predicts [rad].
+
+    Where the tip's velocity is known, it is the tip that pushes; else the contact moves as it was measured to.
+    """
+    return _explained(model.mean, model, observations)[:, 0]
+
+
 def friction_model(estimate: Estimate) -> FrictionModel:
     """The friction model of an estimate, from the w that explain the observations about as well as the optimum.
 

@@ -2,47 +2,17 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
-import jinja2
 import numpy as np
 
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.paper.claims import CLOSE, CLOSE_MU, Claim, agrees
 from pushfric_core.paper.experiments import CONDUCT, GRIDS
 from pushfric_core.paper.tables import Nested
-
-NONE = "\N{EN DASH}"
-INFEASIBLE = "\N{INFINITY}"
+from pushfric_core.report.page import INFEASIBLE, NONE, Cell, Section, Table, number, page
 
 MEASURED = {"delrin": "0.1 … 0.3", "wood": "0.2 … 0.4", "rubber": "0.7 … 1.1"}
 """The author's own measurements of mu_c, Table 3."""
-
-
-class Cell(NamedTuple):
-    """A number of the report."""
-
-    text: str
-    detail: str = ""  # quartiles, or the claim that the number is about
-    tone: str = ""  # class in the style sheet
-    spread: str = ""  # of a claim
-
-
-class Table(NamedTuple):
-    """Numbers in rows; a row of one cell is a heading for the rows below it."""
-
-    heads: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
-    groups: Sequence[tuple[str, int]] = ()  # headings, each with the number of columns that it spans
-
-
-class Section(NamedTuple):
-    """A table or a figure of the paper."""
-
-    key: str
-    title: str
-    text: str
-    table: Table | None = None
 
 
 def html_report(summary: Nested, claims: Sequence[Claim], figures: Mapping[str, str]) -> str:
@@ -53,14 +23,9 @@ def html_report(summary: Nested, claims: Sequence[Claim], figures: Mapping[str, 
         claims: as `claims.claims` gives them.
         figures: SVG files by key, as `figures.figures` gives them.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader(__package__, "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(
+    return page(
+        __package__,
+        "report.html.j2",
         seeds=summary["seeds"],
         code=summary["code"],
         verdicts=_verdicts(claims),
@@ -71,14 +36,6 @@ def html_report(summary: Nested, claims: Sequence[Claim], figures: Mapping[str, 
         close_mu=CLOSE_MU,
         infeasible=INFEASIBLE,
     )
-
-
-def number(value: float | None, digits: int = 2) -> str:
-    """A number as the page shows it, with this many decimal places."""
-    if value is None:
-        return NONE
-    # adding zero takes the sign off a zero
-    return INFEASIBLE if math.isinf(value) else f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def measured(leaf: Nested, digits: int = 2, absolute: float | None = None, error: bool = False) -> Cell:

@@ -39,6 +39,9 @@ reach. The colours are those of Okabe and Ito (Color Universal Design, 2008), wh
 MERIDIANS = 8
 """Number of sections through the moment axis that show the limit surface in space."""
 
+SCALE_BAR = 50
+"""Length of the bar that gives the scale [mm]."""
+
 PANELS = 12
 """Largest number of objects whose centres are drawn in one figure."""
 
@@ -223,8 +226,12 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
         axes.plot(*(closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
         axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=ESTIMATE, ms=3.5, alpha=0.6)
         title = "Object and contact of each data point"
-    axes.set(title=title, xlabel="mm", ylabel="mm")
+    axes.set_title(title)
     axes.set_aspect("equal", "datalim")
+    axes.axis("off")  # the pushes stand side by side: no place of theirs means anything, only their size does
+    left, low = axes.dataLim.min - (0, SCALE_BAR / 4)
+    axes.plot((left, left + SCALE_BAR), (low, low), color=INK, lw=2)
+    axes.annotate(f"{SCALE_BAR} mm", (left, low), (0, 4), textcoords="offset points")
 
 
 def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, truth: TableObject | None) -> None:

@@ -57,6 +57,10 @@ class Observations(Sequence[Observation]):
         pushes = len({observation.push_id for observation in self})
         return f"<{type(self).__name__}: {observations_of(len(self), pushes)}>"
 
+    def to_rows(self) -> list[dict[str, float]]:
+        """The rows of `to_frame`, by the names of its columns."""
+        return [_row(observation) for observation in self]
+
     def to_frame(self) -> "pandas.DataFrame":
         """A table with a row for each observation, object frame, SI units; NaN where something is not known.
 
@@ -68,7 +72,7 @@ class Observations(Sequence[Observation]):
         """
         with extra("pandas", "to_frame"):
             import pandas
-        return pandas.DataFrame([_row(observation) for observation in self])
+        return pandas.DataFrame(self.to_rows())
 
 
 def _row(observation: Observation) -> dict[str, float]:

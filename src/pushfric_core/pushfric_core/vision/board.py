@@ -1,6 +1,7 @@
 """The printed board that calibrates a camera: what it looks like, and finding it in images."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,6 +11,8 @@ import numpy as np
 from pushfric_core.geometry.planar import Array
 from pushfric_core.plausible import other_unit
 from pushfric_core.vision.camera import Image
+from pushfric_core.vision.frame_source import Frames
+from pushfric_core.wording import counted
 
 MIN_CORNERS = 12
 """Number of corners that a view of the board must show."""
@@ -96,3 +99,25 @@ def moved(view: View, other: View) -> float:
     if not len(mine):
         return math.inf
     return float(np.linalg.norm(view.pixels[mine] - other.pixels[its], axis=1).mean())
+
+
+UNSEEN_BOARD, LIKE_ANOTHER = "the board is not found", "the board lies as in a picture before it"
+"""Why a picture is left out of a calibration."""
+
+
+class Dropped:
+    """The pictures of a source that a calibration leaves out; nothing of a camera or a film, most of whose frames are alike."""
+
+    def __init__(self, source: Frames) -> None:
+        self._source = source
+        self._names: dict[str, list[str]] = {}  # by the reason
+
+    def note(self, number: int, why: str) -> None:
+        """The picture with this number, from 1, is left out."""
+        if self._source.pictures:
+            self._names.setdefault(why, []).append(self._source.names[number - 1])
+
+    def tell(self, frames: int, progress: Callable[[str], None]) -> None:
+        """Name those that were left out, with a line for each reason."""
+        for why, names in self._names.items():
+            progress(f"{len(names)} of {counted(frames, 'picture')} left out, {why}: {', '.join(names)}")

@@ -6,7 +6,7 @@ import pathlib
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import cv2
@@ -45,6 +45,7 @@ class Device(threading.Thread):
         self._closing = threading.Event()
         self.frames: deque[tuple[int, Image]] = deque(maxlen=8)  # stamp [ns], mono8
         self.dropped = 0
+        self.names: list[str] = []  # of the pictures read so far, in the order of the frames
         self._read, self._period = self._open()
 
     @property
@@ -82,8 +83,7 @@ class Device(threading.Thread):
         """A function that returns the next frame, or None at the end, and the time between frames [s]; 0 for a camera."""
         if self.pictures:
             pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
-            pictures = (cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in sorted(glob.glob(pattern)))
-            frames = (picture for picture in pictures if picture is not None)
+            frames = self._pictures(sorted(glob.glob(pattern)))
             first = next(frames, None)
             if first is None:
                 raise InvalidInput(f"no pictures at {self._source!r}: expected {ACCEPTED}")
@@ -102,6 +102,13 @@ class Device(threading.Thread):
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
         return lambda: capture.read()[1], 0.0
+
+    def _pictures(self, paths: list[str]) -> Iterator[Image]:
+        for path in paths:
+            picture = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+            if picture is not None:
+                self.names.append(pathlib.Path(path).name)
+                yield picture
 
     def _reopen(self) -> None:
         """Wait until a camera that went away can be opened again."""
@@ -124,6 +131,9 @@ class Frames(Protocol):
 
     live: bool
     """Whether the source is a camera, which does not end."""
+
+    names: Sequence[str]
+    """The names of the pictures up to the last frame, or beyond; empty if frames are no pictures of their own."""
 
     def __enter__(self) -> "Frames": ...
 
@@ -148,6 +158,7 @@ class DeviceFrames:
         self._arrival = threading.Event()
         self._device = Device(source, size, time.monotonic_ns, self._arrival.set)
         self.name, self.pictures, self.live = source, self._device.pictures, self._device.live
+        self.names: Sequence[str] = self._device.names
 
     def __enter__(self) -> "DeviceFrames":
         self._device.start()

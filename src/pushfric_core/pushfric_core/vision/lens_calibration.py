@@ -8,7 +8,7 @@ import numpy as np
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Array
-from pushfric_core.vision.board import Board, BoardFinder, View, moved
+from pushfric_core.vision.board import LIKE_ANOTHER, UNSEEN_BOARD, Board, BoardFinder, Dropped, View, moved
 from pushfric_core.vision.camera import Lens
 from pushfric_core.vision.frame_source import Frames
 
@@ -94,7 +94,7 @@ def lens_from_frames(source: Frames, board: Board, progress: Callable[[str], Non
     Raises:
         InvalidInput: its images are not enough; the text says what is missing.
     """
-    finder, kept, frames = BoardFinder(board), list[View](), 0
+    finder, kept, frames, dropped = BoardFinder(board), list[View](), 0, Dropped(source)
     size: tuple[int, ...] = ()
     previous: View | None = None
     with source:
@@ -108,6 +108,7 @@ def lens_from_frames(source: Frames, board: Board, progress: Callable[[str], Non
             view = finder.view(frame)
             last, previous = previous, view
             if view is None or not all(moved(view, other) > NOVEL * size[1] for other in kept):
+                dropped.note(frames, UNSEEN_BOARD if view is None else LIKE_ANOTHER)
                 continue
             if not source.pictures and (last is None or moved(view, last) > STILL_PX):
                 continue
@@ -119,6 +120,7 @@ def lens_from_frames(source: Frames, board: Board, progress: Callable[[str], Non
                 except InvalidInput as error:
                     missing = f"; {error}"
             progress(f"view {len(kept)}: {len(view.ids)} corners{missing}")
+    dropped.tell(frames, progress)
     if not kept:
         raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
     try:

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.csv_table import read_table
 from pushfric_core.geometry.planar import Array, Pose, transform
-from pushfric_core.vision.board import Board, BoardFinder, View, moved
+from pushfric_core.vision.board import LIKE_ANOTHER, UNSEEN_BOARD, Board, BoardFinder, Dropped, View, moved
 from pushfric_core.vision.camera import Camera, Image, Lens
 from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.lens_calibration import NOVEL, STILL_PX
@@ -131,7 +131,7 @@ def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callab
     Raises:
         InvalidInput: images of another size than the lens's, or too few places; the text says what is missing.
     """
-    finder, frames, kept = BoardFinder(board), 0, list[View]()
+    finder, frames, kept, dropped = BoardFinder(board), 0, list[View](), Dropped(source)
     previous: View | None = None
     with source:
         for frame in source:
@@ -140,11 +140,13 @@ def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callab
             view = finder.view(frame)
             last, previous = previous, view
             if view is None:
+                dropped.note(frames, UNSEEN_BOARD)
                 if frames == 1:
                     progress("board not found yet")
                 continue
             at_rest = source.pictures or (last is not None and moved(view, last) <= STILL_PX)
             if not at_rest or not all(moved(view, other) > NOVEL * lens.width for other in kept):
+                dropped.note(frames, LIKE_ANOTHER)
                 continue
             kept.append(view)
             missing = ""
@@ -154,6 +156,7 @@ def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callab
                 except InvalidInput as error:
                     missing = f"; {error}"
             progress(f"place {len(kept)}: {len(view.ids)} corners{missing}")
+    dropped.tell(frames, progress)
     if not kept:
         raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
     try:

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
+from pushfric_core.cell.node_settings import REPORT_FILE, CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
@@ -31,7 +31,7 @@ from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.commands.recorded_run import course_of, left_behind
+from pushfric_ros.commands.recorded_run import left_behind, write_report
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.scratch import scratch_folder
@@ -79,8 +79,9 @@ def demo(
     from pushfric_core.report.figures import summary_figure  # imported late, or matplotlib would be in memory during the run
 
     figure = bag / FIGURE
-    summary_figure(figure, TABLE_1[object_name].outline, *course_of(bag), TABLE_1[object_name])
-    console.print(f"figure: {figure}\nbag:    {bag}", markup=False)
+    made = write_report(bag)
+    summary_figure(figure, made.model.outline, made.course, made.estimator.observations, TABLE_1[object_name])
+    console.print(f"figure: {figure}\nreport: {bag / REPORT_FILE}\nbag:    {bag}", markup=False)
 
 
 def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
@@ -122,7 +123,9 @@ def run_demo(
         specs = graph.with_planner(specs, cell.planner) if planner else specs
         specs = specs if live or view is not None else graph.unattended(specs)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
-        ended, last = watch(console, specs, cell.namespace, f"pushing {object_name}", live, recorded=bag)
+        ended, last = watch(
+            console, specs, cell.namespace, f"pushing {object_name}", live, prompts=view is not None, recorded=bag
+        )
     return last, ended
 
 

@@ -3,18 +3,20 @@
 import pathlib
 from typing import TYPE_CHECKING
 
+from pushfric_core.cell.node_settings import REPORT_FILE
 from pushfric_core.commands.console import warn
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import taken
-from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.push_plan import number_of
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
-from pushfric_core.trajectories.observations import Observations
+from pushfric_core.files.whole_file import write_whole
 from pushfric_core.wording import counted
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 
 if TYPE_CHECKING:
     from pushfric_core.bags.recorded import Reading
+    from pushfric_core.offline.estimation import Estimation
 
 
 def left_behind(bag: pathlib.Path) -> str:
@@ -78,18 +80,25 @@ def failures(bag: pathlib.Path, namespace: str) -> list[str]:
                 live = msg
     except (PushfricError, ValueError) as error:
         return [f"the bag {bag} does not say how the run went: {error}"]
+    number = number_of(course[-1].push_id, course[-1].count) if course else ""
     if not course or course[-1].phase != PlanProgress.PHASE_FINISHED:
-        return [f"the plan is not finished: it stood at push {course[-1].push_id + 1}" if course else "no plan was begun"]
-    first, newest = course[0], course[-1]
-    planned = first.count - first.push_id + first.completed + first.aborted
-    return disagreements(bag, live, planned, newest.aborted)
+        return [f"the plan is not finished: it stood at push {number}" if course else "no plan was begun"]
+    return disagreements(bag, live, pushes_of(course[0]), course[-1].aborted)
 
 
-def course_of(bag: pathlib.Path) -> tuple[list[Estimate], Observations]:
-    """The estimates after each data point, and the data points, from a recorded bag; for figures."""
-    model, settings, reading = _recorded(bag)
-    estimator = settings.new_estimator(model.support_points)
-    return list(taken(estimator.add, reading.observations, warn)), estimator.observations
+def pushes_of(first: PlanProgress) -> int:
+    """Number of pushes that a run is to carry out, by the first progress of its plan that was heard of."""
+    return first.count - first.push_id % max(first.count, 1) + first.completed + first.aborted + first.skipped
+
+
+def write_report(bag: pathlib.Path) -> "Estimation":
+    """Write the page of a finished run into its bag's folder; return the estimation, with its whole course, for figures."""
+    from pushfric_core.offline.estimation import Choices, estimate_from  # not before the run has ended, as below
+    from pushfric_core.offline.run_page import run_page
+
+    estimation = estimate_from(bag, Choices(), warn, whole_course=True)
+    write_whole(bag / REPORT_FILE, run_page(estimation, bag / REPORT_FILE))
+    return estimation
 
 
 def _recorded(bag: pathlib.Path) -> "tuple[ObjectModel, EstimatorSettings, Reading]":

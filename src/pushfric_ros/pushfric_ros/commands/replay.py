@@ -15,6 +15,7 @@ from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import print_result
 from pushfric_core.commands.settings_options import option
 from pushfric_core.offline.inputs import object_of
+from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
@@ -45,8 +46,12 @@ def replay(
     data, doubts = reading.observations, "; ".join(reading.ledger.doubts)
     source = recorded.source(settings.with_forces)
     model_file = str(prior_beside(bag) or "")
-    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file)
-    if (shown := view_at(view, ViewConfig())) is not None:
+    shown, images = view_at(view, ViewConfig()), f"{source.namespace}/{KEYFRAMES}"
+    played = [images] if shown is not None and recorded.holds(images) else []
+    specs = graph.replay(
+        str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file, shown=played
+    )
+    if shown is not None:
         specs = graph.with_view(specs, object_file, shown)
     specs = graph.with_planner(specs, PlannerConfig()) if planner else specs
     live = console.is_terminal and not headless

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
+from pushfric_core.cell.node_settings import REPORT_FILE, ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
@@ -18,7 +18,7 @@ from pushfric_core.commands.options import RUNS
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
-from pushfric_ros.commands.recorded_run import left_behind
+from pushfric_ros.commands.recorded_run import left_behind, write_report
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 
@@ -85,7 +85,10 @@ def run(
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"
-        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, recorded=bag)
+        ended, last = watch(console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag)
     if ended.code:
         fail(ended.reason, ended.code)
-    console.print(f"bag: {bag}", markup=False)
+    if last is not None:
+        write_report(bag)
+        console.print(f"report: {bag / REPORT_FILE}", markup=False)
+    console.print(f"bag:    {bag}", markup=False)

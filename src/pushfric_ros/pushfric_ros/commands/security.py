@@ -49,6 +49,9 @@ PERSON = (
     ("calls", "service", "actuator/stop"),
     ("calls", "service", "actuator/reset"),
     ("calls", "service", "experiment/withdraw"),
+    ("calls", "service", "experiment/repeat"),
+    ("calls", "service", "experiment/skip"),
+    ("calls", "service", "experiment/end"),
     ("calls", "service", "estimator/reset"),
 )
 """What the command line may do: watch, stop and reset, but not push."""

@@ -3,20 +3,20 @@
 import os
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
-from pushfric_core.vision.camera import Image, picture_from
+from pushfric_core.vision.camera import Image
 from pushfric_core.vision.frame_source import TOPICS
+from pushfric_core.vision.image_messages import image_from_msg
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.visit import Visit, visit
-from pushfric_ros.nodes.tracker import IMAGE_QUEUE, grey_from_msg
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE
 
 FRAME_TIMEOUT = 10.0
 """How long to wait for the next frame of a topic [s]."""
@@ -25,17 +25,6 @@ FRAME_TIMEOUT = 10.0
 def message_type(source: str) -> type[Any]:
     """The type of the messages of a topic, which is one of `TOPICS`."""
     return ImageMsg if source == "topic" else CompressedImage
-
-
-def image_from_msg(msg: Any) -> Image:
-    """The image (height, width) in grey levels of a message of one of these types.
-
-    Raises:
-        ValueError: the message holds no picture.
-    """
-    if isinstance(msg, ImageMsg):
-        return grey_from_msg(msg)
-    return picture_from(np.frombuffer(msg.data, np.uint8), msg.format)
 
 
 class TopicFrames:
@@ -48,6 +37,7 @@ class TopicFrames:
     """
 
     pictures, live = False, True
+    names: Sequence[str] = ()
 
     def __init__(self, source: str, namespace: str, discovery: Discovery | None) -> None:
         if discovery is not None:

@@ -12,21 +12,42 @@ from rich.live import Live
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.commands.interrupt import end_at_once
 from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.commands.recorded_run import disagreements
+from pushfric_ros.commands.keys import Keys
+from pushfric_ros.commands.recorded_run import disagreements, pushes_of
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import Ended, Supervisor
+from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.node_kit.visit import Visit
 from pushfric_ros.nodes.monitor import MonitorNode
 
 PROGRESS_TIMEOUT = 10.0
 """After the end of a run, its last estimate is awaited; the wait ends if the estimator makes no progress for this long [s]."""
 
-PROMPTING = (PlanProgress.PHASE_WAITING, PlanProgress.PHASE_PLACING, PlanProgress.PHASE_ALARM)
+PROMPTING = (
+    PlanProgress.PHASE_WAITING,
+    PlanProgress.PHASE_PLACING,
+    PlanProgress.PHASE_ALARM,
+    PlanProgress.PHASE_CHOOSING,
+)
+
+STOP = " "
+KEYS = {"r": "actuator/reset", "p": "experiment/repeat", "s": "experiment/skip", "e": "experiment/end"}
+"""The keys of a terminal, and the services that they call; STOP needs none."""
+
+KEYS_OF = {
+    PlanProgress.PHASE_WAITING: "[space] stop  [r] reset  [e] end the run",
+    PlanProgress.PHASE_PLACING: "[space] stop  [s] skip this push  [e] end the run",
+    PlanProgress.PHASE_PUSHING: "[space] stop  [s] skip this push  [e] end the run",
+    PlanProgress.PHASE_ALARM: "[r] reset  [e] end the run",
+    PlanProgress.PHASE_CHOOSING: "[p] repeat the push  [s] skip it  [e] end the run",
+}
+"""What the keys do while the plan is in a phase."""
 
 
 def watch(
@@ -37,6 +58,7 @@ def watch(
     live: bool,
     replayed: Sequence[Observation] | None = None,
     unfinished: Callable[[int], None] | None = None,
+    prompts: bool = False,
     recorded: pathlib.Path | None = None,
     stay: Callable[[FrictionEstimate | None], None] | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
@@ -48,7 +70,8 @@ def watch(
         what: what is going on, in words.
         live: with a table that is redrawn in place; otherwise a line for each push.
         replayed: the data points in the bag, if one is played.
-        unfinished: prompts an operator; called with the push of the plan to go on with, if the run ends before the plan does.
+        unfinished: called with the push of the plan to go on with, if the run ends before the plan does.
+        prompts: without the table, print what the run waits for; the table shows it anyway.
         recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
             estimate and its plan disagree.
         stay: called with the last estimate when the run has ended well; the other nodes then run on until Ctrl-C.
@@ -65,7 +88,8 @@ def watch(
             return replayed is not None and monitor.complete >= len(replayed)
 
         # made here, where the supervisor holds signals back, so that no signal interrupts its start or its end
-        with contextlib.closing(Monitor(console, namespace, what, steps, live, unfinished is not None)) as monitor:
+        with contextlib.closing(Monitor(console, namespace, what, steps, live, prompts)) as monitor, Keys() as keys:
+            monitor.keys = keys if replayed is None else None
             try:
                 ended = monitor.watch(supervisor, monitor.settled if replayed is None else all_replayed)
                 if stay is not None and ended.code == 0:
@@ -114,6 +138,8 @@ class Monitor:
         self.planned = 0  # number of pushes that the run is to carry out, from the first that it was heard of
         self.aborted = 0  # number of these that did not reach their end
         self._prompts = prompts and not live
+        self.keys: Keys | None = None  # of the operator's terminal
+        self._namespace, self._phase = namespace, -1
         self._console, self._live = console, live
         self._rows: dict[int, FrictionEstimate] = {}
         self._progress = Progress(
@@ -127,7 +153,15 @@ class Monitor:
         self._message = ""
         self._finished: int | None = None  # when the plan was finished [ns]
         self._plan_leads = steps is None
-        make = partial(MonitorNode, self._on_estimate, self._on_progress, starts_player=steps is not None, namespace=namespace)
+        services = KEYS.values() if self._plan_leads else ()
+        make = partial(
+            MonitorNode,
+            self._on_estimate,
+            self._on_progress,
+            starts_player=steps is not None,
+            services=services,
+            namespace=namespace,
+        )
         self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
 
     def close(self) -> None:
@@ -140,6 +174,7 @@ class Monitor:
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
             while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
                 self._visit.spin_once(0.05)
+                self._take_keys()
                 view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
@@ -188,16 +223,19 @@ class Monitor:
 
     def _on_progress(self, msg: PlanProgress) -> None:
         if self._prompts and msg.message != self._message and msg.phase in PROMPTING:
-            self._console.print(msg.message, highlight=False, markup=False)
-        self._message = msg.message
+            answers = " or ".join(filter(None, (self._hint(msg.phase), msg.details)))
+            text = f"{msg.message}  ({answers})" if msg.phase == PlanProgress.PHASE_CHOOSING else msg.message
+            self._console.print(text, highlight=False, markup=False)
+        self._message, self._phase = msg.message, msg.phase
         finished = msg.phase == PlanProgress.PHASE_FINISHED
         self.aborted = msg.aborted
-        self.planned = self.planned or msg.count - msg.push_id + msg.completed + msg.aborted
+        self.planned = self.planned or pushes_of(msg)
         if finished:
             self._finished = stamp_from_msg(msg.header.stamp)
-        self.next_push = None if finished else msg.push_id + 1
+        index = msg.push_id % max(msg.count, 1)
+        self.next_push = None if finished else index + 1
         if self._plan_leads:
-            self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else msg.push_id)
+            self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else index)
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)
@@ -205,7 +243,24 @@ class Monitor:
             table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
             table.add_row(str(push), *_cells(msg))
-        return Group(table, self._progress, self._message)
+        hint = self._hint(self._phase)
+        return Group(table, self._progress, Text(self._message), *[Text(hint, style="dim")] * bool(hint))
+
+    def _hint(self, phase: int) -> str:
+        """What the keys do now; empty without a terminal to press them in."""
+        return KEYS_OF.get(phase, "") if self.keys is not None and self.keys.work else ""
+
+    def _take_keys(self) -> None:
+        """Do what the operator's keys ask for, as far as the phase of the plan gives them a meaning."""
+        for key in self.keys.pressed() if self.keys is not None else "":
+            meant = KEYS_OF.get(self._phase, "")
+            if key == STOP:
+                self._say(press(self._namespace) or "nobody answers; use the switch at the pusher")
+            elif key in KEYS and f"[{key}]" in meant:
+                self._visit.node.ask(KEYS[key], self._say)
+
+    def _say(self, answer: str) -> None:
+        self._console.print(answer, highlight=False, markup=False)
 
 
 def line_of(msg: FrictionEstimate) -> str:

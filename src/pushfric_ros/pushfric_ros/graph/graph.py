@@ -6,12 +6,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import NAMESPACE, PlannerConfig, ViewConfig
+from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, Images, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.pushers.grbl_config import GrblConfig
 from pushfric_core.settings import merged, plain
+from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_ros.node_kit import network
 
@@ -88,6 +89,9 @@ A missing heartbeat leads to a fault, which is recorded.
 WRENCH = CellTopic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
 """Recorded as well if the estimate uses measured forces."""
 
+IMAGES = CellTopic(KEYFRAMES, "sensor_msgs/msg/CompressedImage", "reliable")
+"""Recorded as well unless the cell's file says that no images are kept."""
+
 
 def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
     """The nodes of a cell that carries out its push plan and records it.
@@ -100,14 +104,18 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         InvalidInput: the file names a topic that is recorded anyway.
     """
     topics = [*TOPICS, *[WRENCH] * file.estimator.with_forces]
+    pictured = file.camera is not None and file.images.images is not Images.OFF
+    topics += [IMAGES] * pictured
     try:
         recorder = replace(file.recorder, topics=(*(" ".join(topic) for topic in topics), *file.recorder.topics))
     except ValueError as error:
         raise InvalidInput(f"recorder: {error}") from error
     frames = plain(file.frames)
     estimation = {"object": file.object, "bag": bag, **frames, **plain(file.model), **file.estimator.parameters()}
+    calibration = file.camera.calibration if file.camera is not None and pictured else ""
+    recorded = {"bag": bag, "object": file.object, "model": file.model.model, "calibration": calibration}
     specs = [
-        NodeSpec("recorder", {"bag": bag, "object": file.object, "model": file.model.model, **plain(recorder)}),
+        NodeSpec("recorder", {**recorded, **plain(recorder)}),
         NodeSpec("estimator", estimation, respawn=True),  # a new estimator goes on from the bag
         _seer(file, frames),
         *_movers(file, frames, bag, start),
@@ -121,7 +129,8 @@ def _seer(file: CellFile, frames: Mapping[str, Any]) -> NodeSpec:
     common = {**frames, "heard_by": ["estimator", "recorder"]}
     if file.camera is None:
         return NodeSpec("pose_source", {**common, **merged(file.poses)}, respawn=True)
-    return NodeSpec("tracker", {"object": file.object, **common, **plain(file.camera), **plain(file.tracker)}, respawn=True)
+    seen = {**plain(file.camera), **plain(file.tracker), **plain(file.images)}
+    return NodeSpec("tracker", {"object": file.object, **common, **seen}, respawn=True)
 
 
 def _movers(file: CellFile, frames: Mapping[str, Any], bag: str, start: int) -> list[NodeSpec]:
@@ -232,6 +241,7 @@ def replay(
     paused: bool = False,
     partial: bool = False,
     model: str = "",
+    shown: Sequence[str] = (),
 ) -> list[NodeSpec]:
     """The nodes that play a bag into a live estimator.
 
@@ -244,9 +254,10 @@ def replay(
         paused: the player waits until it is resumed.
         partial: play a damaged bag, too.
         model: path of the model that the recorded run went on from; empty: none.
+        shown: more topics to play, for which nobody waits.
     """
     topics = list(source.topics)
-    playing = {"bag": bag, "partial": partial, "rate": rate, "topics": topics, "wait_for": topics, "paused": paused}
+    playing = {"bag": bag, "partial": partial, "rate": rate, "topics": [*topics, *shown], "wait_for": topics, "paused": paused}
     player = NodeSpec("player", playing, ends_run=True)
     live = NodeSpec("estimator", {"object": object_name, "source": source.kind, "model": model, **settings.parameters()})
     return with_own_clock([with_simulated_time(live), player], source.namespace)
@@ -266,7 +277,9 @@ def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -
         config: where the view is served.
     """
     reached = specs[0].environment
-    view = NodeSpec("view", {"object": object_name, **plain(config)}, respawn=True, environment=reached)
+    bags = [spec.parameters["bag"] for spec in specs if spec.name == "recorder"]
+    left = {"report": str(pathlib.Path(bags[0], REPORT_FILE))} if bags else {}
+    view = NodeSpec("view", {"object": object_name, **left, **plain(config)}, respawn=True, environment=reached)
     return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
 
 

@@ -56,11 +56,11 @@ GRACE = 3.0  # a port may appear this late without an error message; simulated t
 ROUNDING = 1e-5  # tolerance of positions [m]
 UNEVEN = 0.1  # a speed that varies by more than this is worth a note; a share of the mean
 KEPT = 1e-4  # a controller that kept its position while disconnected reports it this exactly [m]
-STOPPED = "stopped: nothing moves until actuator/reset is called"
+STOPPED = "stopped: nothing moves until a reset"
 UNKNOWN = "where the pusher stands is not known: "
 REMEDIES = {
-    False: UNKNOWN + "bring it to its home end, restart the controller, then call actuator/reset",
-    True: UNKNOWN + "see that it is free to move, then call actuator/reset, which homes",
+    False: UNKNOWN + "bring it to its home end, restart the controller, then reset",
+    True: UNKNOWN + "see that it is free to move, then reset, which homes",
 }
 """What a person does about it; the key says whether the cell homes."""
 
@@ -223,7 +223,7 @@ class ActuatorNode(LifecycleNode):
     def _halt(self, fault: PusherFault = PusherFault.STOPPED, why: str = "somebody asked for a stop") -> None:
         """Stop any motion, and move nothing until somebody calls reset."""
         self._stopped, self._fault = why, fault
-        self.get_logger().warning(f"{why}: nothing moves until actuator/reset is called")
+        self.get_logger().warning(f"{why}: nothing moves until a reset")
         self._revoke(fault, why)
 
     def _leave(self, why: str) -> None:
@@ -446,7 +446,7 @@ class ActuatorNode(LifecycleNode):
         """A mode, what went wrong, and what to do about it; for people."""
         remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and self._active and not self._located else None
         if mode is Mode.HOLD and self._stopped is not None:
-            remedy = f"{self._stopped}: call actuator/reset"
+            remedy = f"{self._stopped}: nothing moves until a reset"
         return ": ".join(str(text) for text in (mode.value, self._problem, remedy) if text is not None)
 
     def _publish(self, report: PusherReport) -> None:

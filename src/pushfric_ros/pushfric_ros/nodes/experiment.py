@@ -1,9 +1,12 @@
 """The experiment node: carries out a push plan, push after push, with an operator who places the object."""
 
+import enum
+import itertools
 import math
 import time
 import uuid
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -13,23 +16,26 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_core.cell.node_settings import ExperimentConfig, FrameConfig, ObjectConfig, PlanConfig
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.push_plan import PlannedPush, placement
+from pushfric_core.estimation.push_plan import PlannedPush, number_of, placement, purpose_of
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.geometry.planar import Pose, wrap
+from pushfric_core.pushers.pusher import PusherFault
 from pushfric_core.trajectories.trajectory import PoseSample, Trajectory
 from pushfric_core.vision.sighting import NO_OBJECT
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
+from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Awaited, Diagnostics, Figure, Health, Level
@@ -53,9 +59,8 @@ LAST_WORDS = 20.0
 processed what it has seen [s of wall time]."""
 
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
-PASSED = "a person went on to the next push"
-
-IN_ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then call the service actuator/reset"
+IN_ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then press Reset"
+WAS_STOPPED = "it was stopped: press Reset when it is free to move"
 
 HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
@@ -65,6 +70,18 @@ HINDRANCES = {
     PusherState.MODE_ALARM: IN_ALARM,
 }
 """Why a pusher in this mode cannot push, and what the operator can do about it."""
+
+
+class Choice(enum.Enum):
+    """What a person wants of a push: the names of the services, and why the push was given up."""
+
+    REPEAT = "a person wants it repeated"
+    SKIP = "a person skipped it"
+    END = "a person ended the run"
+
+
+class _Ended(Exception):
+    """A person has ended the run while something was awaited."""
 
 
 class ExperimentNode(Node):
@@ -87,10 +104,16 @@ class ExperimentNode(Node):
         self._newest = -1  # its newest data point [ns]
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._heartbeat, self._life = Heartbeat(self), Listener(self)
+        self._awaits_choice = False  # a push was aborted, and a person chooses what becomes of it
         self._blind = False  # the last push was stopped because the object was not seen
-        self._passed = False  # a person wants the next push instead of this one
+        self._choice: Choice | None = None  # what a person wants of the present push
+        self._unwanted: list[int] = []  # aborted pushes whose data points the estimator must still leave out
+        self._fault = ""  # why the pusher stopped
         self.create_service(Trigger, "~/withdraw", self._on_withdraw)
-        self.create_service(Trigger, "~/next", self._on_next)
+        for choice in Choice:
+            self.create_service(Trigger, f"~/{choice.name.lower()}", partial(self._on_choice, choice))
+        self._exclude, self._excluding = self.create_client(SelectPush, "estimator/exclude_push"), Future()
+        self._excluding.set_result(None)
         self._placement_out = topics.advertise(PoseStamped, "placement", LATCHED)
         self._progress_out = topics.advertise(PlanProgress, "plan_progress", LATCHED)
         self._progress = PlanProgress(count=self._count, push_id=self._first)
@@ -109,6 +132,7 @@ class ExperimentNode(Node):
         self._condition: tuple[Callable[[], bool], Future] | None = None
         topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
+        self.create_subscription(String, "pusher_fault", self._on_fault, LATCHED)
         if self._config.choose:
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
         # not a topic without which this node is unwell: a run may go without an estimator
@@ -121,34 +145,76 @@ class ExperimentNode(Node):
 
     async def _carry_out(self) -> None:
         self._start.cancel()
-        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
-        for push_id in range(self._first, self._count):
-            self._progress.push_id, self._passed = push_id, False
-            push = await self._choose() if self._config.choose else self._plan[push_id]
-            if push is None:
-                self.get_logger().warning("the region of p_CF has collapsed: no push would shrink it")
-                break
-            problem = await self._withdraw() or await self._place_and_push(push_id, push)
-            self._pushed = self.get_clock().now().nanoseconds
-            if problem is None:
-                self._progress.completed += 1
-            else:
-                self.get_logger().warning(f"push {push_id + 1} aborted: {problem}")
-                self._progress.aborted += 1
-                self._awaited.renew()
-        self._report(
-            PlanProgress.PHASE_FINISHED, f"{self._progress.completed} of {counted(self._count, 'push', 'pushes')} done"
-        )
+        end = ""
+        try:
+            await self._carry_out_plan()
+        except _Ended:
+            end = "; ended by a person"
+        progress = self._progress
+        skipped = f", {progress.skipped} skipped" if progress.skipped else ""
+        done = f"{progress.completed} of {counted(self._count, 'push', 'pushes')} done"
+        self._report(PlanProgress.PHASE_FINISHED, f"{done}{skipped}{end}")
         deadline = time.monotonic() + LAST_WORDS
         at_once = Duration(seconds=0)  # a wait would hold up this node's heartbeat, and end as a hang
 
         def all_told() -> bool:
             # what leads the run must not end before the estimator has all that was seen of it
             estimated = self._settled >= self._pushed or not self._estimator.get_publisher_count()
-            return estimated and self._progress_out.wait_for_all_acked(at_once)
+            asked = not self._unwanted and self._excluding.done()
+            return estimated and asked and self._progress_out.wait_for_all_acked(at_once)
 
         await self._until(lambda: all_told() or time.monotonic() > deadline)
         raise SystemExit(0)
+
+    async def _carry_out_plan(self) -> None:
+        await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        for index in range(self._first, self._count):
+            self._progress.push_id = index
+            push = await self._choose() if self._config.choose else self._plan[index]
+            if push is None:
+                self.get_logger().warning("the region of p_CF has collapsed: no push would shrink it")
+                return
+            self._progress.purpose = purpose_of(self._object.outline, push, bool(self._config.choose))
+            await self._push(index, push)
+
+    async def _push(self, index: int, push: PlannedPush) -> None:
+        """Carry out a push, and again for as long as it is aborted and a person wants it repeated."""
+        progress = self._progress
+        for push_id in itertools.count(index, self._count):
+            progress.push_id, progress.in_place = push_id, False
+            if self._choice is not Choice.END:
+                self._choice = None
+            problem = await self._withdraw() or await self._place_and_push(push_id, push)
+            self._pushed = self.get_clock().now().nanoseconds
+            if problem is None:
+                progress.completed += 1
+                return
+            self.get_logger().warning(f"push {number_of(push_id, self._count)} aborted: {problem}")
+            self._awaited.renew()
+            self._unwanted.append(push_id)
+            if self._choice is None and not self._begin.attended:
+                progress.aborted += 1
+                return
+            if self._choice is None:
+                await self._until_chosen(push_id, problem)
+            if self._choice is Choice.END:
+                raise _Ended
+            if self._choice is Choice.SKIP:
+                progress.skipped += 1
+                return
+
+    async def _until_chosen(self, push_id: int, problem: str) -> None:
+        """Let a person choose what becomes of an aborted push, once the pusher can move again."""
+        push = f"push {number_of(push_id, self._count)} of {self._count} was given up: {problem}"
+        self._awaits_choice = True
+        await self._until_well(self._hindrance_to_choice, PlanProgress.PHASE_WAITING, "waiting for the pusher")
+        if self._choice is None:
+            self._report(PlanProgress.PHASE_CHOOSING, f"{push}. Repeat it, skip it, or end the run?")
+            await self._until(lambda: self._choice is not None)
+        self._awaits_choice = False
+
+    def _hindrance_to_choice(self) -> str | None:
+        return self._hindrance() if self._choice is None else None
 
     async def _withdraw(self) -> str | None:
         """Bring the pusher back from where an aborted push or an earlier run left it; return what went wrong, or None."""
@@ -167,7 +233,7 @@ class ExperimentNode(Node):
 
     async def _place_and_push(self, push_id: int, planned: PlannedPush) -> str | None:
         """Have the object placed, and push it; return what went wrong, or None."""
-        push = f"push {push_id + 1} of {self._count}"
+        push = f"push {number_of(push_id, self._count)} of {self._count}"
         assert self._pusher is not None
         line: PushingLine = pusher_sample_from_msg(self._pusher).line
         wanted = placement(self._object.outline, planned, line, self._pusher.position + self._config.gap)
@@ -176,17 +242,19 @@ class ExperimentNode(Node):
         msg.header.frame_id, msg.header.stamp = TABLE, self.get_clock().now().to_msg()
         self._poses.clear()
         self._placement_out.publish(msg)
-        where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {math.degrees(wanted.theta):.0f} degrees"
+        turned = 180 - (180 - round(math.degrees(wanted.theta))) % 360
+        where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {turned} degrees"
         prompt = f"{push}: place the object at {where}"
 
         def misplaced() -> str | None:
-            return None if self._passed else self._misplaced(wanted)
+            return None if self._choice is not None else self._misplaced(wanted)
 
         while misplaced() is not None or self._unwell() is not None:
             await self._until_well(misplaced, PlanProgress.PHASE_PLACING, prompt)
             await self._others()
-        if self._passed:
-            return PASSED
+        if self._choice is not None:
+            return self._choice.value
+        self._progress.in_place = True
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         await self._until_well(self._foreign_clock, PlanProgress.PHASE_WAITING, "no push can be measured")
         await self._until_well(self._namesake, PlanProgress.PHASE_WAITING, "the messages may come from another cell")
@@ -262,7 +330,7 @@ class ExperimentNode(Node):
         if not self._blind or not self._unseen:
             self._blind = False
             return None
-        return "the object is not seen; let the camera see it, or call experiment/withdraw"
+        return "the object is not seen; let the camera see it, or press Skip to bring the pusher back"
 
     def _on_withdraw(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """A person says that the pusher may be brought back though the object is not seen."""
@@ -270,23 +338,52 @@ class ExperimentNode(Node):
         response.message = "bringing the pusher back" if response.success else "the pusher is not waiting to be brought back"
         return response
 
-    def _on_next(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """A person wants to skip this push, or the wait until the object is seen."""
-        if self._blind:
+    def _on_choice(self, choice: Choice, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """A person wants the push repeated or skipped, or the run ended."""
+        push = f"push {number_of(self._progress.push_id, self._count)}"
+        if choice is Choice.SKIP and self._blind and not self._awaits_choice:
             return self._on_withdraw(_, response)
-        response.success = self._progress.phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
-        self._passed = response.success
-        what = self._progress.message or "starting"
-        response.message = (
-            f"push {self._progress.push_id + 1} is given up" if response.success else f"no push to give up: {what}"
-        )
+        under_way = self._progress.phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
+        response.success = {
+            Choice.REPEAT: self._awaits_choice,
+            Choice.SKIP: self._awaits_choice or under_way,
+            Choice.END: self._progress.phase != PlanProgress.PHASE_FINISHED,
+        }[choice]
+        if response.success:
+            self._choice = choice
+            done = {Choice.REPEAT: f"{push} is repeated", Choice.SKIP: f"{push} is skipped", Choice.END: "the run ends"}
+            response.message = done[choice]
+        else:
+            response.message = f"no push to {choice.name.lower()}: {self._progress.message or 'starting'}"
         return response
 
+    def _on_fault(self, msg: String) -> None:
+        self._fault = msg.data
+
+    def _leave_out(self) -> None:
+        """Have the estimator leave out what it made of aborted pushes, once it has made all of it."""
+        if not self._unwanted or not self._excluding.done() or not self._estimator.get_publisher_count():
+            return
+        if self._settled >= self._pushed and self._exclude.service_is_ready():
+            # the estimator refuses if nothing was observed of the push, which is as well
+            self._excluding = self._exclude.call_async(SelectPush.Request(push_id=self._unwanted.pop()))
+
     def _report(self, phase: int, message: str) -> None:
-        self._progress.phase, self._progress.message = phase, message
+        progress = self._progress
+        progress.phase, progress.message, progress.details = phase, message, self._details(phase)
         self._progress.header.stamp = self.get_clock().now().to_msg()
         self._progress_out.publish(self._progress)
         self.get_logger().info(message)
+
+    def _details(self, phase: int) -> str:
+        """The services that answer a prompt of this phase, and the pusher's fault."""
+        services = {
+            PlanProgress.PHASE_PLACING: "experiment/skip, experiment/end",
+            PlanProgress.PHASE_CHOOSING: "experiment/repeat, experiment/skip, experiment/end",
+            PlanProgress.PHASE_ALARM: "actuator/reset",
+        }.get(phase, "experiment/withdraw" if self._blind else "actuator/reset" if self._was_stopped else "")
+        fault = "" if self._fault in ("", PusherFault.NONE.value) else f"fault: {self._fault}"
+        return "; ".join(filter(None, (services and f"services: {services}", fault)))
 
     async def _until_well(self, problem: Callable[[], str | None], phase: int, prompt: str) -> None:
         """Tell the operator about a problem, whenever it changes, until there is none."""
@@ -297,12 +394,16 @@ class ExperimentNode(Node):
         def given_up() -> bool:
             return said == IN_ALARM and not self._begin.attended and time.monotonic() - since > ALARM_PATIENCE
 
+        if self._choice is Choice.END:
+            raise _Ended
         since = 0.0
         while (said := problem()) is not None:
             phase_now = PlanProgress.PHASE_ALARM if said == IN_ALARM else phase
             self._report(phase_now, f"{prompt}: {said}" if said else prompt)
             since = time.monotonic()
-            await self._until(lambda: changed() or given_up())
+            await self._until(lambda: changed() or given_up() or self._choice is Choice.END)
+            if self._choice is Choice.END:
+                raise _Ended
             if given_up() and not changed():
                 raise SystemExit(f"{self._progress.message}; nobody is here to do that")
 
@@ -313,6 +414,7 @@ class ExperimentNode(Node):
         return future
 
     def _check_condition(self) -> None:
+        self._leave_out()
         now = time.monotonic()
         if (stood_still := now - self._checked) > STALL:
             self._heard, self._seen = (min(now, then + stood_still) for then in (self._heard, self._seen))
@@ -333,9 +435,16 @@ class ExperimentNode(Node):
         """Why the pusher cannot move; None if it can."""
         if self._pusher is None or self._silent:
             return "it does not report"
+        if self._was_stopped:
+            return WAS_STOPPED
         if self._pusher.mode != PusherState.MODE_IDLE:
             return HINDRANCES[self._pusher.mode]
         return None if self._action.server_is_ready() else "its action server is not available"
+
+    @property
+    def _was_stopped(self) -> bool:
+        held = self._pusher is not None and self._pusher.mode == PusherState.MODE_HOLD
+        return held and self._fault == PusherFault.STOPPED.value
 
     @property
     def _silent(self) -> bool:
@@ -362,8 +471,8 @@ class ExperimentNode(Node):
         """Why the pusher must not go on forward; None if it may."""
         if self._pusher is None or self._pusher.push_id == PusherState.NO_PUSH:
             return None
-        if self._passed:
-            return PASSED
+        if self._choice is not None:
+            return self._choice.value
         if self._unseen:
             ago = time.monotonic() - self._seen
             return f"the object was not seen for {ago:.2f} s; lost_object is {self._config.lost_object:g} s"
@@ -390,14 +499,16 @@ class ExperimentNode(Node):
     def _misplaced(self, wanted: Pose) -> str | None:
         """What is wrong with the placement; None once the object lies still in its place."""
         if not self._poses or self._unseen:
+            self._progress.in_place = False
             why = self._no_pose.text
             if why == NO_OBJECT:  # this needs no explanation
                 why = ""
             return why if not self._poses else ": ".join(filter(None, ("it is not seen", why)))
         last = self._poses[-1][1]
         off, turned = math.hypot(last.x - wanted.x, last.y - wanted.y), abs(wrap(last.theta - wanted.theta))
+        self._progress.in_place = off <= self._config.position_tolerance and turned <= self._config.angle_tolerance
         if off > self._config.position_tolerance:
-            return f"it lies {100 * off:.0f} cm off"
+            return f"it lies about {10 * round(100 * off)} mm off"
         if turned > self._config.angle_tolerance:
             return f"it is turned {10 * round(math.degrees(turned) / 10)} degrees too far"
         still = all(
@@ -429,10 +540,11 @@ class ExperimentNode(Node):
     def _health(self) -> Health:
         progress = self._progress
         values = {
-            "push": progress.push_id + 1,
+            "push": number_of(progress.push_id, progress.count),
             "pushes": progress.count,
             "completed": progress.completed,
             "aborted": progress.aborted,
+            "skipped": progress.skipped,
             "awaited": self._unwell() or "none",
         }
         hindrance = self._hindrance()

@@ -1,11 +1,12 @@
 """The monitor node: what the command line receives from a running cell."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from std_srvs.srv import SetBool
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
@@ -24,6 +25,7 @@ class MonitorNode(Node):
         on_progress: called with every plan_progress.
         starts_player: resume a paused player once estimates can be received, because discovery may take seconds, and estimates
             during this time would be lost.
+        services: that `ask` can call.
     """
 
     def __init__(
@@ -31,6 +33,7 @@ class MonitorNode(Node):
         on_estimate: Callable[[FrictionEstimate], None],
         on_progress: Callable[[PlanProgress], None],
         starts_player: bool,
+        services: Collection[str] = (),
         **kwargs: Any,
     ) -> None:
         super().__init__("monitor", **SERVING_NOTHING, **kwargs)
@@ -38,9 +41,22 @@ class MonitorNode(Node):
         self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED_QUEUE)
         self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED_QUEUE)
         self.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
+        self._clients_of = {service: self.create_client(Trigger, service) for service in services}
         if starts_player:
             self._pause = self.create_client(SetBool, "player/pause")
             self._look = self.create_timer(LOOK_PERIOD, self._start_player, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def ask(self, service: str, on_answer: Callable[[str], None]) -> None:
+        """Call one of the services; what it answers, or that nobody is there, goes to `on_answer`."""
+        client = self._clients_of[service]
+        if not client.service_is_ready():
+            on_answer(f"no service {service}: nobody there can do it")
+            return
+
+        def answered(future: Future) -> None:
+            on_answer(str(future.result().message))
+
+        client.call_async(Trigger.Request()).add_done_callback(answered)
 
     def _start_player(self) -> None:
         if self._estimates.get_publisher_count() and self._pause.service_is_ready():

@@ -18,7 +18,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.cell.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE, load_object, save_object
+from pushfric_core.files.object_file import CAMERA_FILE, OBJECT_FILE, PRIOR_FILE, load_object, save_object
 from pushfric_core.wording import counted
 from pushfric_ros.messages.qos import NAMED, RELIABLE
 from pushfric_ros.messages.types import definition, message_class, type_hash
@@ -58,11 +58,12 @@ class RecorderNode(Node):
         folder = pathlib.Path(recording.bag)
         if model is not None:
             save_object(model, folder / OBJECT_FILE)
-        if recording.model:
+        for source, name in ((recording.model, PRIOR_FILE), (recording.calibration, CAMERA_FILE)):
             try:
-                shutil.copyfile(recording.model, folder / PRIOR_FILE)
+                if source:
+                    shutil.copyfile(source, folder / name)
             except OSError as error:
-                raise InvalidInput(f"{recording.model}: cannot be copied to {folder / PRIOR_FILE}: {error.strerror}") from error
+                raise InvalidInput(f"{source}: cannot be copied to {folder / name}: {error.strerror}") from error
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
         self._receptions: dict[str, Reception] = {}  # by topic

@@ -1,7 +1,6 @@
 """The tracker node: camera images -> the object's pose on the table."""
 
 import array
-import math
 import time
 from typing import Any
 
@@ -14,15 +13,26 @@ from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
-from pushfric_core.cell.node_settings import CameraConfig, FrameConfig, ObjectConfig, RequiredSubscribersConfig
+from pushfric_core.cell.node_settings import (
+    CameraConfig,
+    FrameConfig,
+    Images,
+    ImagesConfig,
+    ObjectConfig,
+    RequiredSubscribersConfig,
+)
 from pushfric_core.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import CAMERA, TABLE
-from pushfric_core.geometry.planar import Pose, transform
-from pushfric_core.vision.camera import Image, load_camera, picture_from
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.vision.camera import Image, load_camera
 from pushfric_core.vision.frame_source import TOPICS, Device
+from pushfric_core.vision.image_messages import image_from_msg
+from pushfric_core.vision.keyframes import KEYFRAMES, Keyframes, Moment
+from pushfric_core.vision.overlay import Overlay
 from pushfric_core.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
+from pushfric_msgs.msg import PlanProgress, PusherState
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level
@@ -36,32 +46,6 @@ from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transf
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Holds more than a second of frames, so that none is lost in a busy moment."""
 
-TO_GREY = {
-    "mono8": (1, None),
-    "mono16": (2, None),
-    "bgr8": (3, cv2.COLOR_BGR2GRAY),
-    "rgb8": (3, cv2.COLOR_RGB2GRAY),
-    "bgra8": (4, cv2.COLOR_BGRA2GRAY),
-    "rgba8": (4, cv2.COLOR_RGBA2GRAY),
-    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2GRAY),
-    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2GRAY),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2GRAY),
-    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2GRAY),
-    "yuyv": (2, cv2.COLOR_YUV2GRAY_YUYV),
-    "yuv422_yuy2": (2, cv2.COLOR_YUV2GRAY_YUYV),
-    "uyvy": (2, cv2.COLOR_YUV2GRAY_UYVY),
-    "yuv422": (2, cv2.COLOR_YUV2GRAY_UYVY),
-    "nv12": (1, None),
-    "nv21": (1, None),
-    "nv24": (1, None),
-}
-"""Bytes per pixel of the (first) plane for each known encoding, and OpenCV's conversion, which takes the luminance of YUV."""
-
-PLANES = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
-"""Size of all planes of an image relative to the luminance plane, which comes first."""
-
-"""The values of `source` that are topics."""
-
 DISORDER = 1_000_000_000
 """Frames that are late by up to this [ns] are dropped; a longer step back means that the clock was reset."""
 
@@ -74,6 +58,12 @@ those that look alike."""
 
 FROZEN_FRAMES = 3
 """This many identical frames in a row mean that the camera is frozen."""
+
+JPEG_QUALITY = 95
+"""Of recorded images."""
+
+MOST_KEYFRAMES = 15e6
+"""Size of all keyframes of a run [byte]."""
 
 OVERLAY_PERIOD = 0.2
 """Least time between overlays [s]."""
@@ -101,6 +91,8 @@ class TrackerNode(Node):
         self._alike = 1  # number of identical frames in a row, up to the newest
         self._last: Pose | None = None  # where the object was last seen
         self._placement: Pose | None = None  # where it is to be placed, until it is seen there
+        self._ghost: Pose | None = None  # where a person is to place it now
+        self._placed = False  # whether it lies there
         self._in_sight = False
         self._since = 0  # stamp of the frame since which it is in sight without a break [ns]
         self._sighting: Sighting | None = None  # in the newest frame
@@ -118,7 +110,14 @@ class TrackerNode(Node):
             self, self._pose_out, declare(self, RequiredSubscribersConfig).heard_by
         )
         self._overlay_out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
+        self._images = declare(self, ImagesConfig).images
+        self._keyframes = Keyframes(self._images is Images.ALL) if self._images is not Images.OFF else None
+        self._pushes, self._recorded = False, 0  # whether a push is under way; bytes of keyframes
+        if self._keyframes is not None:
+            self._keyframe_out = topics.advertise(CompressedImage, KEYFRAMES, RELIABLE)
+            self.create_subscription(PusherState, "pusher_state", self._on_pusher_state, SENSOR_DATA)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
+        self.create_subscription(PlanProgress, "plan_progress", self._on_plan, LATCHED)
         self._transforms = TransformBroadcaster(self, prefix, fixed=True)
         self._transforms.broadcast(camera_transform(*self._camera.pose()))
         self._device: Device | None = None
@@ -126,7 +125,7 @@ class TrackerNode(Node):
         if config.source == "topic":
             topics.subscribe(ImageMsg, self._source, self._on_image, IMAGE_QUEUE)
         elif config.source == "compressed":
-            topics.subscribe(CompressedImage, self._source, self._on_compressed_image, IMAGE_QUEUE)
+            topics.subscribe(CompressedImage, self._source, self._on_image, IMAGE_QUEUE)
         else:
             arrived = self.create_guard_condition(self._on_device_frames)
             size = (self._camera.width, self._camera.height)
@@ -151,17 +150,17 @@ class TrackerNode(Node):
         if 0 < stamp_from_msg(msg.header.stamp) < self._since:  # it came later than frames that show the object placed
             self._in_sight = False
 
-    def _on_image(self, msg: ImageMsg) -> None:
+    def _on_plan(self, msg: PlanProgress) -> None:
+        """Draw where the object is to be placed, while a person places it."""
+        self._placed = msg.in_place
         try:
-            frame = grey_from_msg(msg)
-        except ValueError as error:
-            self._refuse(str(error))
-            return
-        self._on_frame(frame, stamp_from_msg(msg.header.stamp))
+            self._ghost = pose_from_msg(msg.placement) if msg.phase == PlanProgress.PHASE_PLACING else None
+        except ValueError:  # the topic placement has the same pose, and its callback complains
+            self._ghost = None
 
-    def _on_compressed_image(self, msg: CompressedImage) -> None:
+    def _on_image(self, msg: ImageMsg | CompressedImage) -> None:
         try:
-            frame = picture_from(np.frombuffer(msg.data, np.uint8), msg.format)
+            frame = image_from_msg(msg)
         except ValueError as error:
             self._refuse(str(error))
             return
@@ -204,8 +203,29 @@ class TrackerNode(Node):
                 self._since = stamp
             self._last, self._in_sight = self._sighting.pose, True
             self._publish(self._sighting, stamp)
+        if self._keyframes is not None:
+            self._record(self._keyframes.take(frame, stamp, self._moment()))
         if self._overlay_out.get_subscription_count() and time.monotonic() - self._overlay_time >= OVERLAY_PERIOD:
             self._publish_overlay(frame, stamp)
+
+    def _moment(self) -> Moment:
+        return Moment(self._pushes, self._placed, self._in_sight)
+
+    def _record(self, chosen: list[tuple[int, Image]]) -> None:
+        """Publish images for the bag."""
+        for stamp, frame in chosen:
+            _, jpeg = cv2.imencode(".jpg", frame, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
+            self._recorded += len(jpeg)
+            if self._images is Images.KEYFRAMES and self._recorded > MOST_KEYFRAMES:
+                self._complain(f"no more keyframes are recorded: the bag has {MOST_KEYFRAMES / 1e6:g} MB of them")
+                self._keyframes = None
+                return
+            msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))
+            msg.header.stamp, msg.header.frame_id = self._shifted(stamp), CAMERA
+            self._keyframe_out.publish(msg)
+
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        self._pushes = msg.push_id != PusherState.NO_PUSH
 
     def _look(self, frame: Image) -> Sighting:
         """Find the object, and choose among orientations that look the same.
@@ -233,15 +253,16 @@ class TrackerNode(Node):
         self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
 
     def _publish_overlay(self, frame: Image, stamp: int) -> None:
-        """Publish the frame with the outline where the object was seen, or with the reason why it was not."""
+        """Publish the frame with the object as it was seen, or the reason why it was not, and where it is to be placed."""
         self._overlay_time = time.monotonic()
-        picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
-        if self._sighting is not None:
-            corners = self._camera.project(transform(self._sighting.pose, self._object.outline.vertices), self._height)
-            cv2.polylines(picture, [np.rint(corners).astype(np.int32)], True, (0, 200, 0))
-        text = f"{self._sighting.residual_px:.2f} px" if self._sighting else self._reason.partition(":")[0]
-        cv2.putText(picture, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 200, 255))
-        _, jpeg = cv2.imencode(".jpg", picture)
+        overlay, seen = Overlay(frame, self._camera, self._object.outline, self._height), self._sighting
+        overlay.table()
+        if seen is not None:
+            overlay.seen(seen.pose)
+        if self._ghost is not None:
+            overlay.ghost(self._ghost, seen and seen.pose, self._placed)
+        overlay.say(f"{seen.residual_px:.2f} px" if seen else self._reason.partition(":")[0])
+        _, jpeg = cv2.imencode(".jpg", overlay.picture)
         msg = CompressedImage(format="jpeg", data=array.array("B", jpeg.tobytes()))
         msg.header.stamp, msg.header.frame_id = self._shifted(stamp), CAMERA
         self._overlay_out.publish(msg)
@@ -296,35 +317,6 @@ class TrackerNode(Node):
             return self._reason
         missing = self._required_subscribers.missing
         return f"waiting for {', '.join(missing)} to receive the poses" if missing else ""
-
-
-def grey_from_msg(msg: ImageMsg) -> Image:
-    """The image (height, width) in grey levels, mono8.
-
-    Mono16 gives its upper byte, YUV its luminance as it is. If the message holds contiguous grey values, the image shares the
-    memory of the message.
-
-    Raises:
-        ValueError: the encoding is not in `TO_GREY`, or the sizes do not fit the data.
-    """
-    if msg.encoding not in TO_GREY:
-        raise ValueError(f"encoding must be {', '.join(TO_GREY)}, got {msg.encoding!r}")
-    pixel_size, conversion = TO_GREY[msg.encoding]
-    data, what = np.frombuffer(msg.data, np.uint8), f"{msg.width} x {msg.height} {msg.encoding}"
-    if not msg.width * msg.height:
-        raise ValueError(f"an image must have pixels, got {what}")
-    if msg.step < msg.width * pixel_size:
-        raise ValueError(f"{what} must have a step of {msg.width * pixel_size} or more, got {msg.step}")
-    size = msg.step * math.ceil(msg.height * PLANES.get(msg.encoding, 1))
-    if len(data) != size:
-        raise ValueError(f"{what} with step {msg.step} must have {size} bytes, got {len(data)}")
-    rows = data[: msg.height * msg.step].reshape(msg.height, msg.step)[:, : msg.width * pixel_size]
-    if pixel_size == 1 and conversion is None:
-        return rows
-    pixels = rows.reshape(msg.height, msg.width, pixel_size)
-    if conversion is None:
-        return np.asarray(cv2.extractChannel(pixels, 0 if msg.is_bigendian else 1))
-    return np.asarray(cv2.cvtColor(pixels, conversion))
 
 
 def _same(frame: Image, other: Image) -> bool:

@@ -16,9 +16,10 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
-from pushfric_core.cell.node_settings import ObjectConfig, ViewConfig
+from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConfig
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
+from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.node_kit import executable
@@ -42,6 +43,7 @@ class ViewNode(Node):
 
     AT_TIMES: ClassVar = {
         "overlay/compressed": (CompressedImage, SENSOR_DATA),
+        KEYFRAMES: (CompressedImage, RELIABLE),
         "object_pose": (PoseWithCovarianceStamped, SENSOR_DATA),
         "pusher_state": (PusherState, RELIABLE),
     }
@@ -54,13 +56,17 @@ class ViewNode(Node):
         self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
         self._wake = self.create_guard_condition(self._do_what_is_asked)
         self._server = Server(config, self._on_request, self._on_looking)
-        self._server.show(self._story.begin())
+        self._server.show(self._story.begin() | {"report": declare(self, ShownConfig).report})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
         self.create_timer(UNSEEN_PERIOD, self._read, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
-        triggers = {"stop": "actuator/stop", "reset": "actuator/reset", "next": "experiment/next"}
+        triggers = {
+            "stop": "actuator/stop",
+            "reset": "actuator/reset",
+            **{what: f"experiment/{what}" for what in ("repeat", "skip", "end")},
+        }
         self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
         pushes = {"exclude": "estimator/exclude_push", "keep": "estimator/keep_push"}
         self._services_of |= {what: self.create_client(SelectPush, name) for what, name in pushes.items()}
@@ -143,12 +149,18 @@ class ViewNode(Node):
         if looking:
             callbacks: dict[str, Callable[[Any], None]] = {
                 "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
+                KEYFRAMES: self._on_keyframe,
                 "object_pose": self._telling(self._story.on_pose),
                 "pusher_state": self._telling(self._story.on_pusher),
             }
             self._watched = [
                 self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
             ]
+
+    def _on_keyframe(self, msg: CompressedImage) -> None:
+        """Show an image of a bag, if no tracker draws on newer ones."""
+        if not self.count_publishers("overlay/compressed"):
+            self._server.picture(bytes(msg.data))
 
     def _carry_out(self, request: Request) -> None:
         """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""

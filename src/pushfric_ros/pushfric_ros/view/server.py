@@ -18,7 +18,7 @@ from pushfric_core.trajectories.observation import PUSH_IDS
 from pushfric_ros.view.page_server import Asked, PageServer
 from pushfric_ros.view.story import Change
 
-ACTIONS = ("stop", "reset", "next", "exclude", "keep")
+ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
 """What a visitor may ask for."""
 
 FREE_FOR_ALL = "stop"
@@ -62,7 +62,7 @@ class Server(PageServer):
         self._story: Change = {}
         self._visitors: set[Visitor] = set()
         self._looking = False
-        routes = [(r"/live", Visitor), (r"/(stop|reset|next)", Action), (r"/(exclude|keep)/(-?\d{1,10})", Action)]
+        routes = [(r"/live", Visitor), (r"/(stop|reset|repeat|skip|end)", Action), (r"/(exclude|keep)/(-?\d{1,10})", Action)]
         super().__init__(config, "index.html", routes)
 
     def show(self, change: Change) -> None:

@@ -6,6 +6,7 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
     estimate         the last friction_estimate as the command line's JSON names it, with mu_c's histogram; None: no data yet
     push/ID          a push: its data points, the estimate after it, and whether it was left out or aborted
     plan             the last plan_progress
+    report           file of the page that the run leaves behind; empty: none
     fault            why the pusher has stopped
     node/NAME        the last diagnostics of a node
     pose, pusher     where the object and the pusher are; told only while somebody looks
@@ -18,7 +19,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from pushfric_core.bags.samples import pose_sample_from_msg, stamp_from_msg
+from pushfric_core.bags.samples import pose_from_msg, pose_sample_from_msg, stamp_from_msg
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
@@ -29,8 +30,11 @@ Change = dict[str, Any]
 REMEMBERED = 1000
 """Data points and estimates come on two topics. One waits for its counterpart until this many more of its kind have come."""
 
-AFTER_PUSH = ("center_of_friction", "confidence", "mu_c", "objective", "data_points", "verdict")
-"""The parts of an estimate that the row of a push keeps."""
+AFTER_PUSH = (
+    "center_of_friction", "center_of_friction_covariance", "confidence", "data_points", "gap", "mu_c", "object", "objective",
+    "pushes", "status", "support_points", "verdict", "w",
+)  # fmt: skip
+"""The parts of an estimate that the row of a push keeps, to be looked at later."""
 
 PHASES = {
     PlanProgress.PHASE_WAITING: "waiting",
@@ -38,6 +42,7 @@ PHASES = {
     PlanProgress.PHASE_PUSHING: "pushing",
     PlanProgress.PHASE_FINISHED: "finished",
     PlanProgress.PHASE_ALARM: "alarm",
+    PlanProgress.PHASE_CHOOSING: "choosing",
 }
 LEVELS = {
     DiagnosticStatus.OK: "ok",
@@ -76,7 +81,7 @@ class Story:
         friction = msg.contact_friction
         histogram = {"bin_width": friction.bin_width, "counts": list(friction.histogram)}
         stamp = stamp_from_msg(msg.header.stamp)
-        _remember(self._after, stamp, {key: told[key] for key in AFTER_PUSH if key in told})
+        _remember(self._after, stamp, {key: told[key] for key in AFTER_PUSH if key in told} | {"histogram": histogram})
         return {"estimate": told | {"histogram": histogram}, **self._row_after(stamp)}
 
     def on_observation(self, msg: Observation) -> Change:
@@ -109,12 +114,19 @@ class Story:
             "count": msg.count,
             "completed": msg.completed,
             "aborted": msg.aborted,
+            "skipped": msg.skipped,
+            "placement": list(pose_from_msg(msg.placement)),
+            "in_place": msg.in_place,
+            "purpose": msg.purpose,
             "message": msg.message,
+            "details": msg.details,
         }
         changed: Change = {"plan": plan}
-        if before is not None and msg.aborted > before.aborted:
-            self._row(before.push_id)["aborted"] = True
-            changed |= self._told(before.push_id)
+        if before is not None and msg.completed == before.completed:
+            stopped = before.phase == PlanProgress.PHASE_PUSHING != msg.phase
+            if stopped or msg.aborted + msg.skipped > before.aborted + before.skipped:
+                self._row(before.push_id)["aborted"] = True
+                changed |= self._told(before.push_id)
         if msg.phase == PlanProgress.PHASE_PUSHING:
             self._row(msg.push_id)
             changed |= self._told(msg.push_id)

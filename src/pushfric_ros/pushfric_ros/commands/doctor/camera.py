@@ -15,8 +15,9 @@ from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.vision.camera import Image
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_core.vision.frame_source import TOPICS, Device
+from pushfric_core.vision.image_messages import image_from_msg
 from pushfric_core.wording import counted
-from pushfric_ros.commands.topic_frames import image_from_msg, message_type
+from pushfric_ros.commands.topic_frames import message_type
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.visit import visit

@@ -12,7 +12,7 @@ from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.sighting import NotSeen, Tracker
 
-COARSEST = 0.5e-3
+COARSEST = 0.8e-3
 """Largest useful size of a pixel on the table [m]."""
 
 LENS_ERROR_PX = 0.5
@@ -52,7 +52,8 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
     except InvalidInput as error:
         return Check("object", Grade.FAILED, str(error), "a camera nearer to the table, larger markers, or another object")
     if image is None or image.shape != (camera.height, camera.width):
-        return Check("object", Grade.OK, f"{model.name}: no image shows whether it is seen")
+        finding = f"{model.name}: not checked whether it is seen, for want of a picture of the calibrated size"
+        return Check("object", Grade.WARNING, finding, "see the camera above, then call doctor again")
     try:
         sighting = tracker.track(image)
     except NotSeen as reason:

@@ -140,7 +140,7 @@ class EstimatorNode(Node):
             elif self._models.save and self._online.usable:
                 assert self._online.estimate is not None
                 made_from = self._bag or self.get_fully_qualified_name()
-                settings = self._settings.without(self._excluded)
+                settings = self._settings_now()
                 model = make_model(self._object, self._online.estimate, made_from, settings)
                 save_model(model, pathlib.Path(self._models.save))
         finally:
@@ -195,7 +195,7 @@ class EstimatorNode(Node):
         self._select(load_object(chosen))
         self._chosen = chosen
         for observation in self._prior if chosen == self._initial else ():
-            self._made[observation.push_id] += 1
+            self._made.append(observation)
             if observation.push_id not in self._excluded:
                 self._online.learn(observation)
 
@@ -205,17 +205,24 @@ class EstimatorNode(Node):
         last = self._resumption.settings if self._resumption is not None else None
         self._excluded = set(settings.excluded if last is None else last.excluded)
         self._maker = ObservationMaker(model.outline, settings.trajectory, settings.with_forces)
+        self._estimate_anew()
+        self._verdict = Verdict()
+        self._problem: str | None = None
+        self._refused = 0
+        self._refused_messages: Counter[str] = Counter()  # by kind of the ledger
+        self._made: list[Observation] = []  # of all pushes
+        self._noted: set[Event] = set()  # the log has them
+
+    def _estimate_anew(self) -> None:
+        model, settings = self._object, self._settings
         estimator = settings.new_estimator(model.support_points)
         recognizer = Recognizer(model.hypotheses, settings.estimator) if model.hypotheses else None
         self._online = OnlineEstimation(model.outline, estimator, settings.region.region_margin, recognizer, self._refuse)
         self._publications.begin(model, self._online)
         self._model_publication.begin(model, self._online)
-        self._verdict = Verdict()
-        self._problem: str | None = None
-        self._refused = 0
-        self._refused_messages: Counter[str] = Counter()  # by kind of the ledger
-        self._made: Counter[int] = Counter()  # observations of each push
-        self._noted: set[Event] = set()  # the log has them
+
+    def _settings_now(self) -> EstimatorSettings:
+        return dataclasses.replace(self._settings, excluded=tuple(sorted(self._excluded)))
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         self._on_input("object_pose", msg)
@@ -259,7 +266,7 @@ class EstimatorNode(Node):
 
     def _take(self, observations: list[Observation]) -> None:
         for observation in observations:
-            self._made[observation.push_id] += 1
+            self._made.append(observation)
             used = observation.push_id not in self._excluded
             if self._resumption is not None:
                 if used:
@@ -300,7 +307,7 @@ class EstimatorNode(Node):
         return self._verdict
 
     def _publish_settings(self) -> None:
-        self._settings_out.publish(String(data=self._settings.without(self._excluded).to_text()))
+        self._settings_out.publish(String(data=self._settings_now().to_text()))
 
     def _publish_start(self) -> None:
         msg = EstimationStart(object=self._chosen)
@@ -362,9 +369,15 @@ class EstimatorNode(Node):
         return response
 
     def _on_keep_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
-        kept = self._online.keep(request.push_id)
         ids = tuple(sorted({*self._settings.kept, request.push_id}))
         self._settings = dataclasses.replace(self._settings, kept=ids)
+        if request.push_id in self._excluded:  # all again, in the order in which a bag has them
+            self._excluded.remove(request.push_id)
+            self._estimate_anew()
+            for observation in self._made:
+                if observation.push_id not in self._excluded:
+                    self._online.learn(observation)
+        kept = self._online.keep(request.push_id)
         response.success = True
         response.message = f"kept: {data_of(kept.data_points, kept.pushes)} are in"
         self._show_again()
@@ -420,7 +433,8 @@ class EstimatorNode(Node):
         for kind, number in self._refused_messages.items():
             ledger.accounts[kind].enter(REFUSED, number)
         used = Counter(one.push_id for one in self._online.observations)
-        ledger.settle(self._made, used, self._excluded, {one.push_id for one in self._verdict.rejected})
+        made = Counter(one.push_id for one in self._made)
+        ledger.settle(made, used, self._excluded, {one.push_id for one in self._verdict.rejected})
         return ledger
 
     def _health(self) -> Health:

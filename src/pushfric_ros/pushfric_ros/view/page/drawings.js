@@ -96,6 +96,73 @@ function drawnPusher({ pose, pusher }, to, scale) {
   ];
 }
 
+const turned = ([x, y], theta) => [Math.cos(theta) * x - Math.sin(theta) * y, Math.sin(theta) * x + Math.cos(theta) * y];
+const placed = (points, [x, y, theta]) => points.map((point) => turned(point, theta)).map(([u, v]) => [u + x, v + y]);
+
+/** How far the object is from its place: [distance in m, angle in degrees, counter-clockwise]; undefined if either is unknown. */
+export function wayToPlace({ pose, plan }) {
+  if (!pose || plan?.phase !== "placing") return undefined;
+  const [x, y, theta] = plan.placement;
+  const turn = theta - pose[2];
+  return [Math.hypot(x - pose[0], y - pose[1]), (Math.atan2(Math.sin(turn), Math.cos(turn)) * 180) / Math.PI];
+}
+
+/** The table from above, x to the right: its axes, the pushing line, the object with its axes, and where it is to be placed. */
+export function drawMap(svg, story) {
+  const height = 480, parts = [];
+  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
+  const { pose, pusher, plan } = story, outline = story.object?.outline ?? [];
+  const ghost = plan?.phase === "placing" ? placed(outline, plan.placement) : [];
+  const object = pose ? placed(outline, pose) : [];
+  const home = pusher && pusher.direction.map((along, axis) => pusher.tip[axis] - pusher.position * along);
+  const size = 2 * Math.max(0.01, ...outline.map(([x, y]) => Math.hypot(x, y)));
+  const stroke = home ? [home, home.map((from, axis) => from + 1.6 * size * pusher.direction[axis])] : [];
+  const near = object.filter(([x, y]) => Math.hypot(x, y) < 10 * size);
+  const all = [[0, 0], ...ghost, ...near, ...stroke];
+  const step = 0.02; // so that the picture stands still while the object moves
+  const [left, low, right, high] = [Math.floor, Math.ceil].flatMap((to, end) => [0, 1].map((axis) => step * to((end ? 1 : -1) * 0.5 + (end ? Math.max : Math.min)(...all.map((point) => point[axis])) / step)));
+  const scale = Math.min((WIDTH - 60) / (right - left), (height - 70) / (high - low));
+  const to = ([x, y]) => [WIDTH / 2 + (x - (left + right) / 2) * scale, height / 2 - 10 - (y - (low + high) / 2) * scale];
+  const axes = (at, name) => [[1, 0], [0, 1]].forEach((way, axis) => {
+    const ends = placed([[0, 0], way.map((value) => 0.25 * size * value)], at).map(to);
+    parts.push(...arrow(ends, "frame_axis"));
+    parts.push(made("text", { x: ends[1][0] + 5, y: ends[1][1] - 5 }, `${"xy"[axis]}${name}`));
+  });
+  if (home) {
+    parts.push(made("path", { class: "line", d: path(stroke.map(to)) }));
+    const [u, v] = to(pusher.tip);
+    parts.push(made("circle", { class: "tip", cx: u, cy: v, r: Math.max(4, pusher.radius * scale) }));
+  }
+  if (pose) parts.unshift(made("path", { class: "outline", d: path(object.map(to), true) }));
+  axes([0, 0, 0], " table");
+  if (pose) axes(pose, "");
+  if (ghost.length) {
+    parts.push(made("path", { class: plan.in_place ? "ghost there" : "ghost", d: path(ghost.map(to), true) }));
+    const [u, v] = to(plan.placement);
+    const [distance, turn] = wayToPlace(story) ?? [];
+    if (plan.in_place) parts.push(made("text", { class: "there", x: u, y: v + 26, "text-anchor": "middle" }, "✓ in place"));
+    else if (pose) {
+      parts.push(...arrow([to(pose), [u, v]], "way"));
+      const [a, b] = to(pose);
+      parts.push(made("text", { class: "way_text", x: (a + u) / 2 + 10, y: (b + v) / 2 + 18 }, inWords(distance, turn)));
+    }
+  }
+  const bar = niceStep(WIDTH / scale, 6);
+  parts.push(made("path", { class: "scale", d: `M20 ${height - 26}v8h${bar * scale}v-8` }));
+  parts.push(made("text", { x: 20 + (bar * scale) / 2, y: height - 24, "text-anchor": "middle" }, `${+(bar * 1e3).toPrecision(3)} mm`));
+  svg.replaceChildren(...parts);
+}
+
+export const inWords = (distance, turn) => `${(1e3 * distance).toFixed(0)} mm${Math.abs(turn) < 2 ? "" : `, turn ${turn > 0 ? "↺" : "↻"} ${Math.abs(turn).toFixed(0)}°`}`;
+
+function arrow([[a, b], [u, v]], kind) {
+  const long = Math.hypot(u - a, v - b);
+  if (long < 2) return [];
+  const head = Math.min(10, 0.4 * long), [x, y] = [(u - a) / long, (v - b) / long];
+  const back = (side) => [u - head * (x - 0.5 * side * y), v - head * (y + 0.5 * side * x)];
+  return [made("path", { class: kind, d: path([[a, b], [u, v]]) + path([back(1), [u, v], back(-1)]) })];
+}
+
 /** The lower bounds on mu_c as a histogram, with the 90 % and 100 % marks, and its value with the interval. */
 export function drawFriction(svg, estimate) {
   const height = 200, left = 24, right = WIDTH - 24, base = height - 34, top = 46;
@@ -137,12 +204,12 @@ export function drawFriction(svg, estimate) {
 }
 
 /** The fit error per data point after each push. */
-export function drawError(svg, rows) {
+export function drawError(svg, rows, numberOf) {
   const height = 200, left = 58, right = WIDTH - 8, base = height - 34, top = 14;
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
   const shown = rows.filter((row) => row.after);
   const values = shown.map(({ after }) => (1e3 * number(after.objective)) / after.data_points);
-  const highest = Math.max(1e-3, ...values.filter(Number.isFinite));
+  const highest = Math.max(0.01, ...values.filter(Number.isFinite));
   const step = niceStep(highest, 3), end = step * Math.ceil(highest / step);
   const parts = [];
   for (let tick = 0; tick <= end + step / 2; tick += step) {
@@ -156,7 +223,7 @@ export function drawError(svg, rows) {
     const tall = Number.isFinite(values[index]) ? ((base - top) * values[index]) / end : 0;
     const u = left + index * wide;
     parts.push(made("rect", { class: row.excluded ? "bar out" : "bar", x: u + 0.18 * wide, y: base - tall, width: 0.64 * wide, height: tall, rx: 2 }));
-    if (index % every === 0) parts.push(made("text", { x: u + wide / 2, y: height - 12, "text-anchor": "middle" }, `${row.push + 1}`));
+    if (index % every === 0) parts.push(made("text", { x: u + wide / 2, y: height - 12, "text-anchor": "middle" }, numberOf(row.push).replace(" (again)", "′")));
   });
   parts.push(made("path", { class: "axis", d: `M${left} ${base}H${right}` }));
   svg.replaceChildren(...parts);

@@ -1,5 +1,5 @@
 // Shows the story of a run, which comes as one flat dict, first whole and then in changes; pushfric_ros/view/story.py lists its keys.
-import { drawError, drawFriction, drawObject } from "./drawings.js";
+import { drawError, drawFriction, drawMap, drawObject, inWords, wayToPlace } from "./drawings.js";
 
 const RETRY_MS = 2000;
 const STALE_MS = 3000; // an image older than this is no longer what the camera sees
@@ -12,6 +12,7 @@ let picture = null; // address of the image shown
 let pictureAt = -Infinity;
 let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused
+let moment = null; // the push after which the estimate is shown; null: now
 let newsAt = performance.now(); // when something last came
 
 // Numbers, as JSON has them and as people read them
@@ -22,6 +23,12 @@ const mm = (metres, digits = 2) => (Number.isFinite(number(metres)) ? (number(me
 const plain = (value, digits = 2) => (number(value) === Infinity ? "∞" : Number.isFinite(number(value)) ? number(value).toFixed(digits) : "–");
 const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
 const rowsOf = () => Object.keys(story).filter((key) => key.startsWith("push/")).map((key) => story[key]).sort((a, b) => a.push - b.push);
+
+/** The number of a push: its place in the plan, and whether it was repeated; push_plan.number_of says the same. */
+function numberOf(push) {
+  const count = story.plan?.count;
+  return count ? `${push % count + 1}${push >= count ? " (again)" : ""}` : `${push + 1}`;
+}
 
 // Connection
 
@@ -94,11 +101,14 @@ function redraw() {
     drawing = false;
     drawHeader();
     drawNow();
+    drawTime();
     drawNumbers();
     drawCamera();
-    drawObject(at("drawing"), story, rowsOf());
-    drawFriction(at("friction_chart"), story.estimate);
-    drawError(at("error_chart"), rowsOf());
+    drawMap(at("map"), story);
+    const [estimate, rows] = estimateShown();
+    drawObject(at("drawing"), moment === null ? story : { ...story, estimate, pusher: null }, rows);
+    drawFriction(at("friction_chart"), estimate);
+    drawError(at("error_chart"), rowsOf(), numberOf);
     drawTable();
     drawNodes();
   });
@@ -117,23 +127,34 @@ function drawHeader() {
   const pushes = live && known(story["node/actuator"]);
   at("stop").disabled = live && !pushes; // never for want of a connection: a request may still arrive
   at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
-  at("next").disabled = !(live && ["placing", "pushing", "waiting"].includes(story.plan?.phase));
+  const phase = live ? story.plan?.phase : undefined;
+  at("repeat").disabled = phase !== "choosing";
+  at("skip").disabled = !["placing", "pushing", "waiting", "choosing"].includes(phase);
+  at("end").disabled = !phase || phase === "finished";
 }
 
 function drawNow() {
   const { plan, fault, estimate } = story;
   let prompt = plan?.message || (estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
-  if (fault === "stopped") prompt = "The pusher is stopped: press Reset to let it move again";
-  else if (plan && known(fault) && fault !== "none") prompt += ` (fault: ${fault})`;
+  if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
+  const way = wayToPlace(story);
+  at("place").hidden = !way;
+  if (way) at("place").textContent = plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
+  at("place").classList.toggle("there", Boolean(plan?.in_place));
+  at("result").hidden = !(story.report && plan?.phase === "finished");
+  write("report", story.report ?? "");
+  write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
+  at("details").hidden = !plan?.details;
+  write("technical", plan?.details ?? "");
   at("now").className = connection === "live" ? plan?.phase ?? "" : "lost";
   at("progress").parentElement.hidden = !plan;
   if (plan) {
-    const done = plan.completed + plan.aborted;
+    const done = plan.completed + plan.aborted + plan.skipped;
     at("progress").max = Math.max(1, plan.count);
-    at("progress").value = plan.phase === "finished" ? plan.count : plan.push;
-    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}`;
+    at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
+    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
   }
   const verdict = estimate?.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
@@ -141,8 +162,27 @@ function drawNow() {
   if (known(estimate?.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.change.since_push + 1}.`;
 }
 
+function drawTime() {
+  const rows = rowsOf().filter((row) => row.after);
+  if (moment !== null && !rows.some((row) => row.push === moment)) moment = null;
+  at("time").hidden = rows.length < 2;
+  at("time").classList.toggle("past", moment !== null);
+  const slider = at("moment"), chosen = rows.findIndex((row) => row.push === moment);
+  slider.max = rows.length;
+  slider.value = chosen < 0 ? rows.length : chosen;
+  const name = chosen < 0 ? "now" : `after push ${numberOf(moment)}`;
+  slider.setAttribute("aria-valuetext", name);
+  if (at("moment_name").value !== name) at("moment_name").value = name;
+}
+
+// The estimate at the moment that is shown, and the rows of the pushes up to then
+function estimateShown() {
+  const rows = rowsOf(), last = rows.findIndex((row) => row.push === moment);
+  return last < 0 ? [story.estimate, rows] : [rows[last].after, rows.slice(0, last + 1)];
+}
+
 function drawNumbers() {
-  const { estimate } = story;
+  const [estimate] = estimateShown();
   const [x, y] = estimate?.center_of_friction ?? [];
   unit("center", estimate ? `${mm(x)}, ${mm(y)}` : "–", "mm");
   at("confidence").textContent = known(estimate?.confidence) ? `off by at most ${mm(estimate.confidence)} mm, with 90 %` : "";
@@ -176,9 +216,9 @@ function drawCamera() {
   const tracker = story["node/tracker"];
   const old = performance.now() - pictureAt > STALE_MS;
   at("overlay").hidden = !picture;
-  at("overlay").classList.toggle("old", old);
+  at("overlay").classList.toggle("old", old && !known(story["node/player"])); // a bag holds few
   at("no_image").hidden = Boolean(picture);
-  at("no_image").textContent = known(story["node/player"]) ? "A bag holds no images" : "No image yet";
+  at("no_image").textContent = known(story["node/player"]) ? "No image yet: a bag holds few or none" : "No image yet";
   const unseen = tracker && tracker.level !== "ok";
   at("seen").textContent = !tracker ? "" : unseen ? `✗ ${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
   at("seen").classList.toggle("problem", Boolean(unseen));
@@ -200,23 +240,24 @@ function drawTable() {
       }
       const button = document.createElement("button");
       button.addEventListener("click", () => {
-        const what = rejectionOf(row) ? "keep" : "exclude";
-        ask(`${what}/${row.push}`, `${what} push ${row.push + 1}`);
+        const what = row.excluded || rejectionOf(row) ? "keep" : "exclude";
+        ask(`${what}/${row.push}`, `${what} push ${numberOf(row.push)}`);
       });
       line.lastChild.append(button);
       body.insertBefore(line, body.children[index] ?? null);
     }
     const { after } = row;
     const [verdict, bad] = judged(row);
-    const texts = [row.push + 1, row.contacts.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
+    const texts = [numberOf(row.push), row.contacts.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
     texts.forEach((text, column) => { line.cells[column].textContent = text; });
     line.cells[6].className = bad ? "bad" : "";
     const left = Boolean(rejectionOf(row));
     line.className = row.excluded || left ? "out" : "";
     const button = line.lastChild.firstChild;
-    button.textContent = row.excluded ? "Excluded" : left ? "Keep" : "Exclude";
-    button.ariaLabel = `${left ? "Keep" : "Exclude"} push ${row.push + 1}`;
-    button.disabled = row.excluded || connection !== "live" || !row.contacts.length;
+    const out = row.excluded || left;
+    button.textContent = out ? "Keep" : "Exclude";
+    button.ariaLabel = `${button.textContent} push ${numberOf(row.push)}`;
+    button.disabled = connection !== "live" || !row.contacts.length;
   });
 }
 
@@ -226,7 +267,7 @@ function rejectionOf(row) {
 }
 
 function judged(row) {
-  if (row.excluded) return ["excluded", false];
+  if (row.excluded) return [row.aborted ? "aborted, left out" : "excluded", row.aborted];
   const rejected = rejectionOf(row);
   if (rejected) return [`✗ left out: ${rejected.reason.text}`, true];
   if (row.aborted) return ["✗ aborted", true];
@@ -267,7 +308,11 @@ function made(tag, text) {
   return element;
 }
 
-for (const what of ["stop", "reset", "next"]) at(what).addEventListener("click", () => ask(what));
+at("moment").addEventListener("input", ({ target }) => {
+  moment = rowsOf().filter((row) => row.after)[target.value]?.push ?? null;
+  redraw();
+});
+for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled) return; // whatever has the focus
   event.preventDefault();

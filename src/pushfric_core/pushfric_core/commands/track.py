@@ -1,0 +1,117 @@
+"""The command `track`."""
+
+import csv
+import math
+import pathlib
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from pushfric_core.bags.bag import Bag
+from pushfric_core.cell.cell_file import load_cell
+from pushfric_core.cell.node_settings import CameraConfig
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import CAMERA_FILE
+from pushfric_core.offline.inputs import object_of
+from pushfric_core.offline.tracking import Retracked, calibration_beside, image_topic, track_again
+from pushfric_core.report.report import to_json
+from pushfric_core.vision.camera import load_camera
+from pushfric_core.vision.sighting import TrackerDriver
+from pushfric_core.vision.tracker_settings import ContourConfig
+from pushfric_core.wording import counted
+
+app = Application()
+
+
+@app.command()
+def track(
+    source: Annotated[pathlib.Path, typer.Argument(help="Bag with images (folder or .mcap).", show_default=False)],
+    cell: Annotated[
+        pathlib.Path | None,
+        typer.Option(
+            help="Cell YAML: its section camera has the tracker, its settings and the calibration.",
+            show_default="the contour tracker, and the bag's own camera.yaml",
+        ),
+    ] = None,
+    object_name: Annotated[
+        str, typer.Option("--object", help="Name of an object of Table 1, or object YAML.", show_default="the bag's own")
+    ] = "",
+    topic: Annotated[str, typer.Option(help="Topic of the images.", show_default="the only one, or the keyframes")] = "",
+    out: Annotated[
+        pathlib.Path | None, typer.Option("--csv", help="Write a row for each image to this file.", show_default=False)
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Bags that ros2 bag recorded will do. Exit code 1: an image that showed the object no longer does."""
+    model, _ = object_of(source, object_name)
+    driver: TrackerDriver = ContourConfig()
+    offset, height, calibration = CameraConfig.time_offset, CameraConfig.object_height, ""
+    if cell is not None:
+        file = load_cell(cell)
+        if file.camera is None:
+            raise InvalidInput(f"{cell}: others track this cell's object, expected the section camera")
+        driver, calibration = file.tracker, file.camera.calibration
+        offset, height = file.camera.time_offset, file.camera.object_height
+    camera = load_camera(calibration or str(calibration_beside(source, CAMERA_FILE)))
+    bag = Bag(source)
+    found = track_again(bag, image_topic(bag, topic), driver.open_tracker(camera, model, height or model.height), offset)
+    if not found.images:
+        raise InvalidInput(f"{source}: no image on {found.topic}")
+    if out is not None:
+        _write(found, out)
+    write_json(to_json(_summary(found)), json)
+    if json != STDOUT:
+        _print(found)
+    if found.count(now=False, before=True):
+        raise typer.Exit(1)
+
+
+def _summary(found: Retracked) -> dict[str, object]:
+    off = np.array([one.off for one in found.images if one.off is not None]).reshape(-1, 2)
+    return {
+        "topic": found.topic,
+        "images": len(found.images),
+        "seen": sum(one.pose is not None for one in found.images),
+        "newly_seen": found.count(now=True, before=False),
+        "no_longer_seen": found.count(now=False, before=True),
+        "compared": len(off),
+        "distance": {"median": np.median(off[:, 0]), "max": off[:, 0].max()} if len(off) else None,
+        "angle": {"median": np.median(off[:, 1]), "max": off[:, 1].max()} if len(off) else None,
+        "not_seen": dict(found.reasons),
+    }
+
+
+def _print(found: Retracked) -> None:
+    show = Console().print
+    seen = sum(one.pose is not None for one in found.images)
+    show(f"{found.topic}: the object is seen in {seen} of {counted(len(found.images), 'image')}", markup=False)
+    off = np.array([one.off for one in found.images if one.off is not None]).reshape(-1, 2)
+    if len(off):
+        (middle, turned), (most, most_turned) = np.median(off, axis=0), off.max(axis=0)
+        show(
+            f"{counted(len(off), 'pose')} compared with the recorded: {1e3 * middle:.3f} mm and"
+            f" {math.degrees(turned):.3f} degrees apart (median), {1e3 * most:.3f} mm and {math.degrees(most_turned):.3f}"
+            " degrees at most",
+            markup=False,
+        )
+    for now, before, words in ((True, False, "shows the object now, without a recorded pose"),
+                               (False, True, "no longer shows the object")):  # fmt: skip
+        if number := found.count(now=now, before=before):
+            show(f"{counted(number, 'image')}: {words}", markup=False)
+    for reason, number in found.reasons.most_common():
+        show(f"  {number} x {reason}", markup=False)
+
+
+def _write(found: Retracked, out: pathlib.Path) -> None:
+    try:
+        with out.open("w", newline="", encoding="utf-8") as file:
+            rows = csv.writer(file)
+            rows.writerow(("stamp", "x", "y", "theta", "recorded_x", "recorded_y", "recorded_theta", "reason"))
+            for one in found.images:
+                rows.writerow((one.stamp, *(one.pose or ("",) * 3), *(one.recorded or ("",) * 3), one.reason))
+    except OSError as error:
+        raise InvalidInput(f"{out}: cannot be written: {error.strerror}") from error
