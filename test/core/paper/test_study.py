@@ -19,15 +19,18 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     monkeypatch.setattr(
         study, "objects", lambda: {"delrin_rect_right": right._replace(plans=dict.fromkeys(PLANS, (3, 1, 3, 1)))}
     )
+    monkeypatch.setattr(study, "shapes", lambda: {"ring": trials.shapes()["ring"]})
     monkeypatch.setattr(study, "TABLE_1", {})
     monkeypatch.setattr(simulation, "STEP", 1.2e-3)
     monkeypatch.setattr(choice, "MOST", 4)
     summary = study.study(tmp_path / "out", 1, None, 1, None, Console(quiet=True))
     assert json.loads((tmp_path / "out/study.json").read_text()) == summary
     cells = summary["simulated"]
-    assert set(cells) == {f"delrin_rect_right/{plan}/{noise}" for plan in (*PLANS, "one_place") for noise in trials.NOISES}
+    plans = [f"delrin_rect_right/{plan}" for plan in (*PLANS, "one_place")] + ["ring/all", "ring/places"]
+    assert set(cells) == {f"{plan}/{noise}" for plan in plans for noise in trials.NOISES}
     for name, cell in cells.items():
         assert cell["told"] == (0 if "one_place" in name else 1), name
+        assert ("sampled_median" in cell) == (cell["told"] == 1)
     assert cells["delrin_rect_right/all/FEET"]["error_median"] < 1.0  # mm
     screened = summary["screened"]
     cases = {*spoilt.SPOILT, "none", "shift of 8 mm", "shift of 4 mm"}

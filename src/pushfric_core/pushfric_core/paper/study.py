@@ -29,7 +29,7 @@ from pushfric_core.offline.workers import results
 from pushfric_core.paper import choice, spoilt
 from pushfric_core.paper.experiments import filmed
 from pushfric_core.paper.tables import markdown
-from pushfric_core.paper.trials import NOISES, estimated, moved, objects, of_table_1
+from pushfric_core.paper.trials import NOISES, eight_places, estimated, moved, objects, of_table_1, shapes
 from pushfric_core.report.report import to_json
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.spread import ELLIPSE
@@ -76,6 +76,16 @@ def run_seed(seed: int) -> dict[str, Any]:
         verdicts = spoilt.verdicts(studied, np.random.default_rng((seed, 200 + number)))
         screened |= {f"{name}/{case}": found for case, found in verdicts}
         chosen[name] = choice.pushes_needed(studied, np.random.default_rng((seed, 300 + number)))
+    for number, (name, studied) in enumerate(shapes().items()):
+        rng = np.random.default_rng((seed, 400 + number))
+        for plan, pushes in (
+            ("all", even_pushes(studied.outline, studied.plans["all"])),
+            ("places", eight_places(studied.outline, rng)),
+        ):
+            pushed = moved(studied, pushes, rng)
+            for noise, spread in NOISES.items():
+                data = filmed(studied.outline, pushed, spread, rng)
+                cells[f"{name}/{plan}/{noise}"] = _found(data, studied.support_points, studied.support.center_of_friction)
     for number, (name, known) in enumerate(TABLE_1.items()):
         rng = np.random.default_rng((seed, 100 + number))
         studied = of_table_1(name)
@@ -144,6 +154,11 @@ def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tupl
         numbers["held"] = bool(error @ np.linalg.solve(covariance, error) <= ELLIPSE)
         numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(covariance))))
         numbers["middle"] = float(np.hypot(*(estimate.spread.middle @ points - truth)))
+    if (sampled := estimate.posterior) is not None:
+        off = sampled.center_of_friction - truth
+        numbers["sampled"] = float(np.hypot(*off))
+        numbers["sampled_held"] = bool(off @ np.linalg.solve(sampled.covariance, off) <= ELLIPSE)
+        numbers["sampled_radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(sampled.covariance))))
     return numbers
 
 
@@ -156,6 +171,13 @@ def _summary(runs: Sequence[Numbers]) -> Numbers:
         numbers["middle_to_optimum"] = float(np.median([o["middle"] for o in told]) / np.median([o["error"] for o in told]))
         numbers["held"] = float(np.mean([one["held"] for one in told]))
         errors = float(np.quantile([one["error"] for one in told], 0.9))
+        if sampled := [one for one in told if "sampled" in one]:
+            numbers |= _quantiles("sampled", [1e3 * one["sampled"] for one in sampled])
+            off = [one["sampled"] for one in sampled]
+            numbers["sampled_to_optimum"] = float(np.median(off) / np.median([one["error"] for one in sampled]))
+            numbers["sampled_held"] = float(np.mean([one["sampled_held"] for one in sampled]))
+            radius = float(np.median([one["sampled_radius"] for one in sampled]))
+            numbers["sampled_radius_to_errors"] = radius / float(np.quantile(off, 0.9))
         numbers["radius_to_errors"] = float(np.median([one["radius"] for one in told])) / errors if errors > 0 else math.inf
     return numbers
 
@@ -214,15 +236,26 @@ def _real_mu_c(data: Sequence[Observation], terms: str) -> Numbers:
 
 def _report(summary: Numbers) -> str:
     lines = [f"# Study of {summary['seeds']} seeds", "", "Lengths in mm; error: of the certified optimum.", ""]
-    heads = ("cell", "runs", "told", "held", "radius / p90 of errors", "error (p90)", "middle (p90)", "middle / optimum")
+    heads = (
+        *("cell", "runs", "told", "held", "radius / p90 of errors", "error (p90)", "middle (p90)", "middle / optimum"),
+        *("sampled (p90)", "sampled / optimum", "sampled held", "its radius / p90"),
+    )
     rows = []
     for name, cell in {**summary["simulated"], **{f"real, {key}": value for key, value in summary["real"].items()}}.items():
         held = radius = middle = ratio = "-"
+        sampled = ["-"] * 4
+        if "sampled_held" in cell:
+            sampled = [
+                f"{cell['sampled_median']:.2f} ({cell['sampled_p90']:.2f})",
+                f"{cell['sampled_to_optimum']:.2f}",
+                f"{100 * cell['sampled_held']:.0f} %",
+                f"{cell['sampled_radius_to_errors']:.2f}",
+            ]
         if cell["told"]:
             held, radius = f"{100 * cell['held']:.0f} %", f"{cell['radius_to_errors']:.2f}"
             middle, ratio = f"{cell['middle_median']:.2f} ({cell['middle_p90']:.2f})", f"{cell['middle_to_optimum']:.2f}"
         error = f"{cell['error_median']:.2f} ({cell['error_p90']:.2f})"
-        rows.append((name, cell["runs"], cell["told"], held, radius, error, middle, ratio))
+        rows.append((name, cell["runs"], cell["told"], held, radius, error, middle, ratio, *sampled))
     lines += markdown(heads, rows)
     of_mu_c = []
     for name, cell in summary["mu_c"].items():
