@@ -20,6 +20,7 @@ from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.message_types import record
 from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.samples import observation_to_msg
+from pushfric_core.datasets.imported import Imported
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.csv_table import Row, read_table
 from pushfric_core.files.file_errors import as_named_here
@@ -70,14 +71,6 @@ LARGEST = 1e12
 """Largest number accepted in a log; times are seconds since 1970."""
 
 SECOND = 10**9
-
-
-class Imported(NamedTuple):
-    """One bag that was written."""
-
-    bag: pathlib.Path
-    object: str
-    observations: int
 
 
 def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
