@@ -52,15 +52,13 @@ def import_runs(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Impo
     if poked := [path for path in sources if POKED in path.name]:
         raise InvalidInput(f"{poked[0]}: the block was poked by hand in this run; leave the file out")
     outline = Outline.rectangle(SIDE, SIDE)
-    runs = [read_run(path) for path in sources]
-    if not any(runs):
+    strokes = [stroke._replace(run=run) for run, path in enumerate(sources) for stroke in read_run(path)]
+    if not strokes:
         raise InvalidInput(f"{sources[0]}: the tip goes less than {1e3 * LENGTH:g} mm")
-    strokes = [stroke for run in runs for stroke in run]
     new_folder(out)
     file = ObjectFile(name=BLOCK, outline=outline.vertices.tolist(), support=SupportFile(spacing=spacing_of(outline)))
     save_object(make_object(file, BLOCK), out / f"{BLOCK}.yaml")
-    push_ids = [number for number, run in enumerate(runs) for _ in run]
-    count = save_set(SET, strokes, push_ids, outline, tip_radius(strokes, outline), out)
+    count = save_set(SET, strokes, outline, tip_radius(strokes, outline), out)
     return [Imported(out / f"{SET}{STROKES}", BLOCK, count)]
 
 

@@ -1,8 +1,10 @@
 """Import of real pushes: steel plates, MIT MCube Lab, from a clone of PlanarManipulationToolBox.
 
 K. Yu, M. Bauza, N. Fazeli, A. Rodriguez, "More than a million ways to be pushed: a high-fidelity experimental data set of
-planar pushing", IROS 2016; the fitted models are those of J. Zhou, Y. Hou, M. T. Mason, "Pushing revisited: differential flatness,
-trajectory planning, and stabilization", 2017. A file holds whole strokes of 40 mm with the ends that a fitted model predicts,
+planar pushing", IROS 2016. The fitted models are those of J. Zhou, Y. Hou, M. T. Mason, "Pushing revisited: differential
+flatness, trajectory planning, and stabilization", 2017.
+
+A file holds whole strokes of 40 mm with the ends that a fitted model predicts,
 and pairs of force and motion that the model was fitted to.
 """
 
@@ -92,7 +94,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
         count = 0
         if (path := found.get((surface, shape, "quadratic"))) is not None:
             strokes, pairs = read_file(path, outline)
-            count = save_set(name, strokes, range(len(strokes)), outline, TIP_RADIUS, out)
+            count = save_set(name, strokes, outline, TIP_RADIUS, out)
             save_observations(pairs, out / f"{name}.csv")
         if (path := found.get((surface, shape, "poly4"))) is not None:
             save_strokes(read_file(path, outline)[0], out / f"{name}{POLY4}")

@@ -25,6 +25,9 @@ COLUMNS = ("x0", "y0", "th0", "x1", "y1", "th1", "tipx0", "tipy0", "tipx1", "tip
 PREDICTED = ("zhou_x1", "zhou_y1", "zhou_th1")
 """Where a model of others predicts the end."""
 
+RUN = "run"
+"""Number of the push of which a stroke is a part; without this column, each is a push."""
+
 SUPPORTS = 55
 """Support points are spaced so that about this many lie on an object."""
 
@@ -51,6 +54,7 @@ class Stroke(NamedTuple):
     tip_before: tuple[float, float]  # its centre [m]
     tip_after: tuple[float, float]
     predicted: Pose | None = None  # the end, by a model of others
+    run: int | None = None  # the push of which it is a part; None: it is a push
 
     def data_point(self, outline: Outline, tip_radius: float, push_id: int) -> Observation | None:
         """The screw of the whole stroke, with the contact halfway; None if that would not be a data point."""
@@ -109,42 +113,50 @@ def spacing_of(outline: Outline) -> float:
 
 
 def read_strokes(path: pathlib.Path) -> list[Stroke]:
-    """The strokes of a CSV file with the COLUMNS; others but PREDICTED are ignored.
+    """The strokes of a CSV file with the COLUMNS; others but PREDICTED and RUN are ignored.
 
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     columns, rows = read_table(path, COLUMNS, "strokes")
-    predicted = all(name in columns for name in PREDICTED)
+    predicted, runs = all(name in columns for name in PREDICTED), RUN in columns
     strokes = []
     for row in rows:
         x0, y0, th0, x1, y1, th1, *tips = row.numbers(COLUMNS)
         told = Pose(*row.numbers(PREDICTED)) if predicted else None
-        strokes.append(Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), told))
+        run = int(row.number(RUN)) if runs else None
+        strokes.append(Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), told, run))
     return strokes
 
 
-def save_strokes(strokes: Iterable[Stroke], path: pathlib.Path) -> None:
-    """Write a CSV file of strokes.
+def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
+    """Write a CSV file of strokes; all or none have a prediction, and a run.
 
     Raises:
         InvalidInput: the file cannot be written.
     """
-    rows = [(*one.before, *one.after, *one.tip_before, *one.tip_after, *(one.predicted or ())) for one in strokes]
-    columns = COLUMNS if len(rows[0]) == len(COLUMNS) else (*COLUMNS, *PREDICTED)
-    save_table(columns, rows, path)
+    predicted, run = strokes[0].predicted is not None, strokes[0].run is not None
+    columns = (*COLUMNS, *PREDICTED * predicted, *(RUN,) * run)
+    save_table(columns, [_row(one) for one in strokes], path)
 
 
-def save_set(
-    name: str, strokes: Sequence[Stroke], push_ids: Iterable[int], outline: Outline, tip_radius: float, out: pathlib.Path
-) -> int:
+def _row(stroke: Stroke) -> list[float]:
+    run = () if stroke.run is None else (stroke.run,)
+    return [*stroke.before, *stroke.after, *stroke.tip_before, *stroke.tip_after, *(stroke.predicted or ()), *run]
+
+
+def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, tip_radius: float, out: pathlib.Path) -> int:
     """Write the strokes of a set and those of them that are data points into a folder; return the number of the latter.
 
     Raises:
         InvalidInput: a file cannot be written.
     """
     save_strokes(strokes, out / f"{name}{STROKES}")
-    pairs = zip(strokes, push_ids, strict=True)
-    points = [found for stroke, push in pairs if (found := stroke.data_point(outline, tip_radius, push)) is not None]
+    points = [point for point in data_points(strokes, outline, tip_radius) if point is not None]
     save_observations(points, out / f"{name}{DATA_POINTS}")
     return len(points)
+
+
+def data_points(strokes: Sequence[Stroke], outline: Outline, tip_radius: float) -> list[Observation | None]:
+    """The data point of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
+    return [one.data_point(outline, tip_radius, number if one.run is None else one.run) for number, one in enumerate(strokes)]
