@@ -18,7 +18,7 @@ from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, Tw
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.datasets import zhou2015
 from pushfric_core.datasets.mitpush import POLY4
-from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, read_strokes, tip_radius
+from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, read_strokes
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import EstimatorConfig
@@ -64,11 +64,11 @@ Figures = dict[str, Any]
 class PublicSet(NamedTuple):
     """The pushes of one object on one surface."""
 
+    folder: str
     name: str
     model: ObjectModel
     strokes: Sequence[Stroke]
     observations: Sequence[Observation | None]  # of each stroke; None: it is no data point
-    radius: float  # of the tip [m]
     quartic: Sequence[Pose | None]  # where a published quartic predicts each stroke to end
 
     @property
@@ -98,7 +98,7 @@ class PublicPushes:
         """All figures of each set, in m and rad; None: not told, or not stored.
 
         Returns:
-            {"sets": [{"set", "strokes", "data_points", "p_cf_error", "radius", "held", "use", "mu_c", "mu_c_low",
+            {"sets": [{"folder", "set", "strokes", "data_points", "p_cf_error", "radius", "held", "use", "mu_c", "mu_c_low",
             "mu_c_high", "few": [{"p_cf_error", "radius", "held", "use"}], "rolled", "errors": {contender: {"position", "angle",
             "combined"}}}]}; "radius" is that of the 90 % ellipse, "few" has FEW strokes each.
         """
@@ -111,7 +111,7 @@ class PublicPushes:
         return {"sets": rows}
 
     def tables(self, figures: Figures) -> Iterator[Table]:
-        """One table: a line for each set, and their mean."""
+        """One table: a line for each set, and one for each folder."""
         heads, rows = _cells(figures["sets"])
         table = Table(*heads, title="Public pushes")
         for row in rows:
@@ -130,10 +130,10 @@ def sets_in(folder: pathlib.Path) -> list[PublicSet]:
     for bag in bags:
         model = load_object(str(bag / OBJECT_FILE))
         data = Recorded(bag).read(model, EstimatorSettings(), lambda line: None).observations
-        found.append(_of_observations(bag.name, model, data))
+        found.append(_of_observations(folder.name, bag.name, model, data))
     if (table := folder / "push_points.csv").is_file():
         for log, data in zhou2015.read_push_points(table).items():
-            found.append(_of_observations(pathlib.Path(log).stem, zhou2015.object_on(log), data))
+            found.append(_of_observations(folder.name, pathlib.Path(log).stem, zhou2015.object_on(log), data))
     if not found:
         raise InvalidInput(f"{folder}: no *{STROKES}, no bags and no push_points.csv; expected what `import` writes")
     return found
@@ -143,12 +143,11 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     name = path.name.removesuffix(STROKES)
     model = load_object(str(path.with_name(f"{name.rpartition('_')[2]}.yaml")))
     strokes = read_strokes(path)
-    radius = tip_radius(strokes, model.outline)
-    data = data_points(strokes, model.outline, radius)
+    data = data_points(strokes, model.outline)
     quartic: dict[tuple[float, ...], Pose | None] = {}
     if (other := path.with_name(f"{name}{POLY4}")).is_file():
         quartic = {_key(one): one.predicted for one in read_strokes(other)}
-    return PublicSet(name, model, strokes, data, radius, [quartic.get(_key(one)) for one in strokes])
+    return PublicSet(path.parent.name, name, model, strokes, data, [quartic.get(_key(one)) for one in strokes])
 
 
 def _key(stroke: Stroke) -> tuple[float, ...]:
@@ -156,14 +155,15 @@ def _key(stroke: Stroke) -> tuple[float, ...]:
     return (*stroke.before, *stroke.tip_before)
 
 
-def _of_observations(name: str, model: ObjectModel, data: Sequence[Observation]) -> PublicSet:
+def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[Observation]) -> PublicSet:
     """Short strokes of a thin tip: halfway, the tip is at the contact of the data point."""
     known = [one for one in data if one.tip_velocity is not None]
     strokes = []
     for one in known:
         begin, end = (np.add(one.contact_point, np.multiply(half, one.tip_velocity)).tolist() for half in (-0.5, 0.5))
-        strokes.append(Stroke(exp(one.twist, -0.5), exp(one.twist, 0.5), (begin[0], begin[1]), (end[0], end[1])))
-    return PublicSet(name, model, strokes, known, 0.0, [None] * len(known))
+        before, after = exp(one.twist, -0.5), exp(one.twist, 0.5)
+        strokes.append(Stroke(before, after, (begin[0], begin[1]), (end[0], end[1]), tip_radius=0.0))
+    return PublicSet(folder, name, model, strokes, known, [None] * len(known))
 
 
 class _Line(NamedTuple):
@@ -174,12 +174,12 @@ class _Line(NamedTuple):
     end: float  # stroke position [m]
 
 
-def line_of(stroke: Stroke, outline: Outline, radius: float) -> _Line | None:
+def line_of(stroke: Stroke, outline: Outline) -> _Line | None:
     """None if the tip would pass by."""
     way = np.subtract(stroke.tip_after, stroke.tip_before)
     length = float(np.linalg.norm(way))
     x, y = (way / length).tolist()
-    line = PushingLine((stroke.tip_before[0] - BACK * x, stroke.tip_before[1] - BACK * y), (x, y), radius)
+    line = PushingLine((stroke.tip_before[0] - BACK * x, stroke.tip_before[1] - BACK * y), (x, y), stroke.tip_radius)
     touch = line.touch(outline, stroke.before)
     return None if touch is None or touch.distance >= BACK + length else _Line(stroke.before, line, BACK + length)
 
@@ -192,7 +192,7 @@ def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
     fitted = set(shuffled[: len(groups) // 2].tolist())
     half = [point for point in data if point.push_id in fitted]
     unseen = [row for row in range(len(one.strokes)) if _group(one, row) not in fitted]
-    lines = {row: line for row in unseen if (line := line_of(one.strokes[row], outline, one.radius)) is not None}
+    lines = {row: line for row in unseen if (line := line_of(one.strokes[row], outline)) is not None}
     rows = rng.permutation(list(lines))[:ROLLED].tolist()
     draws = [[half[k] for k in rng.permutation(len(half))[:FEW].tolist()] for _ in range(DRAWS)]
     _, whole = estimated(data, points, EstimatorConfig())
@@ -200,6 +200,7 @@ def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
     by_few = [estimated(draw, points, EstimatorConfig())[1] for draw in draws]
     mu_c = whole.mu_c
     figures: Figures = {
+        "folder": one.folder,
         "set": one.name,
         "strokes": len(one.strokes),
         "data_points": len(data),
@@ -287,14 +288,17 @@ def _errors(found: Sequence[Array], truth: Array, arm: float) -> Figures | None:
 
 
 def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
-    """The heads of the table, and its lines; the last one is of all sets."""
+    """The heads of the table, and its lines; the last ones are of all sets of a folder."""
     heads = ["set", "strokes", "p_CF off", "held", "mu_c", f"p_CF off, {FEW} strokes", "held", *CONTENDERS.values()]
     lines = [
         [row["set"], f"{row['data_points']} of {row['strokes']}", *_centers([row], row["few"]), *_rolled_out([row])]
         for row in rows
     ]
-    few = [one for row in rows for one in row["few"]]
-    return heads, [*lines, [f"all {len(rows)}", "", *_centers(rows, few), *_rolled_out(rows)]]
+    for folder in dict.fromkeys(row["folder"] for row in rows):
+        some = [row for row in rows if row["folder"] == folder]
+        few = [one for row in some for one in row["few"]]
+        lines.append([f"{folder}: {len(some)} sets", "", *_centers(some, few), *_rolled_out(some)])
+    return heads, lines
 
 
 def _centers(rows: Sequence[Figures], few: Sequence[Figures]) -> list[str]:

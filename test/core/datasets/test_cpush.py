@@ -5,7 +5,7 @@ import public_sets
 import pytest
 
 from pushfric_core.datasets import cpush
-from pushfric_core.datasets.strokes import read_strokes, tip_radius
+from pushfric_core.datasets.strokes import read_strokes
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import read_observations
@@ -23,8 +23,8 @@ def test_runs_are_cut_into_strokes(tmp_path):
     assert (written.path.name, written.object, written.observations) == ("cpush_block.strokes.csv", "block", 2)
     model = load_object(str(out / "block.yaml"))
     strokes = read_strokes(written.path)
-    assert tip_radius(strokes, model.outline) == pytest.approx(0.005, abs=1e-4)
     for stroke in strokes:
+        assert stroke.tip_radius == pytest.approx(0.005, abs=1e-4)
         assert np.hypot(*np.subtract(stroke.tip_after, stroke.tip_before)) == pytest.approx(cpush.LENGTH, abs=1e-4)
     for number, point in enumerate(read_observations(out / "cpush_block.tip.csv", model.outline)):
         assert point.push_id == number

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from pushfric_core.datasets.imported import Imported, new_folder
-from pushfric_core.datasets.strokes import STROKES, Stroke, save_set, spacing_of, tip_radius
+from pushfric_core.datasets.strokes import STROKES, Stroke, nearest_edges, save_set, spacing_of
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.file_errors import shortened
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Array, Pose
+from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.wording import counted
 
 NAME = "cpush"
@@ -58,7 +58,8 @@ def import_runs(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Impo
     new_folder(out)
     file = ObjectFile(name=BLOCK, outline=outline.vertices.tolist(), support=SupportFile(spacing=spacing_of(outline)))
     save_object(make_object(file, BLOCK), out / f"{BLOCK}.yaml")
-    count = save_set(SET, strokes, outline, tip_radius(strokes, outline), out)
+    radius = tip_radius(strokes, outline)
+    count = save_set(SET, [stroke._replace(tip_radius=radius) for stroke in strokes], outline, out)
     return [Imported(out / f"{SET}{STROKES}", BLOCK, count)]
 
 
@@ -79,6 +80,16 @@ def read_run(path: pathlib.Path) -> list[Stroke]:
         raise InvalidInput(f"{path}: not a run of {NAME}: {shortened(str(error))}") from error
     count = min(times.shape[1], block.shape[1], tip.shape[1])  # they may differ by a few
     return _strokes(times[0, :count], block[:, :count], tip[:, :count].T)
+
+
+def tip_radius(strokes: Sequence[Stroke], outline: Outline) -> float:
+    """Radius of the tip by what its distance from the outline says, in the median over begins and ends [m]."""
+    places = [
+        transform(inverse(pose), tip)
+        for one in strokes
+        for pose, tip in ((one.before, one.tip_before), (one.after, one.tip_after))
+    ]
+    return float(np.median(nearest_edges(outline, np.array(places))[2]))
 
 
 def _table(content: dict[str, Any], key: str, rows: int) -> Array:

@@ -39,7 +39,6 @@ OUTLINES = pathlib.Path("pnpush_matlab", "get_shape.m")
 POLY4 = ".strokes_poly4.csv"
 """After the name of a set: its strokes with the ends that the quartic predicts, instead of the ellipsoid."""
 
-TIP_RADIUS = 0.00475  # [m]
 STEP = 0.8 * 5 / 7
 """Time between the two poses of which the motion in a pair is the difference [s]."""
 
@@ -94,7 +93,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
         count = 0
         if (path := found.get((surface, shape, "quadratic"))) is not None:
             strokes, pairs = read_file(path, outline)
-            count = save_set(name, strokes, outline, TIP_RADIUS, out)
+            count = save_set(name, strokes, outline, out)
             save_observations(pairs, out / f"{name}.csv")
         if (path := found.get((surface, shape, "poly4"))) is not None:
             save_strokes(read_file(path, outline)[0], out / f"{name}{POLY4}")

@@ -6,7 +6,7 @@ SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.ya
 
 import math
 import pathlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +25,12 @@ COLUMNS = ("x0", "y0", "th0", "x1", "y1", "th1", "tipx0", "tipy0", "tipx1", "tip
 PREDICTED = ("zhou_x1", "zhou_y1", "zhou_th1")
 """Where a model of others predicts the end."""
 
-RUN = "run"
-"""Number of the push of which a stroke is a part; without this column, each is a push."""
+RUN, TIP_RADIUS = "run", "tip_radius"
+"""Number of the push of which a stroke is a part, and radius of the tip [m]; without these columns, each stroke is a push, and
+the radius that of `mitpush`."""
+
+USUAL_RADIUS = 0.00475
+"""Of the tip of `mitpush` [m]."""
 
 SUPPORTS = 55
 """Support points are spaced so that about this many lie on an object."""
@@ -55,8 +59,9 @@ class Stroke(NamedTuple):
     tip_after: tuple[float, float]
     predicted: Pose | None = None  # the end, by a model of others
     run: int | None = None  # the push of which it is a part; None: it is a push
+    tip_radius: float = USUAL_RADIUS  # [m]
 
-    def data_point(self, outline: Outline, tip_radius: float, push_id: int) -> Observation | None:
+    def data_point(self, outline: Outline, push_id: int) -> Observation | None:
         """The screw of the whole stroke, with the contact halfway; None if that would not be a data point."""
         motion = planar.log(compose(inverse(self.before), self.after))
         halfway = compose(self.before, exp(motion, 0.5))
@@ -68,7 +73,7 @@ class Stroke(NamedTuple):
         if (
             abs(motion.omega) > LARGEST_TURN
             or math.hypot(motion.vx, motion.vy) < LEAST_WAY
-            or np.abs(gaps - tip_radius).max() > LARGEST_GAP
+            or np.abs(gaps - self.tip_radius).max() > LARGEST_GAP
             or turned < math.cos(SAME_SIDE)
         ):
             return None
@@ -97,35 +102,27 @@ def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]
     return edges, feet[rows, edges], distances[rows, edges]
 
 
-def tip_radius(strokes: Iterable[Stroke], outline: Outline) -> float:
-    """Radius of the tip by what its distance from the outline says, in the median over begins and ends [m]."""
-    places = [
-        transform(inverse(pose), tip)
-        for one in strokes
-        for pose, tip in ((one.before, one.tip_before), (one.after, one.tip_after))
-    ]
-    return float(np.median(nearest_edges(outline, np.array(places))[2]))
-
-
 def spacing_of(outline: Outline) -> float:
     """Distance of the support points for an object of which nothing else is known [m]."""
     return round(math.sqrt(outline.polygon.area / SUPPORTS), 4)
 
 
 def read_strokes(path: pathlib.Path) -> list[Stroke]:
-    """The strokes of a CSV file with the COLUMNS; others but PREDICTED and RUN are ignored.
+    """The strokes of a CSV file with the COLUMNS; others but PREDICTED, and RUN with TIP_RADIUS, are ignored.
 
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     columns, rows = read_table(path, COLUMNS, "strokes")
-    predicted, runs = all(name in columns for name in PREDICTED), RUN in columns
+    predicted, parts = all(name in columns for name in PREDICTED), all(name in columns for name in (RUN, TIP_RADIUS))
     strokes = []
     for row in rows:
         x0, y0, th0, x1, y1, th1, *tips = row.numbers(COLUMNS)
         told = Pose(*row.numbers(PREDICTED)) if predicted else None
-        run = int(row.number(RUN)) if runs else None
-        strokes.append(Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), told, run))
+        stroke = Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), told)
+        if parts:
+            stroke = stroke._replace(run=int(row.number(RUN)), tip_radius=row.number(TIP_RADIUS))
+        strokes.append(stroke)
     return strokes
 
 
@@ -136,27 +133,27 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
         InvalidInput: the file cannot be written.
     """
     predicted, run = strokes[0].predicted is not None, strokes[0].run is not None
-    columns = (*COLUMNS, *PREDICTED * predicted, *(RUN,) * run)
+    columns = (*COLUMNS, *PREDICTED * predicted, *(RUN, TIP_RADIUS) * run)
     save_table(columns, [_row(one) for one in strokes], path)
 
 
 def _row(stroke: Stroke) -> list[float]:
-    run = () if stroke.run is None else (stroke.run,)
+    run = () if stroke.run is None else (stroke.run, stroke.tip_radius)
     return [*stroke.before, *stroke.after, *stroke.tip_before, *stroke.tip_after, *(stroke.predicted or ()), *run]
 
 
-def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, tip_radius: float, out: pathlib.Path) -> int:
+def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, out: pathlib.Path) -> int:
     """Write the strokes of a set and those of them that are data points into a folder; return the number of the latter.
 
     Raises:
         InvalidInput: a file cannot be written.
     """
     save_strokes(strokes, out / f"{name}{STROKES}")
-    points = [point for point in data_points(strokes, outline, tip_radius) if point is not None]
+    points = [point for point in data_points(strokes, outline) if point is not None]
     save_observations(points, out / f"{name}{DATA_POINTS}")
     return len(points)
 
 
-def data_points(strokes: Sequence[Stroke], outline: Outline, tip_radius: float) -> list[Observation | None]:
+def data_points(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:
     """The data point of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
-    return [one.data_point(outline, tip_radius, number if one.run is None else one.run) for number, one in enumerate(strokes)]
+    return [one.data_point(outline, number if one.run is None else one.run) for number, one in enumerate(strokes)]
