@@ -312,7 +312,10 @@ def _off(estimates: Sequence[Figures]) -> str:
 
 
 def _held(estimates: Sequence[Figures]) -> str:
+    """Whether the 90 % ellipse holds the label, or in how many of those that have one."""
     told = [one["held"] for one in estimates if one["held"] is not None]
+    if len(estimates) == 1:
+        return "-" if not told else "yes" if told[0] else "no"
     return f"{sum(told)} of {len(told)}"
 
 
