@@ -400,9 +400,14 @@ class Estimator:
             self._compare() if at_rest else self._last_comparison,
         )
 
+    @property
+    def compared(self) -> bool:
+        """Whether what may be wrong with the observations was compared with all of them."""
+        return not self._rejects or self._compared == len(self._seen)
+
     def _compare(self) -> Comparison:
         """What may be wrong with the observations, also with those of rejected pushes."""
-        if self._rejects and self._compared != len(self._seen):
+        if not self.compared:
             self._last_comparison, self._compared = compare(self.support_points, self._seen), len(self._seen)
         return self._last_comparison
 

@@ -18,9 +18,7 @@ import numpy.typing as npt
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, left_of
-from pushfric_core.program.constraint_rows import ConstraintRows
-from pushfric_core.solvers import empty_program
-from pushfric_core.solvers.program import Loss
+from pushfric_core.solvers import least_weights
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 
@@ -496,10 +494,7 @@ class _Curves:
             share = self._weights / (1 + (np.maximum(beyond, 0.0) / (1.5 * typical)) ** 2) / slope**2
             if half_width:
                 share = share * (0.05 + (beyond > 0))
-            program = empty_program(n, Loss.L2)
-            cost = np.concatenate((share, np.full(n, EVEN**2 * share.mean())))
-            program.add(ConstraintRows(np.concatenate((self._moments, even)), cost, cost))
-            w = program.solve().w
+            w = least_weights((self._moments.T * share) @ self._moments + EVEN**2 * share.mean() * even, w)
         return w
 
 
