@@ -166,22 +166,27 @@ def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[
     return PublicSet(folder, name, model, strokes, known, [None] * len(known))
 
 
-class _Line(NamedTuple):
+class Line(NamedTuple):
     """A stroke as `predict_strokes` takes it."""
 
     pose: Pose
     line: PushingLine
-    end: float  # stroke position [m]
+    begin: float  # stroke position where the tip is, or touches [m]
+    end: float
 
 
-def line_of(stroke: Stroke, outline: Outline) -> _Line | None:
+def line_of(stroke: Stroke, outline: Outline) -> Line | None:
     """None if the tip would pass by."""
     way = np.subtract(stroke.tip_after, stroke.tip_before)
     length = float(np.linalg.norm(way))
     x, y = (way / length).tolist()
     line = PushingLine((stroke.tip_before[0] - BACK * x, stroke.tip_before[1] - BACK * y), (x, y), stroke.tip_radius)
     touch = line.touch(outline, stroke.before)
-    return None if touch is None or touch.distance >= BACK + length else _Line(stroke.before, line, BACK + length)
+    return (
+        None
+        if touch is None or touch.distance >= BACK + length
+        else Line(stroke.before, line, min(touch.distance, BACK), BACK + length)
+    )
 
 
 def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
@@ -250,13 +255,13 @@ def _stored(poses: Sequence[Pose | None]) -> list[Array]:
     return [] if not poses or any(pose is None for pose in poses) else [np.array(poses)]
 
 
-def _rolled(model: FrictionModel, outline: Outline, chosen: Sequence[_Line]) -> Array:
+def _rolled(model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Array:
     """The ends (k, 3) with the mean of a model."""
-    poses, lines, ends = zip(*chosen, strict=True)
+    poses, lines, _, ends = zip(*chosen, strict=True)
     return predict_strokes(model.mean, outline, poses, lines, ends).means
 
 
-def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence[_Line]) -> Array:
+def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Array:
     """The ends (k, 3) with the ellipsoid of a friction, by the midpoint rule as `predict_strokes`."""
     ellipsoid = named_ellipsoid(uniform.support).form()
 
@@ -266,7 +271,7 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
         return Twist(*ellipsoid_motions(ellipsoid, uniform.mean_mu_c, at)[0].tolist())
 
     ends = []
-    for pose, line, end in chosen:
+    for pose, line, _, end in chosen:
         while (touch := line.touch(outline, pose)) is not None and end - touch.distance > TOUCHING:
             depth = min(end - touch.distance, STEP)
             halfway = compose(pose, exp(motion(pose, line, touch), depth / 2))

@@ -25,7 +25,7 @@ def folder(tmp_path):
     name = "wood_rect3"
     known = TABLE_1[name]
     save_object(load_object(name), tmp_path / "block.yaml")
-    chosen = simulators.strokes(known.outline, simulators.REAL_TIP_RADIUS, np.random.default_rng(0), 30, 0.02)
+    chosen = simulators.strokes(known.outline, simulators.USUAL_RADIUS, np.random.default_rng(0), 30, 0.02)
     poses, lines, begins, ends = zip(*chosen, strict=True)
     final = predict_strokes(FrictionModel.of(known.support, known.mu_c), known.outline, poses, lines, ends).means
     for suffix, right in ((STROKES, False), (POLY4, True)):
