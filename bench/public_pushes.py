@@ -182,11 +182,9 @@ def line_of(stroke: Stroke, outline: Outline) -> Line | None:
     x, y = (way / length).tolist()
     line = PushingLine((stroke.tip_before[0] - BACK * x, stroke.tip_before[1] - BACK * y), (x, y), stroke.tip_radius)
     touch = line.touch(outline, stroke.before)
-    return (
-        None
-        if touch is None or touch.distance >= BACK + length
-        else Line(stroke.before, line, min(touch.distance, BACK), BACK + length)
-    )
+    if touch is None or touch.distance >= BACK + length:
+        return None
+    return Line(stroke.before, line, min(touch.distance, BACK), BACK + length)
 
 
 def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:

@@ -63,7 +63,8 @@ INERTIA = 0.3
 """Pushes are too fast if the object's speed could give inertia this share of friction."""
 
 HASTY = 0.06
-"""Motions without a duration, which may be in any unit of time, are too fast only if they are off by more than this [rad]."""
+"""If motions are off by less than this [rad], neither half-planes that are crossed tell anything, nor velocities without a
+duration, which may be in any unit of time."""
 
 GRAVITY = 9.81  # [m/s^2]
 FRICTION = 0.3  # a usual coefficient of support friction
@@ -73,7 +74,7 @@ CERTAIN = 1e6
 OPPOSED_PUSHES = 3
 """... and fewer pushes than this may be bad ones, which the fit tolerates."""
 
-CERTAINLY_OFF = 0.01
+CERTAINLY_OFF = 0.003
 """Contacts and frames that are off by more than this [m] are wrong, however little is known of p_CF."""
 
 LINES = 1000
@@ -168,8 +169,9 @@ class InputCheck:
         lack = [] if estimate.lack is None else [estimate.lack]
         mistakes = self._mistakes(estimate.comparison.misfit or 0.0)
         within = math.inf if estimate.confidence is None else estimate.confidence
-        # a length that p_CF is not known to is none to worry about
-        explained = [one for one in estimate.comparison.explanations if one.size > min(within, CERTAINLY_OFF)]
+        explained = estimate.comparison.explanations
+        if explained and explained[0].size <= min(within, CERTAINLY_OFF):
+            explained = ()  # a length that p_CF is not known to is none to worry about
         if any(one.code is ReasonCode.NORMALS_INWARD for one in mistakes) or (mistakes and not explained):
             return Verdict((*mistakes, *lack))
         if explained and explained[0].since is None:
@@ -237,7 +239,11 @@ class InputCheck:
         if estimate.contradiction is not None:
             text = f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"
             return [Reason(ReasonCode.CONTRADICTION, text)]
-        return [] if estimate.lack is not None else self._doubts(estimate) or self._opposed(estimate)
+        if estimate.lack is not None:
+            return []
+        misfit = estimate.comparison.misfit
+        fits = misfit is not None and misfit <= HASTY and not estimate.center_given
+        return self._doubts(estimate) or ([] if fits else self._opposed(estimate))
 
     def _doubts(self, estimate: "Estimate") -> list[Reason]:
         """What the fit shows."""
