@@ -126,8 +126,6 @@ def bench(
             help="Measure only what the estimates are worth on public pushes: folders that `import` wrote. The figure"
             " goes to --plot, the table next to it.",
             metavar="FOLDER...",
-            exists=True,
-            file_okay=False,
             show_default=False,
         ),
     ] = None,
