@@ -31,8 +31,8 @@ MOST = 100
 EFFECTIVE = 2.0
 """All data points of a push together count as this many: they share errors."""
 
-BELIEVED = 4.0
-"""A mistake is told if it is e to this times as likely as none, 50 times ..."""
+BELIEVED, CHANGED = 6.0, 4.0
+"""A mistake, and a change of the object, are told if they are e to this times as likely as none, 400 and 50 times ..."""
 
 POOR = 0.12
 """... or merely likelier, if without a mistake motions are off by more than this [rad], which good runs never are."""
@@ -127,8 +127,9 @@ def compare(points: Array, observations: Sequence[Observation]) -> Comparison:
     same = run.fitted(run.twists)
     run.w = same.w
     found = _explained(run)
-    least = same.evidence + (BELIEVED if same.scale <= POOR else 0.0)
-    told = [one._replace(gain=one.gain - same.evidence) for one in found if one.gain > least]
+    compared = [one._replace(gain=one.gain - same.evidence) for one in found]
+    sure = same.scale <= POOR
+    told = [one for one in compared if one.gain > sure * (BELIEVED if one.since is None else CHANGED)]
     return Comparison(_unlike(sorted(told, key=lambda one: -one.gain)), same.scale)
 
 

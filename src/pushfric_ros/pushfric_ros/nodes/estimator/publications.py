@@ -49,7 +49,7 @@ class Publications:
         if self._mu_c is None or estimate is None:
             return True
         held = {self._mu_c.data_points} if estimate.spread is None else {self._mu_c.data_points, estimate.spread.data_points}
-        return held == {estimate.data_points} and self._online.compared
+        return held == {estimate.data_points}
 
     def everything(self, verdict: Verdict) -> None:
         """Publish all that is known."""
