@@ -23,6 +23,7 @@ from bench import (
     pipeline,
     planning,
     prediction,
+    public_pushes,
     real_pushes,
     recording,
     services,
@@ -85,7 +86,18 @@ class Bench(Command):
     """Takes `--json` with or without a file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        return super().parse_args(ctx, spelled_out(args))
+        return super().parse_args(ctx, _each_named(spelled_out(args)))
+
+
+def _each_named(arguments: Sequence[str], option: str = "--public") -> list[str]:
+    """Arguments in which this option stands before each of the values that follow it."""
+    named: list[str] = []
+    listing = False
+    for one in arguments:
+        if one == option or one.startswith("-"):
+            listing = one == option
+        named += [option, one] if listing and one != option else [] if listing else [one]
+    return named
 
 
 @app.command(cls=Bench)
@@ -106,6 +118,15 @@ def bench(
         pathlib.Path | None,
         typer.Option(
             "--real-pushes", help="Also measure the accuracy on real pushes: push_points.csv of zhou2015.", show_default=False
+        ),
+    ] = None,
+    public: Annotated[
+        list[pathlib.Path] | None,
+        typer.Option(
+            help="Measure only what the estimates are worth on public pushes: folders that `import` wrote. The figure"
+            " goes to --plot, the table next to it.",
+            metavar="FOLDER...",
+            show_default=False,
         ),
     ] = None,
     live: Annotated[
@@ -176,6 +197,9 @@ def bench(
         raise typer.BadParameter(f"{plot}: is a folder; expected the name of a file to write")
     if not plot.parent.is_dir() and plot != DEFAULT_PLOT:
         raise typer.BadParameter(f"{plot}: its folder does not exist")
+    if public:
+        plot.parent.mkdir(exist_ok=True)
+        return _run([Section.of("public_pushes", public_pushes.PublicPushes(public, plot))], json)
     alone = {"footprint": footprint_only, "growth": growing, "view": view_only, "planning": planning_only}
     for name, asked in alone.items():
         if asked:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from bench.display import pivot_table, plain_tables
 from bench.real_pushes import GRIDS, OUTLINE, TRUE, TRUTH, support_points
-from pushfric_core.bags import stablepush, zhou2015
+from pushfric_core.datasets import stablepush, zhou2015
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, cross, left_of

@@ -8,7 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from bench.display import pivot_table
-from pushfric_core.bags import zhou2015
+from pushfric_core.datasets import zhou2015
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array

@@ -1,20 +1,21 @@
 """Strokes in MuJoCo: of the exported models, and of what one would simulate without a model, compared with predictions.
 
 Without a model, one assumes uniform pressure and guesses mu_c; that scene is exported in the same way. The real strokes are
-those of Yu et al., "More than a million ways to be pushed": a folder with OBJECT.yaml and, for each SURFACE_OBJECT, two files:
-in .strokes.csv the poses and tips before and after, in .tip.csv observations, whose push ids are the rows of the other file.
+those of Yu et al., "More than a million ways to be pushed": a folder as `import mitpush` writes it.
 """
 
-import csv
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from bench.public_pushes import Line, line_of
 from bench.verdict import Verdict
 from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, export, predict_strokes
+from pushfric_core.datasets.strokes import STROKES as STROKE_FILE
+from pushfric_core.datasets.strokes import USUAL_RADIUS, read_strokes
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import read_observations
@@ -38,25 +39,15 @@ STROKE, STROKES, TIP_RADIUS = 0.05, 50, 0.005
 GUESS = 0.3
 """A mu_c that nobody has measured."""
 
-REAL_TIP_RADIUS = 0.00475  # [m]
 OBJECTS = tuple(TABLE_1)
 STEPS = len(OBJECTS)
 
 Figures = dict[str, Any]
 
 
-class Stroke(NamedTuple):
-    """A stroke of the tip."""
-
-    pose: Pose  # of the object before
-    line: PushingLine
-    begin: float  # stroke position of the touch [m]
-    end: float  # [m]
-
-
-def strokes(outline: Outline, tip_radius: float, rng: np.random.Generator, count: int, length: float) -> list[Stroke]:
+def strokes(outline: Outline, tip_radius: float, rng: np.random.Generator, count: int, length: float) -> list[Line]:
     """Strokes that push an object over this length [m], from all sides."""
-    found: list[Stroke] = []
+    found: list[Line] = []
     middle = outline.lower + outline.size / 2
     while len(found) < count:
         theta, aside = rng.uniform(-np.pi, np.pi), rng.uniform(-0.35, 0.35) * outline.size.min()
@@ -66,7 +57,7 @@ def strokes(outline: Outline, tip_radius: float, rng: np.random.Generator, count
         line = PushingLine((aside, -1.0), (0.0, 1.0), tip_radius)
         touch = line.touch(outline, pose)
         if touch is not None:
-            found.append(Stroke(pose, line, touch.distance, touch.distance + length))
+            found.append(Line(pose, line, touch.distance, touch.distance + length))
     return found
 
 
@@ -86,7 +77,7 @@ def pushed(scene: str, pose: Pose, line: PushingLine, begin: float, end: float) 
     return np.array([data.joint(joint).qpos[0] for joint in ("x", "y", "theta")])
 
 
-def distances(scene: str, model: FrictionModel, outline: Outline, chosen: Sequence[Stroke]) -> tuple[Array, Array]:
+def distances(scene: str, model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> tuple[Array, Array]:
     """How far MuJoCo and the prediction end from each other in each stroke [m], [rad]."""
     poses, lines, _, ends = zip(*chosen, strict=True)
     predicted = predict_strokes(model, outline, poses, lines, ends).means
@@ -178,19 +169,18 @@ class Real:
         progress(f"real strokes: {name}")
         pushed_object = load_object(str(self._folder / f"{name.rpartition('_')[2]}.yaml"))
         outline = pushed_object.outline
-        with (self._folder / f"{name}.strokes.csv").open(newline="", encoding="utf-8") as stream:
-            rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+        rows = read_strokes(self._folder / f"{name}{STROKE_FILE}")
         shuffled = np.random.default_rng(number).permutation(len(rows)).tolist()
         fitted = set(shuffled[: len(rows) // 2])
         data = read_observations(self._folder / f"{name}.tip.csv", outline)
         _, estimate = estimated([one for one in data if one.push_id in fitted], pushed_object.support_points, EstimatorConfig())
         model = friction_model(estimate)
-        chosen = [stroke for stroke in (_stroke(rows[k], outline) for k in shuffled[len(fitted) :]) if stroke is not None]
-        chosen = chosen[:STROKES]
+        lines_of = {k: line_of(rows[k], outline) for k in shuffled[len(fitted) :]}
+        chosen = [(line, rows[k].after) for k, line in lines_of.items() if line is not None][:STROKES]
         poses, lines, _, ends = zip(*(stroke for stroke, _ in chosen), strict=True)
         truth = np.array([end for _, end in chosen])
-        scene = exported(outline, model, REAL_TIP_RADIUS)
-        plain = exported(outline, uniform(outline, model.mean_mu_c), REAL_TIP_RADIUS)
+        scene = exported(outline, model, USUAL_RADIUS)
+        plain = exported(outline, uniform(outline, model.mean_mu_c), USUAL_RADIUS)
         found = {
             "predicted": predict_strokes(model, outline, poses, lines, ends).means,
             "exported": np.array([pushed(scene, *stroke) for stroke, _ in chosen]),
@@ -198,20 +188,6 @@ class Real:
         }
         errors = {f"{key}_mm": _error(array, truth, model.length) for key, array in found.items()}
         return {"set": name, "strokes": len(chosen), **errors}
-
-
-def _stroke(row: dict[str, float], outline: Outline) -> tuple[Stroke, Array] | None:
-    """A recorded stroke, and where it ended; None if the tip would pass by."""
-    begin, end = (np.array((row[f"tipx{k}"], row[f"tipy{k}"])) for k in (0, 1))
-    pose = Pose(row["x0"], row["y0"], row["th0"])
-    length = float(np.linalg.norm(end - begin))
-    direction = ((end - begin) / length).tolist()
-    back = (begin - 0.1 * np.array(direction)).tolist()  # clear of the object
-    line = PushingLine((back[0], back[1]), (direction[0], direction[1]), REAL_TIP_RADIUS)
-    touch = line.touch(outline, pose)
-    if touch is None or touch.distance >= 0.1 + length:
-        return None
-    return Stroke(pose, line, min(touch.distance, 0.1), 0.1 + length), np.array((row["x1"], row["y1"], row["th1"]))
 
 
 def _error(found: Array, truth: Array, arm: float) -> float:

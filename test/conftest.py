@@ -15,6 +15,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 REAL_PUSHES = ROOT.parent / "shared/data/zhou2015_triangle"
+MIT_PUSHES = ROOT.parent / "shared/data/mit_push"
 
 
 def own_domain() -> tuple[str, socket.socket]:
@@ -77,6 +78,14 @@ def real_pushes() -> pathlib.Path:
     if not REAL_PUSHES.is_dir():
         pytest.skip(f"the real pushes are not at {REAL_PUSHES}")
     return REAL_PUSHES
+
+
+@pytest.fixture
+def mit_pushes() -> pathlib.Path:
+    """Folder of public sets of real pushes (Yu et al. 2016), with two of the original files."""
+    if not MIT_PUSHES.is_dir():
+        pytest.skip(f"the real pushes are not at {MIT_PUSHES}")
+    return MIT_PUSHES
 
 
 class Ros:

@@ -27,6 +27,7 @@ from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
+import public_sets
 import rearranged
 from geometry_msgs.msg import Point, Vector3
 from mcap.writer import CompressionType, Writer
@@ -35,7 +36,6 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from pushfric_core.bags import zhou2015
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import Decoder, encoder
@@ -47,6 +47,7 @@ from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig, ViewConfig
+from pushfric_core.datasets import cpush, mitpush, zhou2015
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.bounded_yaml import load_yaml
@@ -206,6 +207,13 @@ def targets() -> dict[str, Target]:
         "log": Target(_of_file("cut__exp.txt", zhou2015.read_log), [_log()], (InvalidInput,)),
         "compressed log": Target(_of_file("cut__exp.txt.gz", zhou2015.read_log), [gzip.compress(_log())], (InvalidInput,)),
         "push points": Target(_of_file("push_points.csv", zhou2015.read_push_points), [_push_points()], (InvalidInput,)),
+        "strokes": Target(
+            _of_file("strokes.mat", lambda path: mitpush.read_file(path, public_sets.OUTLINE)),
+            [public_sets.strokes_file()],
+            (InvalidInput,),
+        ),
+        "run": Target(_of_file("run.json", cpush.read_run), [public_sets.run_file()], (InvalidInput,)),
+        "outlines": Target(_outline_of_butter, [public_sets.BUTTER], (InvalidInput,)),
         "bag": Target(_of_file("bag.mcap", _read_bag), [_small_bag()], (InvalidInput, PushfricError)),
         "database": Target(_of_file("bag.db3", _read_bag), [_database()], (InvalidInput, PushfricError)),
         "uncompressed bag": Target(_of_file("bag.mcap", _recover), [_uncompressed_bag()], (InvalidInput,)),
@@ -341,6 +349,13 @@ def _csv() -> bytes:
     for o in _observations():
         writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, o.half_width, *(o.force or ())))
     return text.getvalue().encode()
+
+
+def _outline_of_butter(data: bytes, folder: pathlib.Path) -> None:
+    path = folder / mitpush.OUTLINES
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    mitpush.outline_of("butter", folder)
 
 
 def _push_points() -> bytes:

@@ -125,3 +125,16 @@ def test_one_line_and_many_lines_give_the_same_touches_to_the_bit(radius):
         assert touch.edge == (None if edge < 0 else edge)
         edges.add(touch.edge)
     assert edges == {0, 1, 2, 3, 4} | ({None} if radius else set())
+
+
+@pytest.mark.parametrize(
+    ("corners", "alike"),
+    [
+        ([(0.0, 0.0), (0.1, 0.0), (0.1, 0.06), (0.0, 0.06)], True),
+        ([(0.0, 0.0), (0.15, 0.0), (0.0, 0.15)], True),  # about the diagonal
+        ([(0.0, 0.0), (0.15, 0.0), (0.0, 0.12)], False),
+        ([(0.0, 0.0), (0.1, 0.0), (0.13, 0.06), (0.03, 0.06)], False),  # it only looks the same after half a turn
+    ],
+)
+def test_some_outlines_look_the_same_in_a_mirror(corners, alike):
+    assert Outline(np.array(corners)).is_its_mirror_image is alike

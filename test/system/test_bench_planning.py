@@ -68,7 +68,7 @@ def test_real_strokes_are_compared_with_predictions_and_scenes(monkeypatch, tmp_
     known = TABLE_1[name]
     save_object(load_object(name), tmp_path / "block.yaml")
     model = FrictionModel.of(known.support, known.mu_c)
-    chosen = simulators.strokes(known.outline, simulators.REAL_TIP_RADIUS, np.random.default_rng(0), 24, 0.02)
+    chosen = simulators.strokes(known.outline, simulators.USUAL_RADIUS, np.random.default_rng(0), 24, 0.02)
     poses, lines, begins, ends = zip(*chosen, strict=True)
     final = predict_strokes(model, known.outline, poses, lines, ends).means
     at = [

@@ -13,8 +13,8 @@ import pytest
 
 import pushfric_core
 from pushfric_core import Observation, Twist
-from pushfric_core.bags.zhou2015 import write_bag
 from pushfric_core.commands import cli
+from pushfric_core.datasets.zhou2015 import write_bag
 from pushfric_core.vision.camera import Camera, save_camera
 
 COMMANDS = cli.catalog()

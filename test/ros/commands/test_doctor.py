@@ -117,6 +117,7 @@ def test_a_good_cell_passes_and_its_pusher_is_told_nothing_that_moves_it(tmp_pat
     assert checks["camera"].finding.startswith(f"{tmp_path}/camera.avi: 640 x 480 px, ")
     assert checks["calibration"].finding == "a pixel is 0.40 mm, 100 % of the pushing line are in the picture"
     assert checks["object"].finding.startswith("rubber_rect4 is seen at (20, 50) mm, edges fit to 0.")
+    assert checks["object"].finding.endswith("only with markers, the tracker would notice a mirrored picture")
     assert checks["limits"].finding == "travel 99 mm, 100 mm/s, 500 mm/s^2"  # 100 mm, less the pull-off of homing
     assert doctor.passed(list(checks.values()))
 

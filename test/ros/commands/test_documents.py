@@ -40,6 +40,8 @@ SHELL = {"cp", "mkdir", "export FASTRTPS_DEFAULT_PROFILES_FILE"}
 NOT_RUN = {
     "./pushfric estimate /data/bags": "a cluster; test_many.py has one",
     "./pushfric import zhou2015": "a log of a public data set; test_zhou2015.py imports one",
+    "./pushfric import mitpush": "the same; test_mitpush.py imports small ones",
+    "./pushfric estimate runs/mit": "the same",
     "./pushfric estimate runs/my_box": "the tutorial's run; test_simulated_runs.py makes it and goes on from it",
     "./pushfric predict my_box.yaml": "the same",
     "rosdep": "the network",

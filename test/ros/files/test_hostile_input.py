@@ -17,10 +17,11 @@ from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from pushfric_core.bags import samples, zhou2015
+from pushfric_core.bags import samples
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.recorded import Recorded, check_source
+from pushfric_core.datasets import zhou2015
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.bounded_yaml import DEPTH_LIMIT, INTEGER_LIMIT, NODE_LIMIT, TEXT_LIMIT, load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings

@@ -23,6 +23,7 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty import contact_friction
 from pushfric_core.uncertainty.contact_friction import ContactForces, MuC, Tip
+from pushfric_core.uncertainty.model_comparison import Comparison
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.posterior import Posterior, posterior
 from pushfric_core.uncertainty.reasons import Reason
@@ -55,6 +56,7 @@ class Estimate:
         rejected: the pushes that are left out because they are unlike the others, each with the reason.
         change: of the object; None as long as it seems to be the same.
         outline: of the object; None: the estimator does not know it.
+        comparison: of what may be wrong with the observations, made when no other observation followed at once.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Twist
@@ -84,6 +86,7 @@ class Estimate:
     rejected: tuple[Rejected, ...] = ()
     change: Change | None = None
     outline: Outline | None = field(default=None, compare=False)
+    comparison: Comparison = field(default_factory=Comparison, compare=False)
 
     @property
     def w(self) -> Array:

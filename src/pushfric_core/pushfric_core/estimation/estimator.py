@@ -33,6 +33,7 @@ from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Sol
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
+from pushfric_core.uncertainty.model_comparison import Comparison, compare
 from pushfric_core.uncertainty.outlier_rejection import REASONS, OutlierRejection, Rejected
 from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, NOISELESS, Excitation, Spread, effects, is_due, rise, spread
 from pushfric_core.wording import counted, observations_of
@@ -163,8 +164,9 @@ class Estimator:
     """Fits w over hypothesised support points to observations.
 
     What it says is a function of the observations and the settings alone: not of the order of the pushes, nor of when somebody
-    asked. There are two exceptions: whether the object has changed is a question of time; and if there are more than
-    `spread.EXACT` observations, outlier rejection looks only after every second, third, ... of them.
+    asked. There are three exceptions: whether the object has changed is a question of time; if there are more than
+    `spread.EXACT` observations, outlier rejection looks only after every second, third, ... of them; and what may be wrong with
+    the observations is compared only when no other one follows at once.
 
     Args:
         support_points: (n, 2) hypothesised supports in the object frame [m].
@@ -235,6 +237,7 @@ class Estimator:
         self._last_rejection = 0  # number of observations when outliers were last rejected
         self._last_spread: Spread | None = None
         self._spread_of = 0  # number of observations that it rests on
+        self._last_comparison, self._compared = Comparison(), 0  # ... and the number of all observations it was made of
         self._forget()
         if self._center is not None:
             self._program.add(stack([center_of_friction_rows(self._center, self.support_points)], self._columns))
@@ -394,7 +397,19 @@ class Estimator:
             self.rejected,
             None if self._rejection is None else self._rejection.change,
             self.outline,
+            self._compare() if at_rest else self._last_comparison,
         )
+
+    @property
+    def compared(self) -> bool:
+        """Whether what may be wrong with the observations was compared with all of them."""
+        return not self._rejects or self._compared == len(self._seen)
+
+    def _compare(self) -> Comparison:
+        """What may be wrong with the observations, also with those of rejected pushes."""
+        if not self.compared:
+            self._last_comparison, self._compared = compare(self.support_points, self._seen), len(self._seen)
+        return self._last_comparison
 
     def verdict(self, estimate: Estimate) -> Verdict:
         """Whether the last estimate may be used."""

@@ -55,6 +55,11 @@ class OnlineEstimation:
         return self._estimator.newest
 
     @property
+    def compared(self) -> bool:
+        """Whether the estimate's comparison of what may be wrong rests on all data points."""
+        return self._estimator.compared
+
+    @property
     def usable(self) -> bool:
         """Whether there is an estimate that no hard constraint contradicts."""
         return self.estimate is not None and self.estimate.contradiction is None

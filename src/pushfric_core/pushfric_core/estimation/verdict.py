@@ -9,6 +9,7 @@ import heapq
 import math
 import struct
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from pushfric_core.geometry.planar import Array, Twist, cross, velocity_at
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.geometry_check import ContactCheck
+from pushfric_core.uncertainty.model_comparison import POOR, Explanation
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 
@@ -57,8 +59,23 @@ ASIDE = 0.1
 OPPOSED = 0.05
 """Share of the data points for which p_CF may lie on the wrong side; in good runs, real and simulated, at most 0.03 do."""
 
+INERTIA = 0.3
+"""Pushes are too fast if the object's speed could give inertia this share of friction."""
+
+HASTY = 0.06
+"""If motions are off by less than this [rad], neither half-planes that are crossed tell anything, nor velocities without a
+duration, which may be in any unit of time."""
+
+GRAVITY = 9.81  # [m/s^2]
+FRICTION = 0.3  # a usual coefficient of support friction
+CERTAIN = 1e6
+"""Odds beyond these are told as such."""
+
 OPPOSED_PUSHES = 3
 """... and fewer pushes than this may be bad ones, which the fit tolerates."""
+
+CERTAINLY_OFF = 0.003
+"""Contacts and frames that are off by more than this [m] are wrong, however little is known of p_CF."""
 
 LINES = 1000
 """At most this many lines of motion are kept: a sample of all, drawn by what they are, so that their order does not matter."""
@@ -94,7 +111,7 @@ class Verdict:
             f"was moved, or it was exchanged; start again from push {self.change.since}, with reset or by leaving the earlier "
             "pushes out"
         )
-        return *self.mistakes, Reason(ReasonCode.OBJECT_CHANGED, changed)
+        return Reason(ReasonCode.OBJECT_CHANGED, changed), *self.mistakes
 
     @property
     def use(self) -> bool:
@@ -116,7 +133,10 @@ class InputCheck:
         self._points = points
         self._middle = points.mean(axis=0)
         self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1))))
-        self._count = self._behind = self._inverted = self._receding = self._about_origin = self._forces = 0
+        self._count = self._behind = self._inverted = self._receding = self._about_origin = self._forces = self._fast = (
+            self._timed
+        ) = 0
+        self._fastest = math.sqrt(INERTIA * FRICTION * GRAVITY * self._radius)
         self._turn = 0j
         self._lines = _Lines()
         self._contacts = ContactCheck()
@@ -131,6 +151,9 @@ class InputCheck:
         self._inverted += behind and recedes
         self._receding += recedes and not behind
         self._about_origin += math.hypot(vx, vy) < ABOUT_ORIGIN * self._radius * abs(omega)
+        fast = math.hypot(*velocity_at(observation.twist, self._middle)) > self._fastest
+        self._fast += fast
+        self._timed += fast and observation.duration is not None
         self._lines.add(observation)
         self._contacts.add(observation)
         if observation.force is not None and any(observation.force):
@@ -144,20 +167,31 @@ class InputCheck:
         """On the estimate from these data points, with a change of the object that they have shown."""
         # what a mistake in the input brings about says nothing of its own, and its remedy would be the wrong one
         lack = [] if estimate.lack is None else [estimate.lack]
-        if mistakes := self._mistakes():
+        mistakes = self._mistakes(estimate.comparison.misfit or 0.0)
+        within = math.inf if estimate.confidence is None else estimate.confidence
+        explained = estimate.comparison.explanations
+        if explained and explained[0].size <= min(within, CERTAINLY_OFF):
+            explained = ()  # a length that p_CF is not known to is none to worry about
+        if any(one.code is ReasonCode.NORMALS_INWARD for one in mistakes) or (mistakes and not explained):
             return Verdict((*mistakes, *lack))
+        if explained and explained[0].since is None:
+            return Verdict((*_likeliest(explained), *lack))
+        if explained:
+            first = explained[0]
+            assert first.since is not None
+            assert first.shift is not None
+            return Verdict((*_likeliest(explained)[1:], *lack), change=change or Change(first.since, first.shift))
         wrong = [] if change is not None else self._conflicts(estimate)
         found = self._contacts.found()
         if not found:
             return Verdict((*wrong, *lack), change=change)
-        within = math.inf if estimate.confidence is None else estimate.confidence
         misplaced = [one.reason for one in found]
         if wrong or any(one.displaces and one.size > within for one in found):
             return Verdict((*misplaced, *lack), change=change)
         return Verdict(tuple(lack), change=change, notes=tuple(misplaced))
 
-    def _mistakes(self) -> list[Reason]:
-        """What the data points themselves show."""
+    def _mistakes(self, misfit: float) -> list[Reason]:
+        """What the data points themselves show; by the misfit [rad], some of it is believed."""
         found = []
         wrong_motion = False  # against which forces would seem turned
         if self._behind > MOST * self._count or self._inverted > MANY_RECEDE * self._count:
@@ -180,6 +214,12 @@ class InputCheck:
                 "be the velocity of the object-frame origin, in the object frame"
             )
             found.append(Reason(ReasonCode.CONTACTS_RECEDE, text))
+        if self._timed > MOST * self._count or (self._fast > MOST * self._count and misfit > HASTY):
+            text = (
+                f"the object moves faster than {self._fastest:.2g} m/s in {self._fast} of {self._count} data points, where "
+                "inertia is not small next to friction: push more slowly, or give vx, vy in m/s"
+            )
+            found.append(Reason(ReasonCode.TOO_FAST, text))
         if self._forces >= FEWEST_FORCES and not wrong_motion:
             mean = self._turn / self._forces
             turn = math.degrees(cmath.phase(mean))
@@ -199,16 +239,21 @@ class InputCheck:
         if estimate.contradiction is not None:
             text = f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"
             return [Reason(ReasonCode.CONTRADICTION, text)]
-        return [] if estimate.lack is not None else self._doubts(estimate) or self._opposed(estimate)
+        if estimate.lack is not None:
+            return []
+        misfit = estimate.comparison.misfit
+        fits = misfit is not None and misfit <= HASTY and not estimate.center_given
+        return self._doubts(estimate) or ([] if fits else self._opposed(estimate))
 
     def _doubts(self, estimate: "Estimate") -> list[Reason]:
         """What the fit shows."""
-        error = estimate.moment_error
+        error, misfit = estimate.moment_error, estimate.comparison.misfit
+        what = "check the units and frames of contact, twist and outline, and the support points"
         if error is not None and error > POOR_FIT * self._radius:
-            text = (
-                f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: check the units and "
-                "frames of contact, twist and outline, and the support points"
-            )
+            text = f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: {what}"
+            return [Reason(ReasonCode.POOR_FIT, text)]
+        if misfit is not None and misfit > POOR:
+            text = f"motions are typically {math.degrees(misfit):.0f} degrees off, far more than those of real pushes: {what}"
             return [Reason(ReasonCode.POOR_FIT, text)]
         w = estimate.w if estimate.spread is None else estimate.spread.middle
         reach = (DIRECTIONS @ (self._points - w @ self._points).T).max(axis=1)
@@ -239,6 +284,16 @@ class InputCheck:
             f"object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: {cause}"
         )
         return [Reason(ReasonCode.HALF_PLANES, text)]
+
+
+def _likeliest(explained: Sequence[Explanation]) -> list[Reason]:
+    """The likeliest explanation, with how much likelier it is than the next, and the next one, if there is one."""
+    first, *others = explained
+    odds = math.exp(min(first.gain - (others[0].gain if others else 0.0), 100.0))
+    times = "more than a million times" if odds > CERTAIN else f"{odds:.2g} times"
+    rival = "as the next explanation" if others else "as no mistake"
+    reasons = [Reason(first.reason.code, f"{first.reason.text} (this is {times} as likely {rival})")]
+    return reasons + [Reason(one.reason.code, f"or else: {one.reason.text}") for one in others[:1] if one.reason.text]
 
 
 class _Lines:

@@ -3,11 +3,12 @@
 import csv
 import math
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.file_errors import reading
+from pushfric_core.files.whole_file import write_whole
 from pushfric_core.plausible import FARTHEST, check_within
 
 
@@ -78,3 +79,13 @@ def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected
     if not rows:
         raise InvalidInput(f"{path}: no {things}; expected a row for each")
     return CsvTable(found, rows)
+
+
+def save_table(columns: Sequence[str], rows: Iterable[Sequence[float | None]], path: pathlib.Path) -> None:
+    """Write a CSV file of numbers, to nine digits; None is an empty cell.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    lines = [",".join("" if value is None else f"{value:.9g}" for value in row) for row in rows]
+    write_whole(path, "\n".join((",".join(columns), *lines, "")))

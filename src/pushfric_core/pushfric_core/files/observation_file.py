@@ -1,10 +1,11 @@
 """Observations as a CSV file: SI units, object frame, one data point in each row."""
 
 import pathlib
+from collections.abc import Sequence
 from dataclasses import replace
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.csv_table import Row, read_table
+from pushfric_core.files.csv_table import Row, read_table, save_table
 from pushfric_core.files.file_errors import as_named_here
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Twist
@@ -37,6 +38,24 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
         if (x in columns) != (y in columns):
             raise InvalidInput(f"{path}: expected both of {x} and {y}, or neither")
     return [_observation(row, outline) for row in rows]
+
+
+def save_observations(observations: Sequence[Observation], path: pathlib.Path) -> None:
+    """Write a CSV file of data points, with the columns of `OPTIONAL` that one of them needs.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    missing = (None, None)
+    rows = [
+        (*one.contact_point, *one.contact_normal, *one.twist, one.push_id)
+        + (one.half_width or None, *(one.force or missing), *(one.tip_velocity or missing))
+        for one in observations
+    ]
+    used = [any(row[column] is not None for row in rows) for column in range(len(REQUIRED + OPTIONAL))]
+    columns = [column for column in range(len(used)) if used[column] or column < len(REQUIRED)]
+    names = [(REQUIRED + OPTIONAL)[column] for column in columns]
+    save_table(names, [[row[column] for column in columns] for row in rows], path)
 
 
 def _observation(row: Row, outline: Outline) -> Observation:

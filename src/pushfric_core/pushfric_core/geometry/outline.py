@@ -21,6 +21,9 @@ ON_OUTLINE = 1e-9
 SMALLEST = 0.01
 """An object is hardly smaller [m]: tells whether a length was written in millimetres or in centimetres."""
 
+ALIKE = 0.01
+"""Outlines that differ in less than this share of their area look the same."""
+
 LARGEST_GRID = 10_000
 """Largest number of points; the program for w grows with the square of their number."""
 
@@ -132,6 +135,18 @@ class Outline:
     def size(self) -> Array:
         """Sides (2,) of the bounding box [m]."""
         return np.asarray(np.ptp(self.vertices, axis=0))
+
+    @cached_property
+    def is_its_mirror_image(self) -> bool:
+        """Whether the outline looks the same in a mirror: then nothing but a marker tells that a picture is mirrored."""
+        centroid = np.array(self.polygon.centroid.coords[0])
+        around = np.concatenate((self.vertices, self.vertices + self.edges / 2)) - centroid
+        for x, y in around[np.hypot(*around.T) > 0].tolist():  # an axis passes through a corner, or the middle of an edge
+            c, s = (x * x - y * y) / (x * x + y * y), 2 * x * y / (x * x + y * y)
+            mirrored = shapely.Polygon((self.vertices - centroid) @ np.array(((c, s), (s, -c))) + centroid)
+            if self.polygon.symmetric_difference(mirrored).area < ALIKE * self.polygon.area:
+                return True
+        return False
 
     def contains(self, points: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Which points (m, 2) lie inside or on the outline."""

@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from pushfric_core.bags.zhou2015 import CORNERS, GRID, read_push_points
+from pushfric_core.datasets.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import EstimatorConfig

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.bags.zhou2015 import CORNERS, GRID
+from pushfric_core.datasets.zhou2015 import CORNERS, GRID
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig

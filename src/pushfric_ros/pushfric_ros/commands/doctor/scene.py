@@ -11,6 +11,7 @@ from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.sighting import NotSeen, Tracker
+from pushfric_core.vision.tracker_settings import ContourConfig
 
 COARSEST = 0.8e-3
 """Largest useful size of a pixel on the table [m]."""
@@ -66,9 +67,10 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
         advice = "lay it in the picture, alone; `./pushfric measure CELL --only object` shows what the camera sees of it"
         return Check("object", Grade.WARNING, finding, advice)
     x, y = 1e3 * sighting.pose.x, 1e3 * sighting.pose.y
-    return Check(
-        "object", Grade.OK, f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
-    )
+    finding = f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
+    if isinstance(cell.tracker, ContourConfig) and model.outline.is_its_mirror_image:
+        finding += "; it looks the same in a mirror: only with markers, the tracker would notice a mirrored picture"
+    return Check("object", Grade.OK, finding)
 
 
 def check_plan(plan: PlanConfig, pusher: PusherConfig, model: ObjectModel) -> Check:

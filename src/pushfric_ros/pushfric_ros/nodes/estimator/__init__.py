@@ -403,10 +403,13 @@ class EstimatorNode(Node):
         if not lasts or self._lasted is estimate:
             return
         self._lasted = estimate
-        if not self._publications.complete:
+        complete = self._publications.complete
+        if not complete or not self._online.compared:
             self._online.settle()
             self._before = self._lasted = self._online.estimate
-            self._publications.estimate(self._judge())
+            said = self._verdict
+            if self._judge() != said or not complete:
+                self._publications.estimate(self._verdict)
         self._model_publication.publish(self._verdict)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bench.real_pushes import support_points
-from pushfric_core.bags import zhou2015
 from pushfric_core.bags.recorded import Recorded
+from pushfric_core.datasets import zhou2015
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation import batch
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
@@ -33,7 +33,7 @@ def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_l
         for log, bag in zip(LOGS, bags, strict=True):
             zhou2015.import_pushes(real_pushes / "logs" / f"{log}.gz", bag)
     else:
-        written = {w.bag.name: w.bag for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)}
+        written = {w.path.name: w.path for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)}
         bags = [written[log.removesuffix(".txt")] for log in LOGS]
     for bag, reference in zip(bags, LOGS.values(), strict=True):
         model = load_object(str(bag / OBJECT_FILE))

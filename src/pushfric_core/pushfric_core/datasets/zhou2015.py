@@ -20,10 +20,11 @@ from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.message_types import record
 from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.samples import observation_to_msg
+from pushfric_core.datasets.imported import Imported
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.csv_table import Row, read_table
 from pushfric_core.files.file_errors import as_named_here
-from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, SupportFile, make_object, save_object
+from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, SupportFile, make_object, save_object
 from pushfric_core.geometry import planar
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform, velocity_at
@@ -70,14 +71,6 @@ LARGEST = 1e12
 """Largest number accepted in a log; times are seconds since 1970."""
 
 SECOND = 10**9
-
-
-class Imported(NamedTuple):
-    """One bag that was written."""
-
-    bag: pathlib.Path
-    object: str
-    observations: int
 
 
 def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
@@ -244,13 +237,17 @@ def _object_of(log: pathlib.Path) -> str:
     return log.name.partition("__exp")[0]
 
 
+def object_on(name: str) -> ObjectModel:
+    """The triangle on supports of this name, as one knows it before it is pushed."""
+    return make_object(ObjectFile(name=name, outline=CORNERS, support=GRID), name)
+
+
 def write_bag(folder: pathlib.Path, name: str, observations: list[Observation]) -> Imported:
     """Write a bag of observations of the triangle on supports of this name, with its object's YAML file."""
-    file = ObjectFile(name=name, outline=CORNERS, support=GRID)
     with BagWriter(folder) as writer:
         writer.add_topic(TOPIC, TYPE, [OfferedQos(depth=len(observations), reliability="reliable", durability="volatile")])
         encode = encoder(TYPE)
         for observation in sorted(observations, key=lambda o: o.stamp):
             writer.write(TOPIC, observation.stamp, encode(observation_to_msg(observation, name, record)))
-    save_object(make_object(file, name), folder / OBJECT_FILE)
+    save_object(object_on(name), folder / OBJECT_FILE)
     return Imported(folder, name, len(observations))

@@ -3,8 +3,8 @@ import csv
 import numpy as np
 import pytest
 
-from pushfric_core.bags import stablepush
 from pushfric_core.bags.recorded import Recorded
+from pushfric_core.datasets import stablepush
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation import batch
 from pushfric_core.estimation.estimator import Estimator

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.bags.zhou2015 import MILLIMETRE, SECOND, Imported, write_bag
+from pushfric_core.datasets.imported import Imported
+from pushfric_core.datasets.zhou2015 import MILLIMETRE, SECOND, write_bag
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.csv_table import read_table
 from pushfric_core.files.file_errors import as_named_here

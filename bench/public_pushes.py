@@ -1,0 +1,368 @@
+"""What the estimates are worth on public pushes: p_CF and mu_c of every set, and whole strokes that were not fitted.
+
+A set is fitted to half of its strokes, and to some choices of FEW of these; the strokes of the other half are rolled out. The
+others that predict have the mu_c of the fit: uniform pressure, and its ellipsoid. What a set has of models that their authors
+fitted to force and motion is compared on the same strokes.
+"""
+
+import math
+import pathlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.table import Table
+
+from bench.prediction import Pushes, ellipsoid_motions
+from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, Twist, predict_strokes
+from pushfric_core.bags.recorded import Recorded
+from pushfric_core.datasets import zhou2015
+from pushfric_core.datasets.mitpush import POLY4
+from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, read_strokes
+from pushfric_core.errors import InvalidInput
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
+from pushfric_core.files.whole_file import write_whole
+from pushfric_core.geometry.outline import Touch
+from pushfric_core.geometry.planar import Array, compose, exp, rotation
+from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.mechanics.simulation import TOUCHING
+from pushfric_core.mechanics.strokes import STEP
+from pushfric_core.mechanics.surface_models import named_ellipsoid
+from pushfric_core.paper.tables import markdown
+from pushfric_core.paper.trials import estimated
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.uncertainty.spread import ELLIPSE
+
+FEW, DRAWS = 10, 6
+"""Number of strokes, and of random choices of so many."""
+
+ROLLED = 70
+"""At most this many strokes of a set are rolled out."""
+
+BACK = 0.1
+"""The line of the tip begins this far behind the place where the stroke begins [m]: clear of the object."""
+
+FINE = 30
+"""Points in a row of the uniform pressure."""
+
+CONTENDERS = {
+    "half": "pushfric",
+    "few": f"pushfric, {FEW} strokes",
+    "uniform": "uniform",
+    "ellipsoid": "its ellipsoid",
+    "zhou_ellipsoid": "Zhou's ellipsoid",
+    "zhou_quartic": "Zhou's quartic",
+}
+"""Who predicts, and what a table calls them."""
+
+Figures = dict[str, Any]
+
+
+class PublicSet(NamedTuple):
+    """The pushes of one object on one surface."""
+
+    folder: str
+    name: str
+    model: ObjectModel
+    strokes: Sequence[Stroke]
+    observations: Sequence[Observation | None]  # of each stroke; None: it is no data point
+    quartic: Sequence[Pose | None]  # where a published quartic predicts each stroke to end
+
+    @property
+    def label(self) -> Array:
+        """p_CF (2,) [m] if the pressure is even: the centroid of the outline."""
+        centroid = self.model.outline.polygon.centroid
+        return np.array((centroid.x, centroid.y))
+
+
+class PublicPushes:
+    """A section of the benchmarks.
+
+    Args:
+        folders: of sets: CSV files as `import mitpush` and `import cpush` write them, bags as `import zhou2015` writes them, or
+            push_points.csv.
+        plot: file for the figure; the table goes next to it, as Markdown.
+    Raises:
+        InvalidInput: there is no set in a folder, or one cannot be read.
+    """
+
+    def __init__(self, folders: Sequence[pathlib.Path], plot: pathlib.Path) -> None:
+        self._sets = [one for folder in folders for one in sets_in(folder)]
+        self._plot = plot
+        self.STEPS = len(self._sets)
+
+    def measure(self, progress: Callable[[str], None]) -> Figures:
+        """All figures of each set, in m and rad; None: not told, or not stored.
+
+        Returns:
+            {"sets": [{"folder", "set", "strokes", "data_points", "p_cf_error", "radius", "held", "use", "mu_c", "mu_c_low",
+            "mu_c_high", "few": [{"p_cf_error", "radius", "held", "use"}], "rolled", "errors": {contender: {"position", "angle",
+            "combined"}}}]}; "radius" is that of the 90 % ellipse, "few" has FEW strokes each.
+        """
+        rows = []
+        for number, one in enumerate(self._sets):
+            progress(f"public pushes: {one.name}")
+            rows.append(_measured(one, np.random.default_rng(number)))
+        plot(rows, self._plot)
+        write_whole(self._plot.with_suffix(".md"), "\n".join((*markdown(*_cells(rows)), "")))
+        return {"sets": rows}
+
+    def tables(self, figures: Figures) -> Iterator[Table]:
+        """One table: a line for each set, and one for each folder."""
+        heads, rows = _cells(figures["sets"])
+        table = Table(*heads, title="Public pushes")
+        for row in rows:
+            table.add_row(*row)
+        yield table
+
+
+def sets_in(folder: pathlib.Path) -> list[PublicSet]:
+    """The sets of a folder.
+
+    Raises:
+        InvalidInput: there is none, or one cannot be read.
+    """
+    found = [_of_strokes(path) for path in sorted(folder.glob(f"*{STROKES}"))]
+    bags = sorted(path.parent for path in folder.glob(f"*/{OBJECT_FILE}"))
+    for bag in bags:
+        model = load_object(str(bag / OBJECT_FILE))
+        data = Recorded(bag).read(model, EstimatorSettings(), lambda line: None).observations
+        found.append(_of_observations(folder.name, bag.name, model, data))
+    if (table := folder / "push_points.csv").is_file():
+        for log, data in zhou2015.read_push_points(table).items():
+            found.append(_of_observations(folder.name, pathlib.Path(log).stem, zhou2015.object_on(log), data))
+    if not found:
+        raise InvalidInput(f"{folder}: no *{STROKES}, no bags and no push_points.csv; expected what `import` writes")
+    return found
+
+
+def _of_strokes(path: pathlib.Path) -> PublicSet:
+    name = path.name.removesuffix(STROKES)
+    model = load_object(str(path.with_name(f"{name.rpartition('_')[2]}.yaml")))
+    strokes = read_strokes(path)
+    data = data_points(strokes, model.outline)
+    quartic: dict[tuple[float, ...], Pose | None] = {}
+    if (other := path.with_name(f"{name}{POLY4}")).is_file():
+        quartic = {_key(one): one.predicted for one in read_strokes(other)}
+    return PublicSet(path.parent.name, name, model, strokes, data, [quartic.get(_key(one)) for one in strokes])
+
+
+def _key(stroke: Stroke) -> tuple[float, ...]:
+    """By which a stroke is found in another file."""
+    return (*stroke.before, *stroke.tip_before)
+
+
+def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[Observation]) -> PublicSet:
+    """Short strokes of a thin tip: halfway, the tip is at the contact of the data point."""
+    known = [one for one in data if one.tip_velocity is not None]
+    strokes = []
+    for one in known:
+        begin, end = (np.add(one.contact_point, np.multiply(half, one.tip_velocity)).tolist() for half in (-0.5, 0.5))
+        before, after = exp(one.twist, -0.5), exp(one.twist, 0.5)
+        strokes.append(Stroke(before, after, (begin[0], begin[1]), (end[0], end[1]), tip_radius=0.0))
+    return PublicSet(folder, name, model, strokes, known, [None] * len(known))
+
+
+class Line(NamedTuple):
+    """A stroke as `predict_strokes` takes it."""
+
+    pose: Pose
+    line: PushingLine
+    begin: float  # stroke position where the tip is, or touches [m]
+    end: float
+
+
+def line_of(stroke: Stroke, outline: Outline) -> Line | None:
+    """None if the tip would pass by."""
+    way = np.subtract(stroke.tip_after, stroke.tip_before)
+    length = float(np.linalg.norm(way))
+    x, y = (way / length).tolist()
+    line = PushingLine((stroke.tip_before[0] - BACK * x, stroke.tip_before[1] - BACK * y), (x, y), stroke.tip_radius)
+    touch = line.touch(outline, stroke.before)
+    if touch is None or touch.distance >= BACK + length:
+        return None
+    return Line(stroke.before, line, min(touch.distance, BACK), BACK + length)
+
+
+def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
+    outline, points = one.model.outline, one.model.support_points
+    data = [point for point in one.observations if point is not None]
+    groups = sorted({point.push_id for point in data})
+    shuffled = rng.permutation(groups)
+    fitted = set(shuffled[: len(groups) // 2].tolist())
+    half = [point for point in data if point.push_id in fitted]
+    unseen = [row for row in range(len(one.strokes)) if _group(one, row) not in fitted]
+    lines = {row: line for row in unseen if (line := line_of(one.strokes[row], outline)) is not None}
+    rows = rng.permutation(list(lines))[:ROLLED].tolist()
+    draws = [[half[k] for k in rng.permutation(len(half))[:FEW].tolist()] for _ in range(DRAWS)]
+    _, whole = estimated(data, points, EstimatorConfig())
+    _, by_half = estimated(half, points, EstimatorConfig())
+    by_few = [estimated(draw, points, EstimatorConfig())[1] for draw in draws]
+    mu_c = whole.mu_c
+    figures: Figures = {
+        "folder": one.folder,
+        "set": one.name,
+        "strokes": len(one.strokes),
+        "data_points": len(data),
+        **_center(whole, one.label),
+        "mu_c": None if mu_c is None else mu_c.value,
+        "mu_c_low": None if mu_c is None else mu_c.low,
+        "mu_c_high": None if mu_c is None else mu_c.high,
+        "few": [_center(estimate, one.label) for estimate in by_few],
+        "rolled": len(rows),
+    }
+    truth = np.array([one.strokes[row].after for row in rows])
+    chosen = [lines[row] for row in rows]
+    model = friction_model(by_half)
+    even = outline.grid(FINE, FINE, 0.0)
+    uniform = FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), model.mean_mu_c)
+    ends = {
+        "half": [_rolled(model, outline, chosen)],
+        "few": [_rolled(friction_model(estimate), outline, chosen) for estimate in by_few],
+        "uniform": [_rolled(uniform, outline, chosen)],
+        "ellipsoid": [_rolled_ellipsoid(uniform, outline, chosen)],
+        "zhou_ellipsoid": _stored([one.strokes[row].predicted for row in rows]),
+        "zhou_quartic": _stored([one.quartic[row] for row in rows]),
+    }
+    figures["errors"] = {who: _errors(found, truth, model.length) for who, found in ends.items()}
+    return figures
+
+
+def _group(one: PublicSet, row: int) -> int:
+    """What a stroke is fitted together with: its run, if it belongs to one."""
+    point, run = one.observations[row], one.strokes[row].run
+    return point.push_id if point is not None else row if run is None else run
+
+
+def _center(estimate: Estimate, label: Array) -> Figures:
+    """How far p_CF is off, and whether the 90 % ellipse holds the label; None if the estimate gives none."""
+    error = estimate.center_of_friction - label
+    told = estimate.spread is not None
+    return {
+        "p_cf_error": float(np.hypot(*error)),
+        "radius": estimate.confidence,
+        "held": bool(error @ np.linalg.solve(estimate.spread.covariance, error) <= ELLIPSE) if told else None,
+        "use": estimate.verdict.use,
+    }
+
+
+def _stored(poses: Sequence[Pose | None]) -> list[Array]:
+    return [] if not poses or any(pose is None for pose in poses) else [np.array(poses)]
+
+
+def _rolled(model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Array:
+    """The ends (k, 3) with the mean of a model."""
+    poses, lines, _, ends = zip(*chosen, strict=True)
+    return predict_strokes(model.mean, outline, poses, lines, ends).means
+
+
+def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Array:
+    """The ends (k, 3) with the ellipsoid of a friction, by the midpoint rule as `predict_strokes`."""
+    ellipsoid = named_ellipsoid(uniform.support).form()
+
+    def motion(pose: Pose, line: PushingLine, touch: Touch) -> Twist:
+        direction = rotation(-pose.theta) @ line.direction
+        at = Pushes((), touch.point[None], touch.normal[None], direction[None], np.empty((1, 3)))
+        return Twist(*ellipsoid_motions(ellipsoid, uniform.mean_mu_c, at)[0].tolist())
+
+    ends = []
+    for pose, line, _, end in chosen:
+        while (touch := line.touch(outline, pose)) is not None and end - touch.distance > TOUCHING:
+            depth = min(end - touch.distance, STEP)
+            halfway = compose(pose, exp(motion(pose, line, touch), depth / 2))
+            then = line.touch(outline, halfway)
+            pose = compose(pose, exp(motion(pose, line, touch) if then is None else motion(halfway, line, then), depth))
+        ends.append(pose)
+    return np.array(ends)
+
+
+def _errors(found: Sequence[Array], truth: Array, arm: float) -> Figures | None:
+    """Means over strokes, of each of some predictions (k, 3) [m, rad]; an angle counts with an arm [m]. None without any."""
+    if not found:
+        return None
+    apart = np.concatenate([one - truth for one in found])
+    places = np.hypot(apart[:, 0], apart[:, 1])
+    turns = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+    means = (float(np.mean(values)) for values in (places, turns, places + arm * turns))
+    return dict(zip(("position", "angle", "combined"), means, strict=True))
+
+
+def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
+    """The heads of the table, and its lines; the last ones are of all sets of a folder."""
+    heads = ["set", "strokes", "p_CF off", "held", "mu_c", f"p_CF off, {FEW} strokes", "held", *CONTENDERS.values()]
+    lines = [
+        [row["set"], f"{row['data_points']} of {row['strokes']}", *_centers([row], row["few"]), *_rolled_out([row])]
+        for row in rows
+    ]
+    for folder in dict.fromkeys(row["folder"] for row in rows):
+        some = [row for row in rows if row["folder"] == folder]
+        few = [one for row in some for one in row["few"]]
+        lines.append([f"{folder}: {len(some)} sets", "", *_centers(some, few), *_rolled_out(some)])
+    return heads, lines
+
+
+def _centers(rows: Sequence[Figures], few: Sequence[Figures]) -> list[str]:
+    """Medians of how far p_CF is off [mm], in how many the 90 % ellipse holds the label, and mu_c of a single set."""
+    mu_c = _mu_c(rows[0]) if len(rows) == 1 else ""
+    return [_off(rows), _held(rows), mu_c, _off(few), _held(few)]
+
+
+def _off(estimates: Sequence[Figures]) -> str:
+    return f"{1e3 * float(np.median([one['p_cf_error'] for one in estimates])):.1f}"
+
+
+def _held(estimates: Sequence[Figures]) -> str:
+    """Whether the 90 % ellipse holds the label, or in how many of those that have one."""
+    told = [one["held"] for one in estimates if one["held"] is not None]
+    if len(estimates) == 1:
+        return "-" if not told else "yes" if told[0] else "no"
+    return f"{sum(told)} of {len(told)}"
+
+
+def _mu_c(row: Figures) -> str:
+    low, high = row["mu_c_low"], row["mu_c_high"]
+    if low is None:
+        return "-"
+    return f">= {low:.2f}" if row["mu_c"] is None else f"{row['mu_c']:.2f} ({low:.2f} to {high:.2f})"
+
+
+def _rolled_out(rows: Sequence[Figures]) -> list[str]:
+    """Of each contender the mean errors [mm], [degrees], [mm]; "-" unless it predicts all of these sets."""
+    cells = []
+    for who in CONTENDERS:
+        found = [row["errors"][who] for row in rows]
+        if None in found:
+            cells.append("-")
+            continue
+        place, turn, both = (float(np.mean([one[key] for one in found])) for key in ("position", "angle", "combined"))
+        cells.append(f"{1e3 * place:.2f}, {math.degrees(turn):.2f}, {1e3 * both:.2f}")
+    return cells
+
+
+def plot(rows: Sequence[Figures], path: pathlib.Path) -> None:
+    """The combined error of each set by contender, as a figure.
+
+    Raises:
+        InvalidInput: it cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 1.5 + 0.3 * len(rows)), layout="constrained")
+    axes = figure.subplots()
+    places = np.arange(len(rows))[::-1]
+    for (who, label), marker in zip(CONTENDERS.items(), "oods^v", strict=True):
+        known = [(row["errors"][who]["combined"], place) for row, place in zip(rows, places, strict=True) if row["errors"][who]]
+        if known:
+            x, y = np.transpose(known)
+            axes.plot(1e3 * x, y, marker, label=label, fillstyle="full" if who == "half" else "none")
+    axes.set_yticks(places, [row["set"] for row in rows])
+    axes.set(xlabel="mean error of strokes that were not fitted, position and angle [mm]", xlim=(0, None))
+    axes.grid(alpha=0.3)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    try:
+        figure.savefig(path, dpi=120)
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{path}: cannot be written: {error}") from error

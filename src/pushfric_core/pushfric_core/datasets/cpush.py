@@ -1,0 +1,117 @@
+"""Import of real pushes: a block pushed along a line by a controller, MIT MCube Lab, from the user's own copy of cpush.
+
+A file is a run: one long push on the -x face of a block of 90 mm, with the poses of the block and of the tip. Each is cut into
+strokes, and each stroke that keeps to the face is a data point.
+"""
+
+import json
+import pathlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pushfric_core.datasets.imported import Imported, new_folder
+from pushfric_core.datasets.strokes import STROKES, Stroke, nearest_edges, save_set, spacing_of
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.file_errors import shortened
+from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import Array, Pose, inverse, transform
+from pushfric_core.wording import counted
+
+NAME = "cpush"
+BLOCK, SET = "block", "cpush_block"
+SIDE = 0.09  # [m]
+
+KEYS = {"timeJSON": 1, "q_sliderJSON": 3, "q_pusher_sensedJSON": 2}
+"""Rows of each table: time [s]; x, y [m], theta [rad] of the block; x, y of the tip [m]; all in the robot's frame."""
+
+LENGTH = 0.02
+"""The tip goes this far in a stroke [m]: far enough for the noise of the poses, and near enough that its way is straight."""
+
+POKED = "Pertubation"
+"""A file of which the name says this was poked by hand."""
+
+LARGEST = 1e12
+"""Largest number accepted in a file; times are seconds since 1970."""
+
+LIMIT = 2**28
+"""Largest size of a file [bytes]."""
+
+
+def import_runs(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Imported]:
+    """Write the files of `datasets.strokes` for the block, from all runs together; push_id is the number of the run.
+
+    Args:
+        sources: files of runs.
+        out: folder to write.
+    Raises:
+        InvalidInput: a file is not a run, or was poked by hand, or the folder exists already.
+    """
+    if poked := [path for path in sources if POKED in path.name]:
+        raise InvalidInput(f"{poked[0]}: the block was poked by hand in this run; leave the file out")
+    outline = Outline.rectangle(SIDE, SIDE)
+    strokes = [stroke._replace(run=run) for run, path in enumerate(sources) for stroke in read_run(path)]
+    if not strokes:
+        raise InvalidInput(f"{sources[0]}: the tip goes less than {1e3 * LENGTH:g} mm")
+    new_folder(out)
+    file = ObjectFile(name=BLOCK, outline=outline.vertices.tolist(), support=SupportFile(spacing=spacing_of(outline)))
+    save_object(make_object(file, BLOCK), out / f"{BLOCK}.yaml")
+    radius = tip_radius(strokes, outline)
+    count = save_set(SET, [stroke._replace(tip_radius=radius) for stroke in strokes], outline, out)
+    return [Imported(out / f"{SET}{STROKES}", BLOCK, count)]
+
+
+def read_run(path: pathlib.Path) -> list[Stroke]:
+    """The strokes of a run, one after another.
+
+    Raises:
+        InvalidInput: the file is not a run.
+    """
+    try:
+        if path.stat().st_size > LIMIT:
+            raise ValueError(f"it has more than {LIMIT} bytes")
+        content = json.loads(path.read_text())
+        times, block, tip = (_table(content, key, rows) for key, rows in KEYS.items())
+    except KeyError as error:
+        raise InvalidInput(f"{path}: not a run of {NAME}: it has no {error}") from error
+    except (OSError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise InvalidInput(f"{path}: not a run of {NAME}: {shortened(str(error))}") from error
+    count = min(times.shape[1], block.shape[1], tip.shape[1])  # they may differ by a few
+    return _strokes(times[0, :count], block[:, :count], tip[:, :count].T)
+
+
+def tip_radius(strokes: Sequence[Stroke], outline: Outline) -> float:
+    """Radius of the tip by what its distance from the outline says, in the median over begins and ends [m]."""
+    places = [
+        transform(inverse(pose), tip)
+        for one in strokes
+        for pose, tip in ((one.before, one.tip_before), (one.after, one.tip_after))
+    ]
+    return float(np.median(nearest_edges(outline, np.array(places))[2]))
+
+
+def _table(content: dict[str, Any], key: str, rows: int) -> Array:
+    """The numbers (rows, n) under a key."""
+    table = np.atleast_2d(np.array(content[key], dtype=float))
+    if table.ndim != 2 or len(table) != rows or not (np.abs(table) <= LARGEST).all():
+        raise ValueError(f"{key} must be {counted(rows, 'list')} of numbers, got an array of shape {table.shape}")
+    if not table.shape[1]:
+        raise ValueError(f"{key} is empty")
+    return table
+
+
+def _strokes(times: Array, block: Array, tip: Array) -> list[Stroke]:
+    """Cut a run: times (n,), poses of the block (3, n) and places of the tip (n, 2)."""
+    # between new values of its pose, the last one is repeated
+    new = np.concatenate(([True], (np.diff(block, axis=1) != 0).any(axis=0)))
+    block[2] = np.unwrap(block[2])
+    strokes, begin = [], 0
+    while len(further := np.flatnonzero(np.linalg.norm(tip[begin:] - tip[begin], axis=1) >= LENGTH)):
+        end = begin + int(further[0])
+        before, after = (Pose(*(float(np.interp(times[k], times[new], row[new])) for row in block)) for k in (begin, end))
+        (x0, y0), (x1, y1) = tip[begin].tolist(), tip[end].tolist()
+        strokes.append(Stroke(before, after, (x0, y0), (x1, y1)))
+        begin = end
+    return strokes

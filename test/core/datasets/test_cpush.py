@@ -1,0 +1,63 @@
+import json
+
+import numpy as np
+import public_sets
+import pytest
+
+from pushfric_core.datasets import cpush
+from pushfric_core.datasets.strokes import read_strokes
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import read_observations
+
+
+def runs(folder, *names, content=None):
+    for name in names:
+        (folder / name).write_bytes(public_sets.run_file() if content is None else content)
+    return [folder / name for name in names]
+
+
+def test_runs_are_cut_into_strokes(tmp_path):
+    out = tmp_path / "out"
+    (written,) = cpush.import_runs(runs(tmp_path, "StraightLine1.json", "StraightLine2.json"), out)
+    assert (written.path.name, written.object, written.observations) == ("cpush_block.strokes.csv", "block", 2)
+    model = load_object(str(out / "block.yaml"))
+    strokes = read_strokes(written.path)
+    for stroke in strokes:
+        assert stroke.tip_radius == pytest.approx(0.005, abs=1e-4)
+        assert np.hypot(*np.subtract(stroke.tip_after, stroke.tip_before)) == pytest.approx(cpush.LENGTH, abs=1e-4)
+    for number, point in enumerate(read_observations(out / "cpush_block.tip.csv", model.outline)):
+        assert point.push_id == number
+        assert point.contact_normal == (-1, 0)
+        assert point.contact_point == pytest.approx((-0.045, 0.01), abs=6e-4)  # the tip goes straight, not along an arc
+        # 20 mm take 0.4 s, in which the block turns by 0.2 rad
+        assert point.twist.omega == pytest.approx(-0.2, abs=2e-3)
+        assert np.hypot(*point.tip_velocity) == pytest.approx(0.02, abs=1e-4)
+
+
+def test_one_list_of_times_may_be_nested(tmp_path):
+    content = json.loads(public_sets.run_file())
+    content["timeJSON"] = [content["timeJSON"]]
+    (path,) = runs(tmp_path, "run.json", content=json.dumps(content).encode())
+    assert len(cpush.read_run(path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "error"),
+    [
+        ("StraightLinePertubation.json", None, "was poked by hand in this run"),
+        ("run.json", b"[", "run.json: not a run of cpush"),
+        ("run.json", b"{}", "it has no 'timeJSON'"),
+        ("run.json", b'{"timeJSON": [], "q_sliderJSON": [], "q_pusher_sensedJSON": []}', "timeJSON is empty"),
+        ("run.json", public_sets.run_file(300), "the tip goes less than 20 mm"),
+        (
+            "run.json",
+            b'{"timeJSON": [0], "q_sliderJSON": [[1], [2]], "q_pusher_sensedJSON": [[1], [2]]}',
+            r"q_sliderJSON must be 3 lists of numbers, got an array of shape \(2, 1\)",
+        ),
+    ],
+)
+def test_other_files_are_refused(tmp_path, name, content, error):
+    with pytest.raises(InvalidInput, match=error):
+        cpush.import_runs(runs(tmp_path, name, content=content), tmp_path / "out")
+    assert not (tmp_path / "out").exists()

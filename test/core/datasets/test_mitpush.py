@@ -1,0 +1,102 @@
+import math
+import shutil
+
+import numpy as np
+import public_sets
+import pytest
+
+from pushfric_core.datasets import mitpush
+from pushfric_core.datasets.strokes import read_strokes
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import read_observations
+from pushfric_core.geometry.outline import Outline
+
+
+def clone(folder, *names, content=None):
+    """A clone with these files, each `SURFACE_SHAPE_MODEL`."""
+    (folder / mitpush.FOLDER).mkdir(parents=True)
+    for name in names:
+        path = folder / mitpush.FOLDER / f"wrench1twist1_20percenttraining{name}_v10.mat"
+        path.write_bytes(public_sets.strokes_file() if content is None else content)
+    return folder
+
+
+def test_strokes_and_pairs_become_data_points(tmp_path):
+    source = clone(tmp_path / "clone", "abs_rect1_quadratic", "abs_rect1_poly4", "plywood_rect1_quadratic")
+    written = mitpush.import_pushes(source, tmp_path / "out")
+    out = tmp_path / "out"
+    assert [(one.path.name, one.object, one.observations) for one in written] == [
+        ("abs_rect1.strokes.csv", "rect1", 1),
+        ("plywood_rect1.strokes.csv", "rect1", 1),
+    ]
+    assert sorted(path.name for path in out.glob("abs*")) == [
+        *("abs_rect1.csv", "abs_rect1.strokes.csv", "abs_rect1.strokes_poly4.csv", "abs_rect1.tip.csv")
+    ]
+    model = load_object(str(out / "rect1.yaml"))
+    assert model.outline.size.tolist() == [0.09, 0.09]
+    assert 45 <= len(model.support_points) <= 64
+    ahead, past = read_strokes(out / "abs_rect1.strokes.csv")
+    assert (ahead.before, ahead.after, ahead.predicted) == ((0.3, 0, 0), (0.3, 0.04, 0), (0.301, 0.039, 0.02))
+    assert past.tip_after == (0.4, 0.04)
+    (point,) = read_observations(out / "abs_rect1.tip.csv", model.outline)
+    assert point.contact_point == pytest.approx((0.01, -0.045))
+    assert point.contact_normal == (0, -1)
+    assert point.twist == pytest.approx((0, 0.04, 0))
+    assert point.tip_velocity == pytest.approx((0, 0.04))
+    assert point.push_id == 0
+    (pair,) = read_observations(out / "abs_rect1.csv", model.outline)
+    assert pair.force == (0, 2)
+    assert pair.contact_point == pytest.approx((0.01, -0.045))
+    assert pair.twist.omega == pytest.approx(0.1)
+    # the difference of two poses 0.571 s apart, in the frame of the first, is turned by half the angle between them
+    half = 0.1 * mitpush.STEP / 2
+    assert pair.twist[:2] == pytest.approx((0.01 * math.sin(half), 0.01 * math.cos(half)), rel=1e-3)
+
+
+def test_an_import_of_the_original_file_equals_the_published_tables(mit_pushes, tmp_path):
+    (tmp_path / mitpush.FOLDER).mkdir(parents=True)
+    for path in (mit_pushes / "raw").glob("*.mat"):
+        shutil.copy(path, tmp_path / mitpush.FOLDER)
+    mitpush.import_pushes(tmp_path, tmp_path / "out")
+    for name in ("abs_rect1.csv", "abs_rect1.tip.csv", "abs_rect1.strokes.csv", "abs_rect1.strokes_poly4.csv"):
+        mine, theirs = (np.genfromtxt(folder / name, delimiter=",", names=True) for folder in (tmp_path / "out", mit_pushes))
+        assert mine.dtype.names == theirs.dtype.names
+        for column in theirs.dtype.names:
+            assert mine[column] == pytest.approx(theirs[column], abs=6e-7)  # they have seven digits
+    mine, theirs = (load_object(str(folder / "rect1.yaml")) for folder in (tmp_path / "out", mit_pushes))
+    assert mine.outline == theirs.outline
+    assert mine.support_points.tolist() == theirs.support_points.tolist()
+
+
+@pytest.mark.parametrize("shape", ["rect1", "rect3", "tri2", "hex", "ellip2"])
+def test_the_outlines_are_those_of_the_published_tables(mit_pushes, tmp_path, shape):
+    theirs = load_object(str(mit_pushes / f"{shape}.yaml")).outline
+    assert mitpush.outline_of(shape, tmp_path).vertices == pytest.approx(theirs.vertices, abs=1e-6)
+
+
+def test_a_listed_outline_is_read_from_the_clone(tmp_path):
+    (tmp_path / "pnpush_matlab").mkdir()
+    (tmp_path / mitpush.OUTLINES).write_bytes(public_sets.BUTTER)
+    expected = Outline(np.array(((-0.04, 0.04), (0.04, 0.04), (0.03, -0.04), (-0.03, -0.04))))
+    assert mitpush.outline_of("butter", tmp_path) == expected
+    with pytest.raises(InvalidInput, match="the outline of margarine: expected a matrix of its corners"):
+        mitpush.outline_of("margarine", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "content", "error"),
+    [
+        ([], None, "expected a clone of PlanarManipulationToolBox"),
+        (["abs_rect1_quadratic"], b"MATLAB", "rect1_quadratic_v10.mat: not a file of mitpush"),
+        (["abs_butter_quadratic"], None, "get_shape.m: cannot be read: No such file"),
+    ],
+)
+def test_other_folders_are_refused(tmp_path, names, content, error):
+    with pytest.raises(InvalidInput, match=error):
+        mitpush.import_pushes(clone(tmp_path / "clone", *names, content=content), tmp_path / "out")
+
+
+def test_nothing_is_written_over(tmp_path):
+    with pytest.raises(InvalidInput, match="cannot be created: File exists"):
+        mitpush.import_pushes(clone(tmp_path / "clone", "abs_rect1_quadratic"), tmp_path)

@@ -1,0 +1,89 @@
+"""The benchmark on public pushes, with strokes made by the model of one object."""
+
+import pathlib
+
+import numpy as np
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def bench(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A set whose stored quartic is right, and whose stored ellipsoid says that nothing moves."""
+    from bench import simulators
+    from pushfric_core import TABLE_1, FrictionModel, Pose, predict_strokes
+    from pushfric_core.datasets.mitpush import POLY4
+    from pushfric_core.datasets.strokes import STROKES, Stroke, save_strokes
+    from pushfric_core.files.object_file import load_object, save_object
+
+    name = "wood_rect3"
+    known = TABLE_1[name]
+    save_object(load_object(name), tmp_path / "block.yaml")
+    chosen = simulators.strokes(known.outline, simulators.USUAL_RADIUS, np.random.default_rng(0), 30, 0.02)
+    poses, lines, begins, ends = zip(*chosen, strict=True)
+    final = predict_strokes(FrictionModel.of(known.support, known.mu_c), known.outline, poses, lines, ends).means
+    for suffix, right in ((STROKES, False), (POLY4, True)):
+        strokes = []
+        for pose, line, begin, end, after in zip(poses, lines, begins, ends, final.tolist(), strict=True):
+            tips = [tuple(np.add(line.origin, np.multiply(line.direction, s)).tolist()) for s in (begin, end)]
+            strokes.append(Stroke(pose, Pose(*after), *tips, Pose(*after) if right else pose))
+        save_strokes(strokes, tmp_path / f"steel_block{suffix}")
+    return tmp_path
+
+
+def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
+    from bench.public_pushes import PublicPushes
+
+    told = []
+    section = PublicPushes([folder], tmp_path / "figure.png")
+    figures = section.measure(told.append)
+    (row,) = figures["sets"]
+    assert told == ["public pushes: steel_block"]
+    assert (row["set"], row["strokes"], section.STEPS) == ("steel_block", 30, 1)
+    assert 5 <= row["rolled"] <= 15
+    assert len(row["few"]) == 6
+    errors = {who: found["combined"] for who, found in row["errors"].items()}
+    assert errors["zhou_quartic"] < 1e-6  # nine digits
+    assert errors["half"] < errors["few"] < errors["uniform"] < errors["zhou_ellipsoid"]
+    assert errors["ellipsoid"] < errors["zhou_ellipsoid"]
+    (table,) = section.tables(figures)
+    assert table.row_count == 2
+    lines = (tmp_path / "figure.md").read_text().splitlines()
+    assert [line.split(" | ")[0] for line in lines[2:]] == ["| steel_block", f"| {tmp_path.name}: 1 sets"]
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_real_triangles_are_rolled_out_from_a_table_and_from_bags(real_pushes, tmp_path):
+    from bench.public_pushes import sets_in
+    from pushfric_core.datasets import zhou2015
+
+    zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)
+    by_name = {one.name: one for one in sets_in(tmp_path)}
+    for one in sets_in(real_pushes):
+        other = by_name[one.name]
+        assert one.label.tolist() == pytest.approx([0.05, 0.05])
+        for stroke, same in zip(one.strokes, other.strokes, strict=True):
+            assert np.allclose((*stroke.before, *stroke.after), (*same.before, *same.after))
+            assert np.allclose((*stroke.tip_before, *stroke.tip_after), (*same.tip_before, *same.tip_after))
+
+
+def test_folders_without_sets_are_refused(tmp_path):
+    from bench.public_pushes import sets_in
+    from pushfric_core.errors import InvalidInput
+
+    with pytest.raises(InvalidInput, match="expected what `import` writes"):
+        sets_in(tmp_path)
+
+
+def test_an_option_may_take_several_folders():
+    from bench.__main__ import _each_named
+
+    given = ["--quick", "--public", "a", "b", "--json=-", "c"]
+    assert _each_named(given) == ["--quick", "--public", "a", "--public", "b", "--json=-", "c"]
+    assert _each_named(["--json=-"]) == ["--json=-"]
