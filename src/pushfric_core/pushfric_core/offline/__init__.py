@@ -1,1 +1,1 @@
-"""Estimation from files, without a graph: one input, or hundreds of them on many processes."""
+"""Work on files, without a graph: estimates of one input or hundreds, the page of a result, images tracked again."""

@@ -1,1 +1,1 @@
-"""Reports on an estimate for people and programs: JSON and figures."""
+"""Reports on an estimate for people and programs: JSON, figures, and the frame of pages."""

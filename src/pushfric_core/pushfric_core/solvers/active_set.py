@@ -112,6 +112,21 @@ def minimise(hessian: Array, linear: Array, hard: HardRows, start: Array) -> Min
     return found if hard.allows(found.w) else None
 
 
+def least_weights(hessian: Array, start: Array) -> Array:
+    """The w (n,) >= 0, sum 1, of least w' H w, for H (n, n) positive definite: from `start`, that of a similar H."""
+    hessian = hessian / float(hessian.diagonal().max())
+    none = np.zeros((0, len(start)))
+    found = _pivot(hessian, np.zeros(len(start)), HardRows(none, none), start > 0, np.zeros(0, dtype=bool), start)
+    if found is not None:
+        return found.w
+    # the exchanges go round in a circle, which is rare; a soft sum instead of a hard one scales the same optimum
+    from scipy.optimize import nnls
+
+    root = np.linalg.cholesky(hessian).T
+    w, _ = nnls(np.vstack((root, np.ones(len(start)))), np.append(np.zeros(len(start)), 1.0))
+    return np.asarray(w / w.sum())
+
+
 def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Mask, start: Array) -> Minimum | None:
     """Block principal pivoting: solve with w_j = 0 outside `free` and the low rows in `active` met; exchange what is wrong.
 
