@@ -59,7 +59,7 @@ def test_the_wheel_runs_the_readmes_example(built, tmp_path):
     assert "pushfric_core/py.typed" in names
     compiled = {name.partition(".")[0] for name in names if name.endswith(".so")}
     assert compiled == {name.partition(".")[0] for name in names if name.endswith(".pxd")}
-    assert len(compiled) == 2
+    assert compiled
     assert any(name.endswith("LICENSE") for name in names)
     python("-m", "pip", "install", "--no-deps", "--no-index", "--target", tmp_path / "site", wheel)
     assert python("-c", WHERE).strip() == str(tmp_path / "site/pushfric_core/__init__.py")

@@ -68,7 +68,18 @@ def data(tmp_path_factory):
 
 def test_the_keys_of_an_estimate_are_documented(data):
     figures = printed(
-        "estimate", data, "--object", NAME, "--terms", "moment,force", "--slipping-push", 1, "--samples", "--refine", 0.01
+        "estimate",
+        data,
+        "--object",
+        NAME,
+        "--terms",
+        "moment,force",
+        "--slipping-push",
+        1,
+        "--samples",
+        "--posterior",
+        "--refine",
+        0.01,
     )
     # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}
