@@ -246,7 +246,7 @@ def test_pictures_without_the_board_are_refused(tmp_path):
     told: list[str] = []
     with pytest.raises(InvalidInput, match="board not found in 1 pictures"):
         table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
-    assert told == ["board not found yet"]
+    assert told == ["board not found yet", "1 of 1 picture left out, the board is not found: a.png"]
 
 
 def test_pictures_of_other_sizes_are_refused(tmp_path):
@@ -354,7 +354,8 @@ def test_places_of_the_board_are_collected_from_pictures(tmp_path, printed_board
         place = (0.0, 0.0, roll, 0.45, 0.03 * (number == 2), 0.0)
         cv2.imwrite(str(tmp_path / f"{number}.png"), shown(printed_board, *place))
     calibration = table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
-    assert [line.split(":")[0] for line in told] == ["place 1", "place 2"]  # the second picture shows the first place
+    assert [line.split(":")[0] for line in told[:-1]] == ["place 1", "place 2"]
+    assert told[-1] == "1 of 3 pictures left out, the board lies as in a picture before it: 1.png"
     np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)
 
 

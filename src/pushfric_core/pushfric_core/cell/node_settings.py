@@ -134,7 +134,7 @@ class PlanConfig:
 
     plan: str = setting(
         "",
-        "path of a push plan; empty: the paper's if the object is of Table 1, else a few pushes along each edge",
+        "path of a push plan; empty: a few pushes along each edge, as the paper's for an object of Table 1, four of which slip",
         key="file",
         path=True,
     )

@@ -2,7 +2,7 @@
 
 import math
 import pathlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import pydantic
 import yaml
@@ -11,10 +11,14 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement
 from pushfric_core.files.object_file import Length, ObjectModel, Strict, read_yaml
 from pushfric_core.geometry.contact import PushingLine
+from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.table_1 import TABLE_1
 
 EDGE_PUSHES = 5
 """Number of pushes along each edge if no plan is given."""
+
+SHARP, OFFSET = math.radians(55), 0.12
+"""Four of them are at this angle to the normal, this share of the edge from its middle: they slip, and mu_c needs three."""
 
 ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
 """A line for the check of a plan; whether a push can be placed does not depend on it."""
@@ -35,7 +39,7 @@ class PlanFile(Strict):
 
 
 def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
-    """The pushes of a plan file; without a path, the paper's for an object of Table 1, otherwise a few along each edge.
+    """The pushes of a plan file; without a path, as many along each edge as in the paper, or a few, and some that slip.
 
     Raises:
         InvalidInput: the file is not a plan, or names an edge or offset that the object does not have.
@@ -43,8 +47,8 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
     if not path:
         known = TABLE_1.get(model.name)
         if known is not None and known.outline == model.outline:
-            return even_pushes(model.outline, known.pushes)
-        return even_pushes(model.outline, [EDGE_PUSHES] * len(model.outline.vertices))
+            return _default_plan(model.outline, known.pushes)
+        return _default_plan(model.outline, [EDGE_PUSHES] * len(model.outline.vertices))
     pushes = []
     for index, entry in enumerate(read_yaml(pathlib.Path(path), PlanFile).pushes):
         push = PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg))
@@ -54,6 +58,17 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
             raise InvalidInput(f"{path}: pushes.{index}: {error}") from error
         pushes.append(push)
     return pushes
+
+
+def _default_plan(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
+    """Pushes along each edge, evenly spaced and perpendicular, but for two at either angle on two edges."""
+    pushed = [edge for edge, count in enumerate(counts) if count]
+    sharp = (pushed[0], pushed[len(pushed) // 2])
+    even = [count - 2 * (edge in sharp) for edge, count in enumerate(counts)]
+    slipping = [
+        PlannedPush(edge, side * OFFSET * float(outline.lengths[edge]), side * SHARP) for edge in sharp for side in (-1, 1)
+    ]
+    return even_pushes(outline, even) + slipping
 
 
 def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:

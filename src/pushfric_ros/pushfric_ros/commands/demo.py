@@ -57,7 +57,9 @@ def demo(
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
     ] = None,
-    plan: Annotated[pathlib.Path | None, typer.Option(help="Push plan YAML.", show_default="the paper's pushes")] = None,
+    plan: Annotated[
+        pathlib.Path | None, typer.Option(help="Push plan YAML.", show_default="as many as the paper's, four of which slip")
+    ] = None,
     choose: Annotated[int, option(PlanConfig, "choose")] = PlanConfig.choose,
 ) -> None:
     if object_name not in TABLE_1:
@@ -146,14 +148,22 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
             f"{error * 1e3:.2f} ({100 * error / size[axis]:.2f} % of the side)",
         )
     friction = msg.contact_friction
-    table.add_row("mu_c", f"{friction.p90:.2f} to {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
+    if np.isnan(friction.value):
+        table.add_row("mu_c", f"{friction.p90:.2f} to {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
+    else:
+        error = abs(friction.value - known.mu_c)
+        table.add_row("mu_c", f"{friction.value:.2f}", f"{known.mu_c:.2f}", f"{error:.2f} ({100 * error / known.mu_c:.0f} %)")
     console.print(table)
     off = float(np.hypot(*(np.array(center) - true)))
     if not np.isnan(msg.confidence):
         claim = f"the estimate claims to be within {msg.confidence * 1e3:.2f} mm of it with 90 % probability"
         console.print(f"The true p_CF is {off * 1e3:.2f} mm from the estimated one; {claim}.", highlight=False)
-    bounds = f"90 % of the lower bounds lie at or below {friction.p90:.2f}, the largest is {friction.max:.2f}"
-    console.print(f"These pushes bound mu_c only from below: {bounds}.", highlight=False)
+    if np.isnan(friction.value):
+        bounds = f"90 % of the lower bounds lie at or below {friction.p90:.2f}, the largest is {friction.max:.2f}"
+        console.print(f"These pushes bound mu_c only from below: {bounds}.", highlight=False)
+    else:
+        interval = f"between {friction.low:.2f} and {friction.high:.2f} with 90 % probability"
+        console.print(f"By the pushes that slipped, mu_c lies {interval}.", highlight=False)
     certificate = f"no w fits better by more than {msg.gap * 1e3:.1e} mm (certified)"
     console.print(
         f"The fit error is {msg.objective * 1e3:.3f} mm, summed over the data points; {certificate}.", highlight=False
