@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 from pushfric_core.geometry.planar import Array
 from pushfric_core.records import comparable
@@ -255,6 +254,9 @@ class _Places:
     """Where feet may be, and which support points stand for them."""
 
     def __init__(self, points: Array) -> None:
+        # imported late: who estimates without a posterior does without it
+        from scipy.spatial import ConvexHull, Delaunay, QhullError
+
         self._points = points
         try:
             hull = ConvexHull(points)
