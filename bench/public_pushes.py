@@ -227,7 +227,7 @@ def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
         "zhou_ellipsoid": _stored([one.strokes[row].predicted for row in rows]),
         "zhou_quartic": _stored([one.quartic[row] for row in rows]),
     }
-    figures["errors"] = {who: _errors(found, truth, model.length) for who, found in ends.items()}
+    figures["errors"] = {name: _errors(found, truth, model.length) for name, found in ends.items()}
     return figures
 
 
@@ -332,8 +332,8 @@ def _mu_c(row: Figures) -> str:
 def _rolled_out(rows: Sequence[Figures]) -> list[str]:
     """Of each contender the mean errors [mm], [degrees], [mm]; "-" unless it predicts all of these sets."""
     cells = []
-    for who in CONTENDERS:
-        found = [row["errors"][who] for row in rows]
+    for name in CONTENDERS:
+        found = [row["errors"][name] for row in rows]
         if None in found:
             cells.append("-")
             continue
@@ -353,11 +353,13 @@ def plot(rows: Sequence[Figures], path: pathlib.Path) -> None:
     figure = Figure(figsize=(9, 1.5 + 0.3 * len(rows)), layout="constrained")
     axes = figure.subplots()
     places = np.arange(len(rows))[::-1]
-    for (who, label), marker in zip(CONTENDERS.items(), "oods^v", strict=True):
-        known = [(row["errors"][who]["combined"], place) for row, place in zip(rows, places, strict=True) if row["errors"][who]]
+    for (name, label), marker in zip(CONTENDERS.items(), "oods^v", strict=True):
+        known = [
+            (row["errors"][name]["combined"], place) for row, place in zip(rows, places, strict=True) if row["errors"][name]
+        ]
         if known:
             x, y = np.transpose(known)
-            axes.plot(1e3 * x, y, marker, label=label, fillstyle="full" if who == "half" else "none")
+            axes.plot(1e3 * x, y, marker, label=label, fillstyle="full" if name == "half" else "none")
     axes.set_yticks(places, [row["set"] for row in rows])
     axes.set(xlabel="mean error of strokes that were not fitted, position and angle [mm]", xlim=(0, None))
     axes.grid(alpha=0.3)

@@ -48,7 +48,7 @@ def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
     assert (row["set"], row["strokes"], section.STEPS) == ("steel_block", 30, 1)
     assert 5 <= row["rolled"] <= 15
     assert len(row["few"]) == 6
-    errors = {who: found["combined"] for who, found in row["errors"].items()}
+    errors = {name: found["combined"] for name, found in row["errors"].items()}
     assert errors["zhou_quartic"] < 1e-6  # nine digits
     assert errors["half"] < errors["few"] < errors["uniform"] < errors["zhou_ellipsoid"]
     assert errors["ellipsoid"] < errors["zhou_ellipsoid"]

@@ -1,7 +1,9 @@
 """Errors with physical, numerical or input reasons; a wrong argument is a ValueError."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import ModuleType
 
 
 class PushfricError(Exception):
@@ -95,3 +97,11 @@ def extra(name: str, what: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise MissingPackage(f"{what} needs the package {error.name}: pip install 'pushfric_core[{name}]'") from error
+
+
+def warn_unless_compiled(module: ModuleType, what: str) -> None:
+    """Log a warning if a module that should be compiled runs as Python; `what` is slow then, with its verb."""
+    if (module.__file__ or "").endswith(".py"):
+        logging.getLogger(module.__name__).warning(
+            "%s not compiled, and a hundred times slower: install a C compiler and Cython 3, then pushfric_core again", what
+        )

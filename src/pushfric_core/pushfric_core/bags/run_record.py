@@ -7,7 +7,7 @@ from pushfric_core.bags.constants import constants
 from pushfric_core.bags.contents import BagMessage
 from pushfric_core.bags.samples import observation_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimation.push_plan import number_of
+from pushfric_core.estimation.push_plan import index_of, number_of
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.trajectories.ledger import Ledger
@@ -107,7 +107,7 @@ class RunRecord:
             done, earlier = (one.completed + one.aborted + one.skipped for one in (msg, before))
             if done > earlier:
                 (self._done if msg.completed > before.completed else self.aborted).add(before.push_id)
-            now, then = (one.push_id % max(one.count, 1) for one in (msg, before))
+            now, then = (index_of(one.push_id, one.count) for one in (msg, before))
             if done > earlier + 1 or now > then + 1:
                 self._skipped.append((then, now))
             if before.phase == PHASES["PHASE_PUSHING"] != msg.phase and msg.completed == before.completed:

@@ -120,7 +120,7 @@ def _one(
         save_model(estimation.to_model(), save)
     figures = estimation.figures(posterior)
     if posterior and "posterior" not in figures:
-        warn("no posterior: " + ("p_CF is known" if result.lack is None else result.lack.text))
+        warn(f"no posterior: {result.contradiction if result.lack is None else result.lack.text}")
     if samples:
         figures["samples"] = ensemble(result)
     if ledger is not None:

@@ -1,6 +1,7 @@
 """The command `track`."""
 
 import csv
+import io
 import math
 import pathlib
 from typing import Annotated
@@ -16,6 +17,7 @@ from pushfric_core.commands.application import Application
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import CAMERA_FILE
+from pushfric_core.files.whole_file import write_whole
 from pushfric_core.offline.inputs import object_of
 from pushfric_core.offline.tracking import Retracked, calibration_beside, image_topic, track_again
 from pushfric_core.report.report import to_json
@@ -107,11 +109,9 @@ def _print(found: Retracked) -> None:
 
 
 def _write(found: Retracked, out: pathlib.Path) -> None:
-    try:
-        with out.open("w", newline="", encoding="utf-8") as file:
-            rows = csv.writer(file)
-            rows.writerow(("stamp", "x", "y", "theta", "recorded_x", "recorded_y", "recorded_theta", "reason"))
-            for one in found.images:
-                rows.writerow((one.stamp, *(one.pose or ("",) * 3), *(one.recorded or ("",) * 3), one.reason))
-    except OSError as error:
-        raise InvalidInput(f"{out}: cannot be written: {error.strerror}") from error
+    text = io.StringIO()
+    rows = csv.writer(text)
+    rows.writerow(("stamp", "x", "y", "theta", "recorded_x", "recorded_y", "recorded_theta", "reason"))
+    for one in found.images:
+        rows.writerow((one.stamp, *(one.pose or ("",) * 3), *(one.recorded or ("",) * 3), one.reason))
+    write_whole(out, text.getvalue())

@@ -1,5 +1,6 @@
 """Where an object is to be pushed, and how it must lie in front of the pusher for that."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,6 +10,9 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, as_array, rotation, wrap
 from pushfric_core.plausible import other_unit
+
+SHARP, SHARP_OFFSET = math.radians(55), 0.12
+"""Pushes at this angle to the normal, this share of the edge from its middle, slip."""
 
 
 class PlannedPush(NamedTuple):
@@ -34,6 +38,15 @@ def even_pushes(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
         PlannedPush(edge, ((index + 1) / (count + 1) - 0.5) * float(outline.lengths[edge]))
         for edge, count in enumerate(counts)
         for index in range(count)
+    ]
+
+
+def slipping_pushes(outline: Outline, edges: Sequence[int]) -> list[PlannedPush]:
+    """Four pushes at a sharp angle for each two edges: either way, on either side of the middle. They slip (section 5.1.3)."""
+    return [
+        PlannedPush(edge, side * SHARP_OFFSET * float(outline.lengths[edge]), side * SHARP)
+        for edge in edges
+        for side in (-1, 1)
     ]
 
 
@@ -70,9 +83,14 @@ def placement(outline: Outline, push: PlannedPush, line: PushingLine, position: 
     return Pose(float(x), float(y), wrap(theta))
 
 
+def index_of(push_id: int, count: int) -> int:
+    """The index of a push in a plan of `count` pushes: each time it is repeated, its id grows by the count."""
+    return push_id % max(count, 1)
+
+
 def number_of(push_id: int, count: int) -> str:
     """The number of a push in a plan of `count` pushes, for people: 3, and 3 (again) when it is repeated."""
-    return f"{push_id % count + 1}" + " (again)" * (push_id >= count) if count else f"{push_id + 1}"
+    return f"{index_of(push_id, count) + 1}" + " (again)" * (push_id >= count) if count else f"{push_id + 1}"
 
 
 def purpose_of(outline: Outline, push: PlannedPush, chosen: bool) -> str:

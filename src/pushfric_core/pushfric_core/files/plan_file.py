@@ -8,7 +8,7 @@ import pydantic
 import yaml
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement
+from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement, slipping_pushes
 from pushfric_core.files.object_file import Length, ObjectModel, Strict, read_yaml
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
@@ -16,9 +16,6 @@ from pushfric_core.geometry.table_1 import TABLE_1
 
 EDGE_PUSHES = 5
 """Number of pushes along each edge if no plan is given."""
-
-SHARP, OFFSET = math.radians(55), 0.12
-"""Four of them are at this angle to the normal, this share of the edge from its middle: they slip, and mu_c needs three."""
 
 ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
 """A line for the check of a plan; whether a push can be placed does not depend on it."""
@@ -61,14 +58,11 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
 
 
 def _default_plan(outline: Outline, counts: Sequence[int]) -> list[PlannedPush]:
-    """Pushes along each edge, evenly spaced and perpendicular, but for two at either angle on two edges."""
+    """Pushes along each edge, evenly spaced and perpendicular, but for four on two edges, which slip: mu_c needs three."""
     pushed = [edge for edge, count in enumerate(counts) if count]
     sharp = (pushed[0], pushed[len(pushed) // 2])
     even = [count - 2 * (edge in sharp) for edge, count in enumerate(counts)]
-    slipping = [
-        PlannedPush(edge, side * OFFSET * float(outline.lengths[edge]), side * SHARP) for edge in sharp for side in (-1, 1)
-    ]
-    return even_pushes(outline, even) + slipping
+    return even_pushes(outline, even) + slipping_pushes(outline, sharp)
 
 
 def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:

@@ -6,13 +6,12 @@ needs a force outside the friction cone, the tip slides: the force lies on the c
 the same work, the object takes the one that dissipates least.
 """
 
-import logging
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.errors import SolverFailed
+from pushfric_core.errors import SolverFailed, warn_unless_compiled
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, Indices, as_array, cross, left_of
 from pushfric_core.geometry.support import check_points
@@ -33,10 +32,7 @@ BLOCK = 65_536
 SUM = 1e-6
 """The sum of weights may differ from 1 by this much."""
 
-if least_dissipation.__file__.endswith(".py"):
-    logging.getLogger(__name__).warning(
-        "predictions are not compiled, and a hundred times slower: install a C compiler and Cython 3, then pushfric_core again"
-    )
+warn_unless_compiled(least_dissipation, "predictions are")
 
 
 @comparable

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pushfric_core
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
-from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement
+from pushfric_core.estimation.push_plan import SHARP, PlannedPush, even_pushes, placement
 from pushfric_core.estimation.recognition import Hypothesis, Recognizer
 from pushfric_core.estimation.region import HalfPlanes, line_of_motion
 from pushfric_core.geometry.contact import PushingLine
@@ -99,7 +99,7 @@ This causes the distant outlier of Table 3 and Figure 7.
 BAD_PUSH = 3
 """The push with that error: the middle one of the first edge."""
 
-SLIPPING = [PlannedPush(edge, side * 0.015, side * math.radians(55)) for edge in (0, 2) for side in (-1, 1)]
+SLIPPING = [PlannedPush(edge, side * 0.015, side * SHARP) for edge in (0, 2) for side in (-1, 1)]
 """Test pushes of rubber_rect4 at sharp angles, in which the contact slips all the time (section 5.1.3)."""
 
 SOURCES = [pathlib.Path(__file__), *sorted(pathlib.Path(pushfric_core.__path__[0]).rglob("*.py"))]

@@ -19,7 +19,7 @@ from pushfric_core.datasets.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import EstimatorConfig
-from pushfric_core.estimation.push_plan import PlannedPush, even_pushes
+from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.outline import Outline
@@ -33,9 +33,6 @@ from pushfric_core.paper.trials import NOISES, eight_places, estimated, moved, o
 from pushfric_core.report.report import to_json
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.spread import ELLIPSE
-
-SHARP = math.radians(55)
-"""Pushes at this angle to the normal slide."""
 
 SUBSETS = 30
 """Numbers of real pushes that are chosen at random from each log."""
@@ -89,12 +86,7 @@ def run_seed(seed: int) -> dict[str, Any]:
     for number, (name, known) in enumerate(TABLE_1.items()):
         rng = np.random.default_rng((seed, 100 + number))
         studied = of_table_1(name)
-        sharp = [
-            PlannedPush(edge, side * 0.12 * float(known.outline.lengths[edge]), side * SHARP)
-            for edge in (0, 2)
-            for side in (-1, 1)
-        ]
-        pushed = moved(studied, even_pushes(known.outline, known.pushes) + sharp, rng)
+        pushed = moved(studied, even_pushes(known.outline, known.pushes) + slipping_pushes(known.outline, (0, 2)), rng)
         mu_c = _estimate(filmed(known.outline, pushed, known.noise, rng), known.support_points).mu_c
         if mu_c is not None:
             cells[f"mu_c/{name}"] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}

@@ -11,11 +11,11 @@ leaves unsettled, and so on. So all rows are looked at seldom: the cost of a dat
 """
 
 import copy
-import logging
 from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core.errors import warn_unless_compiled
 from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers import pivoting
@@ -85,10 +85,7 @@ WIDENINGS = 8
 STEEP = 1e-9
 """An edge along which F rises by less than this fraction of its gradient counts as level."""
 
-if pivoting.__file__.endswith(".py"):
-    logging.getLogger(__name__).warning(
-        "the solver is not compiled, and a hundred times slower: install a C compiler and Cython 3, then pushfric_core again"
-    )
+warn_unless_compiled(pivoting, "the solver is")
 
 
 class _Shell(NamedTuple):

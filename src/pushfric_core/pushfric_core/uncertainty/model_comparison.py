@@ -405,7 +405,8 @@ class _Run:
         curves = _Curves(self, self.twists, self.contacts)
         for first in range(max(count - AFTER, FEWEST - 1), count - SHIFTED + 1):
             before = self._place < first
-            w = curves.of(before).explained(start=self.w)
+            earlier = curves.of(before)
+            w = earlier.explained(start=self.w)
             load = w + 0.2 / len(w)
             arms = self._points - w @ self._points
             loaded = load[:, None] * arms
@@ -419,7 +420,7 @@ class _Run:
                 shift = shift - self._least_squares(slopes, here, self._weights[~before])
             moved = _tilted(w, tilt @ shift)
             distances = np.empty(len(before))
-            distances[before], distances[~before] = curves.of(before).distances(w)[0], after.distances(moved)[0]
+            distances[before], distances[~before] = earlier.distances(w)[0], after.distances(moved)[0]
             wrong = np.where(before, curves.wrong_way(w), curves.wrong_way(moved))
             evidence = self._evidence(np.hypot(distances, wrong))[0] + self.followed(curves.speeds)
             if best is None or evidence > best[0]:
@@ -489,8 +490,8 @@ class _Curves:
         even = np.eye(n) - 1 / n
         for _ in range(STEPS if start is None else MORE_STEPS):
             slope = self._slope(w)
-            distances, slack = self.distances(w)[0], self.distances(w, half_width)[1] if half_width else 0.0
-            beyond = np.abs(distances) - slack
+            distances, slack = self.distances(w, half_width)
+            beyond = np.abs(distances) - (slack if half_width else 0.0)
             typical = max(float(np.median(np.maximum(beyond, 0.0))), float(SCALES[0]))
             share = self._weights / (1 + (np.maximum(beyond, 0.0) / (1.5 * typical)) ** 2) / slope**2
             if half_width:

@@ -4,19 +4,19 @@ docs/derivation.md states the likelihood and the priors. Markov chains (`support
 sample it. They exchange their states (parallel tempering): the weaker ones wander from one explanation to another.
 """
 
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from pushfric_core.errors import warn_unless_compiled
 from pushfric_core.geometry.planar import Array
 from pushfric_core.records import comparable
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty import support_chain
 from pushfric_core.uncertainty.motion_errors import Motions, motions
-from pushfric_core.uncertainty.spread import ELLIPSE
+from pushfric_core.uncertainty.spread import ellipse_radius
 
 WARMTHS = 1.0, 0.68, 0.45, 0.28, 0.16, 0.08
 """Powers of the likelihood of the chains; the first samples the posterior."""
@@ -76,10 +76,7 @@ SEED = 1993
 FEW = 1e-3
 """A standard deviation of p_CF of less than this share of the support's size is not believed."""
 
-if support_chain.__file__.endswith(".py"):
-    logging.getLogger(__name__).warning(
-        "the posterior is not compiled, and a hundred times slower: install a C compiler and Cython 3, then pushfric_core again"
-    )
+warn_unless_compiled(support_chain, "the posterior is")
 
 
 @comparable
@@ -109,7 +106,7 @@ class Posterior:
     @property
     def radius(self) -> float:
         """Radius of the smallest circle about the mean of p_CF that contains the 90 % ellipse [m]."""
-        return math.sqrt(ELLIPSE * float(np.linalg.eigvalsh(self.covariance)[-1]))
+        return ellipse_radius(self.covariance)
 
 
 class Sampling:

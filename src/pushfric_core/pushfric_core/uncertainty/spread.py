@@ -76,6 +76,11 @@ TO_ELLIPSE = np.linalg.pinv(
 """(3, 4) from the variances along the first four directions to xx, xy, yy of the covariance that has about these."""
 
 
+def ellipse_radius(covariance: Array) -> float:
+    """Radius of the smallest circle that contains the ellipse of a covariance (2, 2), about the same middle."""
+    return math.sqrt(ELLIPSE * float(np.linalg.eigvalsh(covariance)[-1]))
+
+
 @comparable
 @dataclass(frozen=True)
 class Spread:
@@ -100,7 +105,7 @@ class Spread:
     @property
     def radius(self) -> float:
         """Radius of the smallest circle about p_CF that contains the 90 % ellipse [m]."""
-        return math.sqrt(ELLIPSE * float(np.linalg.eigvalsh(self.covariance)[-1]))
+        return ellipse_radius(self.covariance)
 
 
 def is_due(count: int, held: int) -> bool:

@@ -74,17 +74,18 @@ cdef bint in_hull(Chain chain) noexcept
 @cython.locals(total=double, k=Py_ssize_t)
 cdef double total_mass(Chain chain) noexcept
 
-@cython.locals(
-    field=double[::1], new_field=double[::1], size=Py_ssize_t, level=double, angle=double, lowest=double, highest=double,
-    cosine=double, sine=double, old=double, other=double, fit=double, b=Py_ssize_t, j=Py_ssize_t, _=Py_ssize_t,
-)
 cdef void move_field(Chain chain) noexcept
 
 @cython.locals(
-    moments=double[::1], new_moments=double[::1], size=Py_ssize_t, level=double, angle=double, lowest=double,
-    highest=double, cosine=double, sine=double, old=double, other=double, fit=double, h=Py_ssize_t, _=Py_ssize_t,
+    rows=double[:, ::1], level=double, angle=double, lowest=double, highest=double, fit=double, b=Py_ssize_t, _=Py_ssize_t
 )
-cdef void move_moments(Chain chain) noexcept
+cdef void move_on_ellipse(Chain chain, double[::1] values, double[::1] others, bint pressing) noexcept
+
+@cython.locals(old=double, other=double, b=Py_ssize_t)
+cdef void turn(double[::1] values, double[::1] others, double cosine, double sine) noexcept
+
+@cython.locals(j=Py_ssize_t)
+cdef void keep_pressure(Chain chain) noexcept
 
 @cython.locals(k=Py_ssize_t, wide=double, change=double, old=double, new=double)
 cdef void move_mass(Chain chain) noexcept
@@ -128,7 +129,7 @@ cdef void add_or_remove(Chain chain) noexcept
 @cython.locals(last=Py_ssize_t, feet=double[:, ::1], mass=double[::1], columns=double[:, :, ::1], a=Py_ssize_t)
 cdef void swap_last(Chain chain, Py_ssize_t k) noexcept
 
-@cython.locals(scale=Py_ssize_t, middle=double, deviation=double, old=double, new=double, prior=double, j=Py_ssize_t)
+@cython.locals(scale=Py_ssize_t, middle=double, deviation=double, old=double, new=double, prior=double)
 cdef void move_scale(Chain chain) noexcept
 
 @cython.locals(step=Py_ssize_t, which=double)

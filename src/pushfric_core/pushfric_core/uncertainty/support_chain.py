@@ -127,7 +127,8 @@ class Chain:
 
     def weights(self) -> tuple[Array, Array, Array]:
         """The share of each support point in the area's weight (n,), the feet (k, 2), and their weights (k,); sum 1."""
-        masses = np.asarray(self.mass)[: self.count + 1] / float(np.sum(np.asarray(self.mass)[: self.count + 1]))
+        masses = np.asarray(self.mass)[: self.count + 1]
+        masses = masses / masses.sum()
         return np.asarray(self.pressure) * masses[0], np.asarray(self.feet)[: self.count].copy(), masses[1:]
 
 
@@ -324,33 +325,39 @@ def total_mass(chain: Chain) -> float:
 
 
 def move_field(chain: Chain) -> None:
-    """Another shape of the pressure, on an ellipse through the present one."""
-    if chain.mass[0] < 1e-4 * total_mass(chain):
-        return
-    field, new_field, size = chain.field, chain.new_field, len(chain.field)
-    for b in range(size):
-        new_field[b] = normal(chain)
+    """Another shape of the pressure."""
+    if chain.mass[0] >= 1e-4 * total_mass(chain):
+        move_on_ellipse(chain, chain.field, chain.new_field, True)
+
+
+def move_on_ellipse(chain: Chain, values: Array, others: Array, pressing: bool) -> None:
+    """Other coefficients, on an ellipse through the present ones: of the pressure, or the moments of the sides.
+
+    Args:
+        chain: whose state changes.
+        values: (b,) the coefficients, with a standard normal prior.
+        others: (b,) room for the end of the ellipse's other axis.
+        pressing: whether they are those of the pressure.
+    """
+    for b in range(len(values)):
+        others[b] = normal(chain)
+    rows = chain.trial if pressing else chain.total
     level = chain.warmth * chain.fit + math.log(uniform(chain))
     angle = 2 * math.pi * uniform(chain)
     lowest, highest = angle - 2 * math.pi, angle
     for _ in range(SHRINKS):
-        cosine, sine = math.cos(angle), math.sin(angle)
-        for b in range(size):  # the trial takes the place of the present one, and the present one can be had back
-            old, other = field[b], new_field[b]
-            field[b], new_field[b] = old * cosine + other * sine, other * cosine - old * sine
-        press(chain, field, chain.scales[ROUGHNESS], chain.new_pressure, chain.new_area)
-        add_up(chain, chain.count, chain.new_area, chain.trial)
-        fit = log_likelihood(chain, chain.trial, chain.moments)
+        turn(values, others, math.cos(angle), math.sin(angle))
+        if pressing:
+            press(chain, values, chain.scales[ROUGHNESS], chain.new_pressure, chain.new_area)
+            add_up(chain, chain.count, chain.new_area, rows)
+        fit = log_likelihood(chain, rows, chain.moments)
         if chain.warmth * fit > level:
             chain.fit = fit
-            assign(chain.trial, chain.total)
-            assign(chain.new_area, chain.area)
-            for j in range(len(chain.pressure)):
-                chain.pressure[j] = chain.new_pressure[j]
+            if pressing:
+                assign(rows, chain.total)
+                keep_pressure(chain)
             return
-        for b in range(size):
-            old, other = field[b], new_field[b]
-            field[b], new_field[b] = old * cosine - other * sine, other * cosine + old * sine
+        turn(values, others, math.cos(angle), -math.sin(angle))
         if angle < 0:
             lowest = angle
         else:
@@ -358,31 +365,18 @@ def move_field(chain: Chain) -> None:
         angle = lowest + (highest - lowest) * uniform(chain)
 
 
-def move_moments(chain: Chain) -> None:
-    """Other moments of the sides, on an ellipse through the present ones."""
-    moments, new_moments, size = chain.moments, chain.new_moments, len(chain.moments)
-    for h in range(size):
-        new_moments[h] = normal(chain)
-    level = chain.warmth * chain.fit + math.log(uniform(chain))
-    angle = 2 * math.pi * uniform(chain)
-    lowest, highest = angle - 2 * math.pi, angle
-    for _ in range(SHRINKS):
-        cosine, sine = math.cos(angle), math.sin(angle)
-        for h in range(size):
-            old, other = moments[h], new_moments[h]
-            moments[h], new_moments[h] = old * cosine + other * sine, other * cosine - old * sine
-        fit = log_likelihood(chain, chain.total, moments)
-        if chain.warmth * fit > level:
-            chain.fit = fit
-            return
-        for h in range(size):
-            old, other = moments[h], new_moments[h]
-            moments[h], new_moments[h] = old * cosine - other * sine, other * cosine + old * sine
-        if angle < 0:
-            lowest = angle
-        else:
-            highest = angle
-        angle = lowest + (highest - lowest) * uniform(chain)
+def turn(values: Array, others: Array, cosine: float, sine: float) -> None:
+    """Go along the ellipse of which these (b,) are the axes, by an angle; the opposite angle leads back."""
+    for b in range(len(values)):
+        old, other = values[b], others[b]
+        values[b], others[b] = old * cosine + other * sine, other * cosine - old * sine
+
+
+def keep_pressure(chain: Chain) -> None:
+    """The trial pressure becomes the present one."""
+    assign(chain.new_area, chain.area)
+    for j in range(len(chain.pressure)):
+        chain.pressure[j] = chain.new_pressure[j]
 
 
 def move_mass(chain: Chain) -> None:
@@ -618,9 +612,7 @@ def move_scale(chain: Chain) -> None:
     if not accept(chain, prior):
         chain.scales[scale] = old
     elif scale == ROUGHNESS:
-        assign(chain.new_area, chain.area)
-        for j in range(len(chain.pressure)):
-            chain.pressure[j] = chain.new_pressure[j]
+        keep_pressure(chain)
 
 
 def walk(chain: Chain, steps: int, warmth: float, draws: Array) -> int:
@@ -652,7 +644,7 @@ def walk(chain: Chain, steps: int, warmth: float, draws: Array) -> int:
         elif which < EXCHANGE:
             exchange_mass(chain)
         elif which < SIDES:
-            move_moments(chain)
+            move_on_ellipse(chain, chain.moments, chain.new_moments, False)
         else:
             move_scale(chain)
     return steps

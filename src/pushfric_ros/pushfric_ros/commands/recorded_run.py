@@ -7,7 +7,7 @@ from pushfric_core.cell.node_settings import REPORT_FILE
 from pushfric_core.commands.console import warn
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import taken
-from pushfric_core.estimation.push_plan import number_of
+from pushfric_core.estimation.push_plan import index_of, number_of
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
@@ -88,7 +88,7 @@ def failures(bag: pathlib.Path, namespace: str) -> list[str]:
 
 def pushes_of(first: PlanProgress) -> int:
     """Number of pushes that a run is to carry out, by the first progress of its plan that was heard of."""
-    return first.count - first.push_id % max(first.count, 1) + first.completed + first.aborted + first.skipped
+    return first.count - index_of(first.push_id, first.count) + first.completed + first.aborted + first.skipped
 
 
 def write_report(bag: pathlib.Path) -> "Estimation":

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.commands.interrupt import end_at_once
+from pushfric_core.estimation.push_plan import index_of
 from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.keys import Keys
@@ -232,7 +233,7 @@ class Monitor:
         self.planned = self.planned or pushes_of(msg)
         if finished:
             self._finished = stamp_from_msg(msg.header.stamp)
-        index = msg.push_id % max(msg.count, 1)
+        index = index_of(msg.push_id, msg.count)
         self.next_push = None if finished else index + 1
         if self._plan_leads:
             self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else index)
