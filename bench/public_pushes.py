@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rich.table import Table
+from shapely.geometry import Point
 
 from bench.prediction import Pushes, ellipsoid_motions
 from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, Twist, predict_strokes
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.datasets import zhou2015
 from pushfric_core.datasets.mitpush import POLY4
-from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, read_strokes
+from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import EstimatorConfig
@@ -26,7 +27,7 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.outline import Touch
-from pushfric_core.geometry.planar import Array, compose, exp, rotation
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, compose, exp, inverse, rotation, transform
 from pushfric_core.mechanics.prediction import friction_model
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.mechanics.strokes import STEP
@@ -44,6 +45,9 @@ ROLLED = 70
 
 BACK = 0.1
 """The line of the tip begins this far behind the place where the stroke begins [m]: clear of the object."""
+
+LARGEST_START_GAP = 0.005
+"""A stroke whose tip is farther from the outline when it begins, or as deep in it, is no push [m]: its poses are mistaken."""
 
 FINE = 30
 """Points in a row of the uniform pressure."""
@@ -176,11 +180,21 @@ class Line(NamedTuple):
 
 
 def line_of(stroke: Stroke, outline: Outline) -> Line | None:
-    """None if the tip would pass by."""
+    """None if the stroke does not begin at the outline.
+
+    The tip touches when a stroke begins. What lies between it and the outline is an error of the poses, so it is left out.
+    """
+    place = transform(inverse(stroke.before), stroke.tip_before)
+    _, (foot,), (distance,) = nearest_edges(outline, np.array((place,)))
+    outwards = -1.0 if outline.polygon.contains(Point(place)) else 1.0
+    gap = outwards * distance - stroke.tip_radius
+    if abs(gap) > LARGEST_START_GAP:
+        return None
+    shift = rotation(stroke.before.theta) @ np.subtract(foot, place) * (outwards * gap / max(distance, LEAST_DIVISOR))
     way = np.subtract(stroke.tip_after, stroke.tip_before)
     length = float(np.linalg.norm(way))
-    x, y = (way / length).tolist()
-    line = PushingLine((stroke.tip_before[0] - BACK * x, stroke.tip_before[1] - BACK * y), (x, y), stroke.tip_radius)
+    origin, direction = stroke.tip_before + shift - BACK * way / length, way / length
+    line = PushingLine((float(origin[0]), float(origin[1])), (float(direction[0]), float(direction[1])), stroke.tip_radius)
     touch = line.touch(outline, stroke.before)
     if touch is None or touch.distance >= BACK + length:
         return None

@@ -13,7 +13,7 @@ from pushfric_core.paper.trials import moved, objects
 from pushfric_core.uncertainty import posterior as posterior_module
 from pushfric_core.uncertainty import support_chain
 from pushfric_core.uncertainty.motion_errors import motions
-from pushfric_core.uncertainty.posterior import Sampling, posterior
+from pushfric_core.uncertainty.posterior import Sampling
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_without_data_the_chain_samples_the_prior(studied, observations):
 
 
 def test_it_finds_feet_that_are_no_support_points(studied, observations):
-    found = posterior(observations, studied.support_points, uniform(studied.support_points))
+    found = Sampling(observations, studied.support_points, uniform(studied.support_points)).finish()
     error = found.center_of_friction - studied.support.center_of_friction
     assert np.hypot(*error) < 1e-3
     assert found.area < 0.2
@@ -76,13 +76,13 @@ def test_it_finds_feet_that_are_no_support_points(studied, observations):
 def test_it_finds_an_area():
     known = TABLE_1["delrin_rect_center"]
     studied = objects()["delrin_rect_right"]._replace(support=known.support)
-    found = posterior(seen(studied, FLAT), studied.support_points, uniform(studied.support_points))
+    found = Sampling(seen(studied, FLAT), studied.support_points, uniform(studied.support_points)).finish()
     assert np.hypot(*(found.center_of_friction - known.support.center_of_friction)) < 1e-3
 
 
 def test_it_is_a_function_of_the_data(studied, observations):
-    one = posterior(observations[:40], studied.support_points, uniform(studied.support_points))
-    other = posterior(observations[:40][::-1], studied.support_points, uniform(studied.support_points))
+    one = Sampling(observations[:40], studied.support_points, uniform(studied.support_points)).finish()
+    other = Sampling(observations[:40][::-1], studied.support_points, uniform(studied.support_points)).finish()
     assert one.center_of_friction.tobytes() == other.center_of_friction.tobytes()
     assert one.samples.tobytes() == other.samples.tobytes()
 
@@ -104,7 +104,7 @@ def test_feet_stay_at_support_points_that_span_no_area(points):
     data = [
         Observation((0.01 * (k - 2), -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1 * (k - 2)), push_id=k, stamp=k) for k in range(5)
     ]
-    found = posterior(data, np.array(points), uniform(points))
+    found = Sampling(data, np.array(points), uniform(points)).finish()
     assert np.isfinite(found.center_of_friction).all()
     assert found.w.sum() == pytest.approx(1.0)
 

@@ -54,9 +54,12 @@ def _contact_friction(msg: Any, mu_c: Any = None) -> Any:
 
 
 def _friction_estimate(msg: Any) -> Any:
+    none = np.zeros(0)
+    if not hasattr(msg, "posterior"):
+        numbers = {"covariance": np.full(4, math.nan), "feet": math.nan, "area": math.nan, "data_points": 0}
+        msg = _changed(msg, posterior=SimpleNamespace(w=none, center_of_friction=_nowhere(), **numbers))
     if not hasattr(msg, "mu_c"):
         return msg
-    none = np.zeros(0)
     unknown = SimpleNamespace(covariance=np.full(4, math.nan), middle=none, low=none, high=none, data_points=0)
     spread = msg.spread[0] if msg.spread else unknown
     unchanged = SimpleNamespace(since_push=CHANGE["NO_PUSH"], shift=_nowhere())

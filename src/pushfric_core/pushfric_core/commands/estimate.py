@@ -117,7 +117,7 @@ def _one(
     if save is not None:
         if result.contradiction is not None:
             raise InvalidInput(f"{save}: not written: {result.contradiction}")
-        save_model(estimation.to_model(), save)
+        save_model(estimation.to_model(posterior), save)
     figures = estimation.figures(posterior)
     if posterior and "posterior" not in figures:
         warn(f"no posterior: {result.contradiction if result.lack is None else result.lack.text}")

@@ -25,7 +25,7 @@ from pushfric_core.uncertainty import contact_friction
 from pushfric_core.uncertainty.contact_friction import ContactForces, MuC, Tip
 from pushfric_core.uncertainty.model_comparison import Comparison
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.posterior import Posterior, posterior
+from pushfric_core.uncertainty.posterior import Posterior, Sampling
 from pushfric_core.uncertainty.reasons import Reason
 from pushfric_core.uncertainty.spread import Spread
 from pushfric_core.wording import observations_of
@@ -130,9 +130,14 @@ class Estimate:
 
         None where there can be no spread: p_CF is given, the pushes vary too little, or they contradict each other.
         """
+        sampling = self.sampling()
+        return None if sampling is None else sampling.finish()
+
+    def sampling(self) -> Sampling | None:
+        """The posterior in the making, for a program that has other things to do meanwhile."""
         if self.center_given or self.lack is not None or self.contradiction is not None or not self.data_points:
             return None
-        return posterior(list(self.observations), self.support_points, self.w)
+        return Sampling(list(self.observations), self.support_points, self.w)
 
     @cached_property
     def mu_c(self) -> MuC | None:
@@ -152,7 +157,9 @@ class Estimate:
     @cached_property
     def contact_friction(self) -> Array:
         """Lower bounds (m,) on mu_c, one for each observation (eq. 12)."""
-        return contact_friction.lower_bounds(self.contact_forces, self.w)
+        if self.tip is None:
+            return contact_friction.lower_bounds(self.contact_forces, self.w)
+        return self.tip.bounds(self.contact_forces, self.w)
 
     @property
     def mu_c_p90(self) -> float:

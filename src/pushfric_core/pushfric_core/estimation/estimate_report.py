@@ -106,7 +106,7 @@ class EstimateReport:
         slipping: Sequence[bool] = (),
         verdict: Verdict | None = None,
         friction: FrictionReport | None = None,
-        posterior: bool = False,
+        posterior: Posterior | None = None,
     ) -> "EstimateReport":
         """The report on an estimate.
 
@@ -116,7 +116,7 @@ class EstimateReport:
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
             verdict: on its input; None: not judged.
             friction: what is said of mu_c; None: what this estimate says.
-            posterior: whether to sample it, which takes about a second.
+            posterior: from these observations, or from the first of them.
         """
         solution, spread, verdict = estimate.solution, estimate.spread, verdict or Verdict()
         return cls(
@@ -139,7 +139,7 @@ class EstimateReport:
             verdict.notes,
             verdict.rejected,
             verdict.change,
-            estimate.posterior if posterior else None,
+            posterior,
         )
 
     def to_dict(self) -> dict[str, Any]:

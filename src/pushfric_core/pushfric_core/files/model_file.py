@@ -23,6 +23,7 @@ from pushfric_core.mechanics.prediction import FrictionModel, friction_model
 from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
+from pushfric_core.uncertainty.posterior import Posterior
 from pushfric_core.wording import observations_of
 
 SUFFIXES = (".yaml", ".yml")
@@ -69,6 +70,17 @@ class DataPointFile(Strict):
     depth: float | None = None
 
 
+class PosteriorFile(Strict):
+    """What the data points say if the support may be an area, feet anywhere, or both."""
+
+    w: Annotated[list[Share], pydantic.Field(min_length=1)]
+    center_of_friction: Point  # p_CF [m]
+    covariance: tuple[Point, Point]  # of p_CF [m^2]
+    feet: Positive  # mean number of feet besides the area
+    area: Share  # of the weight
+    data_points: Annotated[int, pydantic.Field(ge=1)]  # that it rests on
+
+
 class MadeFile(Strict):
     """How a model was made."""
 
@@ -95,6 +107,7 @@ class ModelFile(Strict):
     )
     misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.mechanics.prediction.misfit [rad]
     ensemble: tuple[SampleFile, ...] = ()
+    posterior: PosteriorFile | None = None
     made: MadeFile
     versions: dict[str, str] = pydantic.Field(default_factory=dict)
     data_points: tuple[DataPointFile, ...] = ()
@@ -156,7 +169,9 @@ class ModelFile(Strict):
         ]
 
 
-def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: EstimatorSettings) -> ModelFile:
+def make_model(
+    model: ObjectModel, estimate: Estimate, source: str, settings: EstimatorSettings, posterior: Posterior | None = None
+) -> ModelFile:
     """The file of an estimate.
 
     Args:
@@ -164,6 +179,7 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
         estimate: from at least one data point.
         source: where they came from.
         settings: of the estimator.
+        posterior: from these data points, or from the first of them.
     """
     friction = friction_model(estimate)
     points = [(float(x), float(y)) for x, y in estimate.support_points]
@@ -186,9 +202,24 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
         total_friction=estimate.total_friction,
         misfit=friction.misfit,
         ensemble=_ensemble(friction),
+        posterior=_posterior(posterior),
         made=made,
         versions={"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in VERSIONED},
         data_points=tuple(map(_data_point, estimate.observations)),
+    )
+
+
+def _posterior(found: Posterior | None) -> PosteriorFile | None:
+    if found is None:
+        return None
+    x, y = found.center_of_friction.tolist()
+    return PosteriorFile(
+        w=found.w.tolist(),
+        center_of_friction=(x, y),
+        covariance=_covariance(found.covariance),
+        feet=found.feet,
+        area=found.area,
+        data_points=found.data_points,
     )
 
 

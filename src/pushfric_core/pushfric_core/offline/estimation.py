@@ -56,7 +56,9 @@ class Estimation(NamedTuple):
     def figures(self, posterior: bool = False) -> dict[str, Any]:
         """All numbers, as the command line's JSON names them; with those of the posterior, which takes about a second."""
         slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
-        figures = EstimateReport.of(self.result, self.model.name, slipping, self.verdict, posterior=posterior).to_dict()
+        figures = EstimateReport.of(
+            self.result, self.model.name, slipping, self.verdict, posterior=self.result.posterior if posterior else None
+        ).to_dict()
         if self.refined is not None:
             solution = self.refined.solution
             figures["refined"] = {
@@ -67,9 +69,10 @@ class Estimation(NamedTuple):
             }
         return figures
 
-    def to_model(self) -> ModelFile:
+    def to_model(self, posterior: bool = False) -> ModelFile:
         """The model to keep."""
-        return make_model(self.model, self.result, str(self.source), self.settings)
+        sampled = self.result.posterior if posterior else None
+        return make_model(self.model, self.result, str(self.source), self.settings, sampled)
 
 
 def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_course: bool = False) -> Estimation:

@@ -15,6 +15,7 @@ from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, velocit
 from pushfric_core.geometry.support import SupportForces
 from pushfric_core.records import comparable
 from pushfric_core.trajectories.observation import Observation
+from pushfric_core.uncertainty.force_ratios import sliding
 from pushfric_core.uncertainty.spread import LEVEL
 
 SLIP_TOLERANCE = 0.05
@@ -117,7 +118,7 @@ class Kind(StrEnum):
 
     BOUND = "bound"  # lower bounds alone
     SLIP = "slip"  # pushes that were seen to slide
-    FORCE = "force"  # forces measured while the tip slid
+    FORCE = "force"  # forces measured while the tip slid, as was seen or as their ratios show
 
 
 class Slip(StrEnum):
@@ -136,7 +137,7 @@ class Tip:
 
     slip: Array  # (m,) its velocity along t relative to the object, over its speed
     mismatch: Array  # (m,) the same along n, where it cannot move: an error
-    sensed: Array  # (m,) |F . t| / |F . n| of the measured force
+    sensed: Array  # (m,) F . t / |F . n| of the measured force
     push: Array  # (m,) push_id
 
     @cached_property
@@ -177,6 +178,17 @@ class Tip:
         directions[seen] = np.where(found != 0, found, np.where(np.repeat(still, count), 0.0, np.nan))
         return directions
 
+    @cached_property
+    def by_ratio(self) -> tuple[float, float, float] | None:
+        """mu_c and its interval from the forces of contacts of which nobody saw whether they slide; None: these do not tell."""
+        rows = np.flatnonzero(np.isnan(self.directions) & np.isfinite(self.sensed))
+        found = sliding(self.sensed[rows]) if len(np.unique(self.push[rows])) >= FEWEST_SLIPS else None
+        return None if found is None else _median(found.sizes, found.probability, self.push[rows[found.probability > 0.5]])
+
+    def bounds(self, forces: ContactForces, weights: Array) -> Array:
+        """The lower bounds on mu_c (m,) or (k, m): the ratio of the measured force, or without one `lower_bounds`."""
+        return np.where(np.isfinite(self.sensed), np.abs(self.sensed), lower_bounds(forces, weights))
+
     @property
     def slips(self) -> npt.NDArray[np.intp]:
         """How the tip moves in each of the m data points, as an index of `Slip`."""
@@ -204,7 +216,7 @@ def tip_at(observation: Observation) -> tuple[float, float, float, float]:
         relative = (tip - velocity_at(observation.twist, np.asarray(observation.contact_point))) / math.hypot(*tip)
         slip, mismatch = float(relative @ along), float(relative @ normal)
     if observation.force is not None and (pressed := abs(float(np.asarray(observation.force) @ normal))) > 0:
-        sensed = abs(float(np.asarray(observation.force) @ along)) / pressed
+        sensed = float(np.asarray(observation.force) @ along) / pressed
     return slip, mismatch, sensed, float(observation.push_id)
 
 
@@ -218,7 +230,7 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
     interval holds all mu_c whose sum of errors exceeds the least by at most LEVEL times the scale of the errors, under all w.
 
     If forces were measured while the tip slid, mu_c is the median of their ratios, with the interval of a median from this many
-    pushes.
+    pushes. If the tip was not seen, the ratios themselves may show which contacts slid (`force_ratios`).
 
     Args:
         forces: at m contacts.
@@ -232,15 +244,16 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
         slid = np.abs(directions) > 0
     measured = slid & np.isfinite(tip.sensed)
     if len(np.unique(tip.push[measured])) >= FEWEST_SLIPS:
-        value, low, high = _median(tip.sensed[measured], np.ones(int(measured.sum())), tip.push[measured])
-        return MuC(value, low, high, Kind.FORCE)
+        return MuC(*_median(np.abs(tip.sensed[measured]), np.ones(int(measured.sum())), tip.push[measured]), Kind.FORCE)
     if len(np.unique(tip.push[slid])) >= FEWEST_SLIPS:
         found = [_least_error(*rows) for rows in _cone_rows(forces, tip, directions, weights) if rows[2].sum() >= FEWEST_SLIPS]
         if found:
             return MuC(found[0][0], min(low for _, low, _ in found), max(high for _, _, high in found), Kind.SLIP)
+    if tip.by_ratio is not None:
+        return MuC(*tip.by_ratio, Kind.FORCE)
     together = max(1, TOGETHER // max(1, len(forces.normal)))
     parts = (weights[first : first + together] for first in range(0, len(weights), together))
-    low = min(percentile(lower_bounds(forces, part), 0.9) for part in parts)
+    low = min(percentile(tip.bounds(forces, part), 0.9) for part in parts)
     return MuC(None, low, math.inf, Kind.BOUND)
 
 

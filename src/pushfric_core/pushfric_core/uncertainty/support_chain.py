@@ -131,6 +131,10 @@ class Chain:
         masses = masses / masses.sum()
         return np.asarray(self.pressure) * masses[0], np.asarray(self.feet)[: self.count].copy(), masses[1:]
 
+    def misfit(self) -> float:
+        """Variance of the moment that no support explains, in an observation and in a push [m^2]."""
+        return math.exp(2 * self.scales[MISFIT]) + math.exp(2 * self.scales[PUSH])
+
 
 def put_column(chain: Chain, x: float, y: float, column: Array) -> None:
     """What a foot of unit mass at (x, y) adds in each observation."""
