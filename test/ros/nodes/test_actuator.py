@@ -28,6 +28,7 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.pushers.grbl_states import Phase
 from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import Mode, NotReady
@@ -336,7 +337,7 @@ def test_a_push_whose_owner_shows_no_sign_of_life_is_stopped(ros, controller, tm
     assert cell.comes_to_rest(controller) - begin < 0.5 * 0.004 + 0.001  # 0.3 s, and a busy machine
     cell.wait_for_mode(PusherState.MODE_IDLE)
     ros.wait_for(lambda: cell.faults[-1:] == ["owner"], what="the fault")
-    assert cell.node._goal is None
+    assert cell.node._push is None
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
@@ -457,7 +458,7 @@ def test_a_node_that_a_push_needs_may_have_much_to_do(ros, controller, tmp_path)
     handle = cell.halfway(controller)
     ros.take_out(estimator)  # nobody spins it now
     ros.wait_for(lambda: cell.node._life.node("estimator").stalled > 1.0, what="a long callback")
-    assert cell.node._goal is not None
+    assert cell.node._push is not None
     estimator.destroy_node()
     result = cell.result(handle).result
     assert re.fullmatch(MISSED.format("estimator", "requires_timeout is 0.5 s"), result.message)
@@ -529,8 +530,8 @@ def test_a_reset_that_is_asked_for_again_and_again_ends(ros, controller, tmp_pat
     cell.wait_for_mode(PusherState.MODE_ALARM)
     ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
     begun = []
-    recover = cell.node._recover
-    cell.node._recover = lambda: (begun.append(1), recover())
+    recover = cell.node._pusher.recover
+    cell.node._pusher.recover = lambda: (begun.append(1), recover())
     with controller._lock:  # it does not answer yet
         for _ in range(4):
             assert cell.reset().message == "unlocking"
@@ -818,7 +819,7 @@ def test_after_a_power_cut_while_a_canceled_push_stops_nothing_moves(ros, contro
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     handle.cancel_goal_async()
-    ros.wait_for(lambda: cell.node._pusher._halting, what="the stop")
+    ros.wait_for(lambda: Phase.BRAKING in cell.node._pusher._state, what="the stop")
     controller.reset()
     assert cell.result(handle).result.outcome == Push.Result.OUTCOME_ABORTED
     cell.refuses(controller, capfd, UNVOUCHED)
