@@ -93,6 +93,13 @@ def test_no_event_leads_to_motion_without_a_live_owner_a_confirmed_position_and_
             assert following is None or Hold.HELD in following.state
         if Position.UNKNOWN in state and following is not None and Position.UNKNOWN not in following.state:
             assert (event, Task.RECOVERING in state) == (Event.RESTED, True)  # only a recovery that has ended says where it is
+        if following is not None and Position.UNHOMED in following.state - state:
+            assert Homing.HOMES in facts
+            assert event is Event.CONFIGURE or Task.RECOVERING in state
+        if event is Event.RESET:
+            assert following is None or Life.ACTIVE in state
+        if event is Event.DEACTIVATE and Life.UNCONFIGURED in state:
+            assert following is None or Life.UNCONFIGURED in following.state
 
 
 def test_the_driver_moves_only_as_told_and_nothing_in_doubt():
@@ -476,7 +483,7 @@ def test_an_event_that_no_row_names_is_refused_and_changes_nothing():
     assert step(ACTUATOR, frozenset(ready), Event.GOAL, {Enable.DISABLED, Controller.IDLE}) is None
     accepted = step(ACTUATOR, frozenset(ready), Event.GOAL, {Enable.ENABLED, Controller.IDLE})
     assert accepted == (READY | {Task.WAITING}, ())
-    assert Row({Event.GOAL}, {Task.NONE, Task.WAITING}).applies(Event.GOAL, frozenset({Task.WAITING}))
+    assert Row((Event.GOAL,), {Task.NONE, Task.WAITING}).applies(Event.GOAL, frozenset({Task.WAITING}))
 
 
 # The document

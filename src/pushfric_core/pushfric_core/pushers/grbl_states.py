@@ -57,23 +57,23 @@ STOPPING: set[Enum] = {P.BRAKING, P.RESETTING}
 STOPPABLE = {Role.DRIVES, P.RESTING, P.STREAMING, P.RECOVERING, P.UNLOCKING}
 
 GRBL = (
-    Row({E.CONNECT}, {P.CLOSED}, {P.CONNECTING, Trust.TRUSTED}),
-    Row({E.MOVE}, {Role.DRIVES, P.RESTING, Trust.TRUSTED, Status.IDLE}, {P.STREAMING}),
-    Row({E.DONE}, {P.CONNECTING, P.STREAMING}, {P.RESTING}),
-    Row({E.STOP}, STOPPABLE | {Status.IDLE, Status.OTHER}, {P.BRAKING}, Action.HOLD),
-    Row({E.STOP}, STOPPABLE | {Status.ALARM}, {P.RESETTING}, Action.HOLD),  # it may obey nothing but a reset
-    Row({E.STOP}, {Role.DRIVES, P.HOMING}, {P.RESETTING}, Action.HOLD),
-    Row({E.STOP}, STOPPING, {Next.NOTHING}),
-    Row({E.DONE}, {P.BRAKING}, {P.RESETTING}),
-    Row({E.DONE}, {P.RESETTING, Next.NOTHING}, {P.RESTING}),
-    Row({E.DONE}, {P.RESETTING, Next.RECOVERY}, {P.RECOVERING, Next.NOTHING}),
-    Row({E.RECOVER}, {Role.DRIVES, P.RESTING}, {P.RECOVERING}),
-    Row({E.RECOVER}, STOPPING, {Next.RECOVERY}),
-    Row({E.DONE}, {P.RECOVERING, Homing.HOMES}, {P.HOMING}),
-    Row({E.DONE}, {P.RECOVERING, Homing.UNLOCKS}, {P.UNLOCKING}),
-    Row({E.DONE}, {P.HOMING, P.UNLOCKING}, {P.RESTING, Trust.TRUSTED}),
-    Row({E.DOUBT}, set(), {Trust.DOUBTED}),
-    Row({E.LOST}, set(), {P.CLOSED, Next.NOTHING}),
+    Row((E.CONNECT,), {P.CLOSED}, {P.CONNECTING, Trust.TRUSTED}),
+    Row((E.MOVE,), {Role.DRIVES, P.RESTING, Trust.TRUSTED, Status.IDLE}, {P.STREAMING}),
+    Row((E.DONE,), {P.CONNECTING, P.STREAMING}, {P.RESTING}),
+    Row((E.STOP,), STOPPABLE | {Status.IDLE, Status.OTHER}, {P.BRAKING}, Action.HOLD),
+    Row((E.STOP,), STOPPABLE | {Status.ALARM}, {P.RESETTING}, Action.HOLD),  # it may obey nothing but a reset
+    Row((E.STOP,), {Role.DRIVES, P.HOMING}, {P.RESETTING}, Action.HOLD),
+    Row((E.STOP,), STOPPING, {Next.NOTHING}),
+    Row((E.DONE,), {P.BRAKING}, {P.RESETTING}),
+    Row((E.DONE,), {P.RESETTING, Next.NOTHING}, {P.RESTING}),
+    Row((E.DONE,), {P.RESETTING, Next.RECOVERY}, {P.RECOVERING, Next.NOTHING}),
+    Row((E.RECOVER,), {Role.DRIVES, P.RESTING}, {P.RECOVERING}),
+    Row((E.RECOVER,), STOPPING, {Next.RECOVERY}),
+    Row((E.DONE,), {P.RECOVERING, Homing.HOMES}, {P.HOMING}),
+    Row((E.DONE,), {P.RECOVERING, Homing.UNLOCKS}, {P.UNLOCKING}),
+    Row((E.DONE,), {P.HOMING, P.UNLOCKING}, {P.RESTING, Trust.TRUSTED}),
+    Row((E.DOUBT,), set(), {Trust.DOUBTED}),
+    Row((E.LOST,), set(), {P.CLOSED, Next.NOTHING}),
 )
 
 AT_FIRST: State = frozenset({P.CLOSED, Trust.TRUSTED, Next.NOTHING})

@@ -16,7 +16,7 @@ State = frozenset[Enum]
 class Row(NamedTuple):
     """One line of a table."""
 
-    events: Set[Enum]
+    events: tuple[Enum, ...]
     when: Set[Enum]
     """What must be there; members of one enumeration are alternatives."""
     then: Set[Enum] = frozenset()

@@ -134,7 +134,7 @@ class ActuatorNode(LifecycleNode):
         self._diagnostics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
         self._told_fault: PusherFault | None = None
-        self._checked, self._gap = clock(), 0.0  # when the needs of a push were last checked; how long before that
+        self._polled, self._gap = clock(), 0.0  # when the pusher was last polled; how long before that
         self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
@@ -325,10 +325,8 @@ class ActuatorNode(LifecycleNode):
         except PusherError as error:
             self._fail(error)
 
-    def _check(self) -> None:
+    def _check(self, now: float) -> None:
         """Let a motion begin, or go on, only while it has all that it needs."""
-        now = clock()
-        self._gap, self._checked = now - self._checked, now
         if self._push is not None and self._state & {Task.WAITING, Task.PUSHING, Task.RETRACTING}:
             missing = self._missing(self._push, now)
             self._needs = Needs.MET if missing is None else missing[0]
@@ -407,8 +405,10 @@ class ActuatorNode(LifecycleNode):
             self._button.answer(who, STOPPED)
         if Life.UNCONFIGURED in self._state:
             return
-        self._check()
-        pusher = self._pusher
+        now, pusher = clock(), self._pusher
+        self._gap, self._polled = now - self._polled, now
+        if moves := self._push is not None or Task.RECOVERING in self._state:
+            self._check(now)
         if math.isinf(self._quiet_until) and self.get_clock().now().nanoseconds:
             self._quiet_until = clock() + GRACE
         try:
@@ -424,7 +424,8 @@ class ActuatorNode(LifecycleNode):
             self._take(report)
         if pusher.busy:
             return
-        self._on(Event.RESTED)
+        if moves:
+            self._on(Event.RESTED)
         if self._start_due and Task.NONE in self._state:
             self._start_due = False
             self.trigger_activate()
