@@ -476,6 +476,42 @@ def test_a_push_waits_for_a_node_that_is_heard_late(ros, controller, tmp_path):
     life.end()
 
 
+def test_a_push_that_is_canceled_while_it_waits_never_moves(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", requires=["tracker"], requires_timeout=60.0).ready()
+    handle = cell.send(0.01)
+    ros.wait_for(handle.cancel_goal_async().done, what="the answer to the cancel")
+    result = cell.result(handle)
+    assert (result.status, result.result.outcome) == (GoalStatus.STATUS_CANCELED, Push.Result.OUTCOME_CANCELED)
+    assert (result.result.travelled, controller.position()) == (0.0, 0.0)
+    assert cell.states[-1].mode == PusherState.MODE_IDLE
+
+
+def test_a_reset_needs_the_enable_too(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", enable_timeout=60.0).ready()
+    controller.hit_limit()
+    cell.wait_for_mode(PusherState.MODE_ALARM)
+    answer = cell.reset()
+    assert (answer.success, answer.message) == (False, "the topic enable does not say true")
+    out = cell._other.create_publisher(Bool, "enable", LATCHED)
+    cell._other.create_timer(0.05, lambda: out.publish(Bool(data=True)))
+    ros.wait_for(lambda: cell.node._enabled > 0, what="enable")
+    assert cell.reset().message == "unlocking"
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+
+
+def test_a_pusher_that_was_stopped_before_its_activation_does_not_home(ros):
+    with SimulatedGrbl(time.monotonic, homing=True) as controller:
+        cell = Cell(ros, controller.port, home=True, autostart=False)
+        ros.wait_for(cell._change.service_is_ready, what="the services")
+        assert cell.change(Transition.TRANSITION_CONFIGURE)
+        assert cell._call(cell._stop, Trigger.Request()).success
+        ros.wait_for(lambda: cell.change(Transition.TRANSITION_ACTIVATE), what="the activation")
+        cell.wait_for_mode(PusherState.MODE_ALARM)
+        assert PusherState.MODE_HOMING not in {state.mode for state in cell.states}
+        assert cell.reset().message == "homing"
+        cell.wait_for_mode(PusherState.MODE_IDLE)
+
+
 def test_a_force_beyond_the_limit_stops_until_a_person_says_so(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port", max_force=3.0).ready()
     out = cell._other.create_publisher(WrenchStamped, "wrench", SENSOR_DATA)
