@@ -155,6 +155,7 @@ class ActuatorNode(LifecycleNode):
 
     def wind_up(self) -> bool:
         """Stop the pusher, tell the client and publish the state at rest; True once all of this is done."""
+        self._start_due = False
         if Life.ACTIVE in self._state:
             self._revoke(Event.DEACTIVATE, PusherFault.STOPPED, "the actuator was told to end")
         if self._push is not None or (self._pusher.busy and self._pusher.mode is not Mode.DISCONNECTED):

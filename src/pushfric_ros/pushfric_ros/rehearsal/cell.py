@@ -29,7 +29,7 @@ def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":
     try:
         stage.wait(lambda: stage.along() > share * distance or run.poll() is not None, "the push of a cell")
     except NotRehearsed as error:
-        if stage.broken_out is not None or stage.broken is not None:
+        if stage.broken_out is not None or stage.line.broken is not None:
             raise
         raise EndedEarly(str(error)) from error
     if run.poll() is not None:

@@ -439,11 +439,6 @@ def looked_at(stage: GrblStage) -> None:
         raise Excess(f"the doctor found {check.finding!r}")
 
 
-def under_way(stage: Stage) -> None:
-    """Cause nothing: the push must end where it was sent, at its speed."""
-    stage.under_way()
-
-
 def no_more_enable(stage: Stage) -> float:
     """Withdraw the enable that an actuator has been told to need."""
     stage.end_actuator()
@@ -471,7 +466,7 @@ def too_much_force(stage: Stage) -> float:
 killed_actuator = signalled(signal.SIGKILL, client=False)
 
 CONTRACT: tuple[Fault[Stage], ...] = (
-    Fault("no fault", under_way),
+    Fault("no fault", lambda stage: stage.under_way()),
     Fault("kill -9 of the actuator", killed_actuator, check=waits_for_a_person),
     Fault("SIGSTOP of the actuator", signalled(signal.SIGSTOP, client=False), check=goes_on_and_moves_nothing),
     Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),

@@ -50,10 +50,6 @@ class GrblStage(Stage):
     def heal(self) -> None:
         self.line.heal()
 
-    @property
-    def broken(self) -> object:
-        return self.line.broken
-
     def _listen(self, data: bytes) -> None:
         """Take what the controller says; called in the line's thread."""
         *lines, self._rest = (self._rest + data).split(b"\n")

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
@@ -62,9 +62,6 @@ class Heard(NamedTuple):
     moves: bool
 
 
-S = TypeVar("S", bound="Stage")
-
-
 class Stage(contextlib.AbstractContextManager["Stage"]):
     """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `bring_back`.
 
@@ -90,7 +87,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self._changes: dict[str, Any] = {}  # of the actuator's settings, for one fault
         self._leaving = contextlib.ExitStack()
 
-    def __enter__(self: S) -> S:
+    def __enter__(self) -> Self:
         """Open the pusher, and check that it can be rehearsed with.
 
         Raises:
@@ -125,11 +122,6 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     def heal(self) -> None:
         """From now on, all between the actuator and the controller works."""
-
-    @property
-    def broken(self) -> object:
-        """Why no fault can be caused any more; None if all is well."""
-        return None
 
     def _check(self) -> None:
         given = self.given
