@@ -493,7 +493,8 @@ def test_a_reset_needs_the_enable_too(ros, controller, tmp_path):
     answer = cell.reset()
     assert (answer.success, answer.message) == (False, "the topic enable does not say true")
     out = cell._other.create_publisher(Bool, "enable", LATCHED)
-    cell._other.create_timer(0.05, lambda: out.publish(Bool(data=True)))
+    ros.wait_for(out.get_subscription_count, what="the actuator's subscription")
+    out.publish(Bool(data=True))
     ros.wait_for(lambda: cell.node._enabled > 0, what="enable")
     assert cell.reset().message == "unlocking"
     cell.wait_for_mode(PusherState.MODE_IDLE)
