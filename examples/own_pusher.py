@@ -1,36 +1,96 @@
-"""A pusher of your own: a simulated slide without a controller. Its position follows from the time alone.
+"""A pusher of your own: a slide, simulated by a process of its own, and its driver.
 
 A package registers `SlideConfig` as an entry point of the group pushfric.pushers, `slide = own_pusher:SlideConfig`; then a
-cell's file chooses it with `pusher: {driver: slide, backlash: 0.0002, ...}`. A real driver would talk to its controller here.
+cell's file chooses it with `pusher: {driver: slide, device: /tmp/slide, ...}`. The contract of docs/hardware.md is kept; see
 
-python3 examples/own_pusher.py
+python3 examples/own_pusher.py                  # moves the slide by 50 mm
+python3 examples/own_pusher.py /tmp/slide       # is the slide, until Ctrl-C, for
+pushfric rehearse --driver slide --set device=/tmp/slide --stroke 0.06
 """
 
+import contextlib
+import math
+import os
+import socket
+import sys
+import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherReport
-from pushfric_core.settings import check_ranges, setting
+from pushfric_core.pushers.pusher import (
+    Limits,
+    Mode,
+    NotConnected,
+    NotReady,
+    Pusher,
+    PusherConfig,
+    PusherReport,
+    Timeout,
+)
+from pushfric_core.settings import REQUIRED, check_ranges, setting
+
+DEAD_MAN = 0.2
+"""The slide stops this long after the last command [s], whatever happens to the computer."""
+
+
+class Slide(threading.Thread):
+    """What would be hardware: a datagram "target speed stamp" is a command, and the answer is "position speed stamp".
+
+    The target may be "stop", or empty to ask only. A command is good for DEAD_MAN; a driver that lives repeats it.
+    """
+
+    def __init__(self, path: str) -> None:
+        super().__init__(daemon=True)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(path)
+        self._position = self._target = 0.0  # [m]
+        self._speed = 1.0  # [m/s]
+        self._seen = self._until = time.monotonic()
+
+    def run(self) -> None:
+        while True:
+            command, sender = self._socket.recvfrom(200)
+            target, speed, stamp = command.decode().split(",")
+            self._go_on()
+            if target == "stop":
+                self._target = self._position
+            elif target:
+                self._target, self._speed, self._until = float(target), float(speed), self._seen + DEAD_MAN
+            moves = self._position != self._target and self._seen < self._until
+            speed_now = math.copysign(self._speed, self._target - self._position) if moves else 0.0
+            with contextlib.suppress(OSError):  # whoever asked may be gone
+                self._socket.sendto(f"{self._position!r},{speed_now!r},{stamp}".encode(), sender)
+
+    def _go_on(self) -> None:
+        now = time.monotonic()
+        way = self._target - self._position
+        gone = min(abs(way), self._speed * max(0.0, min(now, self._until) - self._seen))
+        self._position = self._target if gone == abs(way) else self._position + (gone if way > 0 else -gone)
+        self._seen = now
 
 
 @dataclass(frozen=True)
 class SlideConfig:
     """The settings of a slide in a cell's file, in addition to those of every pusher."""
 
+    device: str = setting(REQUIRED, "socket of the slide")
     backlash: float = setting(0.0, "play of the spindle [m]", 0.0, 0.01)
 
     def __post_init__(self) -> None:
         check_ranges(self)
 
     def open_pusher(self, config: PusherConfig) -> Pusher:
-        """The slide, not connected yet."""
-        return Slide(config.max_speed)
+        """The driver, not connected yet."""
+        return SlideDriver(self.device)
 
     def absence(self) -> str | None:
-        """None: a slide needs nothing else."""
-        return None
+        """Why there can be no slide; None if there may be one."""
+        return None if os.path.exists(self.device) else f"no slide at {self.device}"
 
     def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
         """What ./pushfric doctor says about the slide."""
@@ -38,71 +98,140 @@ class SlideConfig:
         yield Check("slide", level, f"{1e3 * self.backlash:g} mm of play in pushes of {1e3 * distance:g} mm")
 
 
-class Slide:
-    """Moves at constant speed from where it is to where it is sent."""
+class SlideDriver:
+    """Sends the same command at each poll: if the polls end, the slide stops by itself."""
 
-    name, place, doubt, dropped = "a slide", "here", None, 0
+    limits, dropped = Limits(max_speed=0.1), 0
 
-    def __init__(self, max_speed: float) -> None:
-        self.limits = Limits(max_speed=max_speed)
-        self._start = self._end = 0.0  # of the last motion [m]
-        self._speed, self._began = 1.0, 0.0
-        self._connected = False
-        self._asked: int | None = None
+    def __init__(self, device: str) -> None:
+        self.name, self.place, self.doubt = f"a slide at {device}", device, None  # type: str, str, str | None
+        self._device = device
+        self._socket: socket.socket | None = None
+        self._report: PusherReport | None = None  # the last one
+        self._command: tuple[float, float] | None = None  # target [m] and speed [m/s], while it is to move
+        self._moves = False  # as last reported
+        self._asked: int | None = None  # a stamp
+        self._heard = self._polled = 0.0  # [s]
 
     @property
     def mode(self) -> Mode:
-        if not self._connected:
+        if self._report is None:
             return Mode.DISCONNECTED
         return Mode.RUNNING if self.busy else Mode.IDLE
 
     @property
     def busy(self) -> bool:
-        return self._position() != self._end
+        return self._socket is not None and (self._report is None or self._command is not None or self._moves)
 
     def connect(self) -> None:
-        self._connected = True
+        try:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._socket.bind("")  # an address of its own
+            self._socket.setblocking(False)
+            self._socket.connect(self._device)
+        except OSError as error:
+            self._drop()
+            raise NotConnected(f"no slide at {self._device}: {error}") from error
+        self._heard = self._polled = time.monotonic()
+        self.doubt, self._moves = None, False
 
     def close(self) -> None:
-        self.stop()
-        self._connected = False
+        with contextlib.suppress(NotConnected, Timeout):
+            self.stop()
+            while self.busy:
+                self.poll(0)
+                time.sleep(0.005)
+        self._drop()
+
+    def _drop(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = self._report = self._command = None
 
     def recover(self) -> None:
-        """Do nothing: a slide has no alarms."""
+        """A slide has no alarms: a person says that it stands where it says."""
+        self.doubt = None
 
     def move_to(self, position: float, speed: float) -> None:
-        self._start, self._end, self._speed, self._began = self._position(), position, speed, time.monotonic()
+        if self.mode is not Mode.IDLE or self.doubt is not None:
+            raise NotReady(f"the slide is {self.mode.value}, {self.doubt or 'expected idle'}")
+        self._command, self._polled = (position, speed), time.monotonic()
 
     def stop(self) -> None:
-        self._start = self._end = self._position()
+        if self.busy and self._report is not None:
+            self._command, self._moves = None, True  # until an answer says that it rests
+            self._send("stop,,0")
 
     def ask(self, stamp: int) -> None:
         self._asked = stamp
 
     def poll(self, stamp: int | None = None) -> PusherReport | None:
-        asked, self._asked = self._asked if self._asked is not None else stamp, None
-        if asked is None:
-            return None
-        forward = self._speed if self._end > self._start else -self._speed
-        return PusherReport(self._position(), forward if self.busy else 0.0, self.mode, asked)
+        now, before = time.monotonic(), self._polled
+        self._polled = now
+        fresh = self._hear(now)
+        if self._command is not None and now - before > DEAD_MAN:
+            self.stop()
+            raise Timeout(f"this process stood still for {now - before:.2f} s")
+        if now - self._heard > DEAD_MAN:
+            self._drop()
+            raise NotConnected(f"the slide at {self._device} says nothing")
+        wanted = self._asked if self._asked is not None else stamp
+        command = "," if self._command is None else f"{self._command[0]!r},{self._command[1]!r}"
+        self._send(f"{command},{0 if wanted is None else wanted}")
+        self._asked = None
+        return fresh
 
-    def _position(self) -> float:
-        way, gone = self._end - self._start, self._speed * (time.monotonic() - self._began)
-        return self._end if gone >= abs(way) else self._start + (gone if way > 0 else -gone)
+    def _hear(self, now: float) -> PusherReport | None:
+        """Take all answers that have come; return the last one as a report."""
+        first, fresh = self._report is None, None
+        while self._socket is not None:
+            try:
+                position, speed, stamp = self._socket.recv(200).decode().split(",")
+            except BlockingIOError:
+                break
+            except OSError as error:
+                self._drop()
+                raise NotConnected(f"lost the slide at {self._device}: {error}") from error
+            self._heard, self._moves = now, float(speed) != 0.0
+            if first and self._moves:
+                self.doubt = "it moved when it was found"
+            if self._command is not None and float(position) == self._command[0]:
+                self._command = None
+            self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp))
+            self._report = fresh = self._report._replace(mode=self.mode)
+        return fresh
+
+    def _send(self, text: str) -> None:
+        try:
+            assert self._socket is not None
+            self._socket.send(text.encode())
+        except BlockingIOError:
+            pass  # it has enough to answer
+        except OSError as error:
+            self._drop()
+            raise NotConnected(f"lost the slide at {self._device}: {error}") from error
 
 
 def main() -> None:
-    slide = Slide(max_speed=0.1)
-    slide.connect()
-    slide.move_to(0.05, speed=0.1)
-    while slide.busy:
-        slide.ask(time.monotonic_ns())
-        report = slide.poll()
+    with tempfile.TemporaryDirectory() as folder:
+        Slide(f"{folder}/slide").start()
+        slide = SlideDriver(f"{folder}/slide")
+        slide.connect()
+        while slide.busy:
+            slide.poll()
+        slide.move_to(0.05, speed=0.1)
+        told, report = 0.0, None
+        while slide.busy:
+            report = slide.poll(time.monotonic_ns()) or report
+            if report is not None and slide.busy and time.monotonic() > told:
+                print(f"{report.mode.value} at {1e3 * report.position:.1f} mm, {1e3 * report.speed:.0f} mm/s")
+                told = time.monotonic() + 0.1
+            time.sleep(0.005)
         assert report is not None
-        print(f"{report.mode.value} at {1e3 * report.position:.1f} mm, {1e3 * report.speed:.0f} mm/s")
-        time.sleep(0.1)
-    print(f"{slide.mode.value} at {1e3 * slide._position():.1f} mm")
+        print(f"{slide.mode.value} at {1e3 * report.position:.1f} mm")
 
 
 if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        Slide(sys.argv[1]).run()
     main()

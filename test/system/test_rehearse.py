@@ -1,5 +1,8 @@
 """`./pushfric rehearse` on the simulated firmware: a sample of its table, and what it leaves behind."""
 
+import importlib
+import os
+import pathlib
 import signal
 import subprocess
 import sys
@@ -10,8 +13,9 @@ import pytest
 from pushfric_core.commands.json_option import STDOUT
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
-from pushfric_ros.rehearsal.faults import FAULTS
+from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS
 
+EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 PATIENT = 30.0  # silence, for a busy machine [s]
 QUICK = {
     "another program sets inches, increments and 200 % feed",
@@ -89,6 +93,65 @@ def started(controller: SimulatedGrbl, **options) -> subprocess.Popen:
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
     return process
+
+
+@pytest.fixture
+def slide(tmp_path, monkeypatch):
+    """The module of the example, installed as pip does, for this test and the actuators that it starts."""
+    info = tmp_path / "own_pusher-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own_pusher\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[pushfric.pushers]\nslide = own_pusher:SlideConfig\n")
+    for folder in (EXAMPLES, tmp_path):
+        monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), str(EXAMPLES), os.environ.get("PYTHONPATH", ""))))
+    importlib.invalidate_caches()
+    yield importlib.import_module("own_pusher")
+    sys.modules.pop("own_pusher", None)
+
+
+def rehearse_slide(device) -> None:
+    rehearse.rehearsal(driver="slide", settings=[f"device={device}"], stroke=0.03, speed=0.02, json=STDOUT)
+
+
+def test_the_contract_of_every_driver(slide, tmp_path, monkeypatch, capsys):
+    names = {
+        "no fault",
+        "kill -9 of the actuator",
+        "SIGSTOP of the actuator",
+        "the enable is withdrawn",
+        "the force is too great",
+    }
+    monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name in names))
+    slide.Slide(str(tmp_path / "device")).start()
+    rehearse_slide(tmp_path / "device")
+    assert capsys.readouterr().err.count("as it must be") == len(names)
+
+
+def test_a_driver_whose_device_goes_on_alone_does_not_pass(slide, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name == "kill -9 of the actuator"))
+    monkeypatch.setattr(slide, "DEAD_MAN", 30.0)  # of the device; the actuator's process has its own
+    slide.Slide(str(tmp_path / "device")).start()
+    with pytest.raises(SystemExit):
+        rehearse_slide(tmp_path / "device")
+    assert "kill -9 of the actuator: it went too far" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--driver", "crane"], "--driver must be an entry point of pushfric.pushers (grbl, slide), got 'crane'"),
+        (["--driver", "slide"], "--set: device must be given: socket of the slide"),
+        (["--driver", "slide", "--set", "colour=red"], "--set: expected any of device, backlash, got colour"),
+        (["--driver", "slide", "--set", "device"], "--set: expected NAME=VALUE, got device"),
+        (["--driver", "slide", "--set", "device=here", "--kills", 3], "--kills and --damage are for the driver grbl"),
+    ],
+)
+def test_a_driver_that_cannot_be_chosen_is_one_line(slide, arguments, error):
+    process = pushfric("--stroke", 0.06, *arguments)
+    _, err = process.communicate(timeout=120)
+    assert err.strip().splitlines()[-1] == f"error: {error}"
+    assert process.returncode == 2
 
 
 def test_a_plug_that_is_pulled_ends_the_rehearsal_with_a_line():

@@ -15,6 +15,7 @@ import pytest
 
 from pushfric_core.pushers.clock import suspended
 from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.grbl_states import Phase
 from pushfric_core.pushers.pusher import (
     Jumped,
     LeftTheWay,
@@ -278,6 +279,7 @@ def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, star
 CHILD = """
 import sys, time
 from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.grbl_states import Phase
 pusher = Grbl(sys.argv[1], silence=0.8)
 pusher.connect()
 while pusher.busy:
@@ -338,7 +340,7 @@ def test_a_controller_that_restarts_while_its_cable_is_cut_is_not_believed(stage
     stage.line.to_controller = stage.line.to_host = nothing
     with pytest.raises(Timeout):
         stage.drive(pusher, lambda: False)
-    stage.drive(pusher, lambda: pusher._resetting)
+    stage.drive(pusher, lambda: Phase.RESETTING in pusher._state)
     stage.controller.reset()
     time.sleep(0.2)  # its greeting is lost on the line
     stage.line.heal()
@@ -552,9 +554,9 @@ def test_the_first_work_offset_is_confirmed_by_its_parts(stage, wrong, often):
     stage.drive(pusher, lambda: not pusher.busy)
     assert pusher._last.position == 0.0
     if often:  # nothing moves while the two contradict each other
-        pusher.move_to(0.03, SPEED)
+        pusher.move_to(FAR, SPEED)
         stage.fails(pusher, Jumped, r"the work offset of .* is \(-?9\.000, 0\.000, 0\.000\) mm now, it was \(0\.000, 0\.000")
-        assert stage.rest() < 0.03
+        assert stage.rest() < FAR
         assert pusher.doubt is not None
 
 

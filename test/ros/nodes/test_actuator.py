@@ -28,6 +28,7 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.pushers.grbl_states import Phase
 from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import Mode, NotReady
@@ -336,7 +337,7 @@ def test_a_push_whose_owner_shows_no_sign_of_life_is_stopped(ros, controller, tm
     assert cell.comes_to_rest(controller) - begin < 0.5 * 0.004 + 0.001  # 0.3 s, and a busy machine
     cell.wait_for_mode(PusherState.MODE_IDLE)
     ros.wait_for(lambda: cell.faults[-1:] == ["owner"], what="the fault")
-    assert cell.node._goal is None
+    assert cell.node._push is None
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
@@ -457,7 +458,7 @@ def test_a_node_that_a_push_needs_may_have_much_to_do(ros, controller, tmp_path)
     handle = cell.halfway(controller)
     ros.take_out(estimator)  # nobody spins it now
     ros.wait_for(lambda: cell.node._life.node("estimator").stalled > 1.0, what="a long callback")
-    assert cell.node._goal is not None
+    assert cell.node._push is not None
     estimator.destroy_node()
     result = cell.result(handle).result
     assert re.fullmatch(MISSED.format("estimator", "requires_timeout is 0.5 s"), result.message)
@@ -473,6 +474,43 @@ def test_a_push_waits_for_a_node_that_is_heard_late(ros, controller, tmp_path):
     life = Heartbeat(ros.node("tracker", namespace=cell.node.get_namespace()))
     assert cell.result(handle).result.message.startswith("reached")
     life.end()
+
+
+def test_a_push_that_is_canceled_while_it_waits_never_moves(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", requires=["tracker"], requires_timeout=60.0).ready()
+    handle = cell.send(0.01)
+    ros.wait_for(handle.cancel_goal_async().done, what="the answer to the cancel")
+    result = cell.result(handle)
+    assert (result.status, result.result.outcome) == (GoalStatus.STATUS_CANCELED, Push.Result.OUTCOME_CANCELED)
+    assert (result.result.travelled, controller.position()) == (0.0, 0.0)
+    assert cell.states[-1].mode == PusherState.MODE_IDLE
+
+
+def test_a_reset_needs_the_enable_too(ros, controller, tmp_path):
+    cell = Cell(ros, tmp_path / "port", enable_timeout=60.0).ready()
+    controller.hit_limit()
+    cell.wait_for_mode(PusherState.MODE_ALARM)
+    answer = cell.reset()
+    assert (answer.success, answer.message) == (False, "the topic enable does not say true")
+    out = cell._other.create_publisher(Bool, "enable", LATCHED)
+    ros.wait_for(out.get_subscription_count, what="the actuator's subscription")
+    out.publish(Bool(data=True))
+    ros.wait_for(lambda: cell.node._enabled > 0, what="enable")
+    assert cell.reset().message == "unlocking"
+    cell.wait_for_mode(PusherState.MODE_IDLE)
+
+
+def test_a_pusher_that_was_stopped_before_its_activation_does_not_home(ros):
+    with SimulatedGrbl(time.monotonic, homing=True) as controller:
+        cell = Cell(ros, controller.port, home=True, autostart=False)
+        ros.wait_for(cell._change.service_is_ready, what="the services")
+        assert cell.change(Transition.TRANSITION_CONFIGURE)
+        assert cell._call(cell._stop, Trigger.Request()).success
+        ros.wait_for(lambda: cell.change(Transition.TRANSITION_ACTIVATE), what="the activation")
+        cell.wait_for_mode(PusherState.MODE_ALARM)
+        assert PusherState.MODE_HOMING not in {state.mode for state in cell.states}
+        assert cell.reset().message == "homing"
+        cell.wait_for_mode(PusherState.MODE_IDLE)
 
 
 def test_a_force_beyond_the_limit_stops_until_a_person_says_so(ros, controller, tmp_path):
@@ -529,8 +567,8 @@ def test_a_reset_that_is_asked_for_again_and_again_ends(ros, controller, tmp_pat
     cell.wait_for_mode(PusherState.MODE_ALARM)
     ros.wait_for(lambda: not cell.node._pusher.busy, what="the end of the stop")
     begun = []
-    recover = cell.node._recover
-    cell.node._recover = lambda: (begun.append(1), recover())
+    recover = cell.node._pusher.recover
+    cell.node._pusher.recover = lambda: (begun.append(1), recover())
     with controller._lock:  # it does not answer yet
         for _ in range(4):
             assert cell.reset().message == "unlocking"
@@ -818,7 +856,7 @@ def test_after_a_power_cut_while_a_canceled_push_stops_nothing_moves(ros, contro
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     handle.cancel_goal_async()
-    ros.wait_for(lambda: cell.node._pusher._halting, what="the stop")
+    ros.wait_for(lambda: Phase.BRAKING in cell.node._pusher._state, what="the stop")
     controller.reset()
     assert cell.result(handle).result.outcome == Push.Result.OUTCOME_ABORTED
     cell.refuses(controller, capfd, UNVOUCHED)

@@ -8,15 +8,9 @@ judged by the positions that it reports. If this process dies, hangs or loses th
 time. Each jog states all of its modes (G21 G90), so no modal state is relied on. No feed override changes a jog, and a feed
 hold cancels it. Flow control is send-and-wait: a line is sent only after the controller has answered the last one.
 
-    DISCONNECTED --connect(), ?, $I, $$--> IDLE, or ALARM; a moving pusher is held
-    IDLE, HOLD, ALARM --recover(): soft reset, $H where homing is configured, else $X--> HOMING --> IDLE
-    IDLE --move_to()--> RUNNING --target reached--> IDLE
-    RUNNING, HOMING --stop(): feed hold, rest, soft reset--> HOLD --> IDLE; ALARM if this cost the controller its position
-    any --ALARM:n--> ALARM --recover()--> as above
-    any --port gone, silence, restart of the controller--> DISCONNECTED
-
-If anything goes wrong, `poll()` first tells the pusher to stop and then raises the error. Connecting, for the first time or
-again, never moves the pusher and never ends an alarm: both wait for `recover()`.
+`grbl_states.GRBL` is the table of its states: each phase is a script of commands and answers, and what happens decides which
+one comes next. If anything goes wrong, `poll()` first tells the pusher to stop and then raises the error. Connecting, for the
+first time or again, never moves the pusher and never ends an alarm: both wait for `recover()`.
 """
 
 import contextlib
@@ -46,7 +40,9 @@ from pushfric_core.pushers.grbl_protocol import (
     work_offset_of,
 )
 from pushfric_core.pushers.grbl_settings import AXES, GrblSettings, check_axis
+from pushfric_core.pushers.grbl_states import AT_FIRST, GRBL, STOPPING, Action, Event, Phase, Role, Status, Trust
 from pushfric_core.pushers.identity import identity_of
+from pushfric_core.pushers.push_states import Homing
 from pushfric_core.pushers.pusher import (
     Jumped,
     LeftTheWay,
@@ -62,6 +58,7 @@ from pushfric_core.pushers.pusher import (
     TooFast,
 )
 from pushfric_core.pushers.serial_port import open_port, write_all
+from pushfric_core.pushers.state_table import step
 from pushfric_core.pushers.stroke import Plausibility, Stroke
 
 if TYPE_CHECKING:
@@ -134,8 +131,11 @@ class Grbl:
             ValueError: axis is not one of these.
         """
         check_axis(axis)
-        self._path, self._baud, self._home, self._greeting_timeout = port, baud, home, greeting_timeout
-        self._ahead, self._silence, self._factor, self._only_look = ahead, silence, real_time_factor, only_look
+        self._path, self._baud, self._greeting_timeout = port, baud, greeting_timeout
+        self._ahead, self._silence, self._factor = ahead, silence, real_time_factor
+        self._role = Role.LOOKS if only_look else Role.DRIVES
+        self._homing = Homing.HOMES if home else Homing.UNLOCKS
+        self._state = AT_FIRST
         self._patience = max(SILENCE, silence)  # at rest
         self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
         self._index = AXES.index(self._letter)
@@ -148,12 +148,11 @@ class Grbl:
     def _forget(self) -> None:
         """Forget all about the controller: nothing is known of it until it has answered."""
         self._buffer = b""
-        self._script: Script | None = None
-        self._connected = self._homing = self._moving = self._halting = self._resetting = self._greeted = False
-        self._recovery_due = False  # once a stop under way is over
+        self._script: Script | None = None  # of the phase
+        self._greetings = 0
         self._owed = 0  # greetings, for resets that were sent
         self._stroke: Stroke | None = None  # until its end, or the end of the stop that broke it off
-        self._doubt: str | None = None
+        self._doubt = ""  # why the position is in doubt, if it is
         self._polled: float | None = None  # when poll() was last called
         self._now_stamp: int | None = None
         self._asked_last = 0.0  # when the question behind the newest report was sent
@@ -184,20 +183,65 @@ class Grbl:
         self._version = ""
         self._trouble: PusherError | None = None
 
+    # The state
+
+    def _on(self, event: Event) -> bool:
+        """Do what the table says of an event. False: it says nothing, so the event is refused. Raises NotConnected."""
+        status = {Mode.IDLE: Status.IDLE, Mode.ALARM: Status.ALARM}.get(self._reported, Status.OTHER)
+        following = step(GRBL, self._state, event, {status, self._role, self._homing})
+        if following is None:
+            return False
+        before, self._state = self._state, following.state
+        if Action.HOLD in following.actions:
+            self.send(RealTime.HOLD)
+        if any(isinstance(member, Phase) for member in self._state - before):
+            self._begin()
+        return True
+
+    def _begin(self) -> None:
+        """Begin the script of the phase, if it has one."""
+        if self._script is not None:
+            self._script.close()
+        scripts = {
+            Phase.CONNECTING: self._connecting,
+            Phase.STREAMING: self._streaming,
+            Phase.BRAKING: self._resting,
+            Phase.RESETTING: self._reset,
+            Phase.RECOVERING: self._reset,
+            Phase.HOMING: self._seek_home,
+            Phase.UNLOCKING: self._unlock,
+        }
+        self._script = next((script() for phase, script in scripts.items() if phase in self._state), None)
+        if self._script is None:
+            self._stroke = None
+
+    def _suspect(self, why: str) -> None:
+        """From now on, the position is in doubt."""
+        self._doubt = why
+        self._on(Event.DOUBT)
+
+    @property
+    def _connected(self) -> bool:
+        return self._state.isdisjoint({Phase.CLOSED, Phase.CONNECTING})
+
+    @property
+    def _reported(self) -> Mode:
+        """The mode of the last report."""
+        return Mode.DISCONNECTED if self._status is None else STATE_MODES.get(self._status.state, Mode.HOLD)
+
     @property
     def mode(self) -> Mode:
         if not self._connected or self._status is None:
             return Mode.DISCONNECTED
-        if self._homing:
+        if Phase.HOMING in self._state:
             return Mode.HOMING
-        mode = STATE_MODES.get(self._status.state, Mode.HOLD)
-        if mode is Mode.IDLE and self.busy:  # idle means ready for a motion
-            return Mode.RUNNING if self._moving else Mode.HOLD
-        return mode
+        if self._reported is Mode.IDLE and self.busy:  # idle means ready for a motion
+            return Mode.RUNNING if Phase.STREAMING in self._state else Mode.HOLD
+        return self._reported
 
     @property
     def busy(self) -> bool:
-        return self._script is not None or self._recovery_due
+        return self._script is not None
 
     @property
     def name(self) -> str:
@@ -209,7 +253,7 @@ class Grbl:
 
     @property
     def doubt(self) -> str | None:
-        return self._doubt
+        return self._doubt if Trust.DOUBTED in self._state else None
 
     @property
     def dropped(self) -> int:
@@ -245,7 +289,7 @@ class Grbl:
             self._port = open_port(self._path, self._baud)
         except OSError as error:
             raise NotConnected(f"cannot open {self._path}: {error}") from error
-        self._script = self._connecting()
+        self._on(Event.CONNECT)
 
     def close(self) -> None:
         deadline = clock() + CLOSE_TIMEOUT
@@ -261,44 +305,35 @@ class Grbl:
     def recover(self) -> None:
         if not self._connected:
             raise NotConnected(f"no controller is connected at {self._path}")
-        if self._moving or self._homing:
+        if not self._on(Event.RECOVER):
             raise NotReady(f"the pusher's mode is {self.mode.value}, expected a pusher at rest")
-        self._recovery_due = True
 
     def move_to(self, position: float, speed: float) -> None:
         """See Pusher. Raises ValueError if the speed is not positive."""
         if not speed > 0:
             raise ValueError(f"speed must be positive, got {speed}")
-        if self.mode is not Mode.IDLE:
-            raise NotReady(f"the pusher's mode is {self.mode.value}, expected idle")
-        if self._doubt is not None:
-            raise NotReady(f"where the pusher stands is not known until it is recovered: {self._doubt}")
-        latency = statistics.median(self._latencies or [0.0])
-        if latency > self._silence:
+        mode, latency = self.mode, statistics.median(self._latencies or [0.0])
+        if mode is Mode.IDLE and latency > self._silence:
             raise NotReady(f"the controller at {self._path} answers after {latency:.2f} s; silence is {self._silence:g} s")
-        self._moving = True
-        self._script = self._streaming(position, speed, latency)
+        if not self._on(Event.MOVE):
+            if mode is not Mode.IDLE:
+                raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
+            raise NotReady(f"where the pusher stands is not known until it is recovered: {self.doubt}")
+        assert self._last is not None
+        # a longer silence is allowed on a busy machine, to each piece
+        ahead, wait = self._ahead * self._factor, max(0.0, self._silence - GrblSettings.silence)
+        acceleration, latency = self.limits.acceleration, latency * self._factor
+        self._stroke = Stroke(self._last.position, position, speed, acceleration, ahead, wait, latency)
 
     def stop(self) -> None:
-        self._recovery_due = False
-        if not self._connected or self._halting or self._only_look:
-            return
-        self.send(RealTime.HOLD)
-        # while it homes, the controller ignores a feed hold; after some alarms it ignores all but the reset
-        at_once = self._homing or self.mode is Mode.ALARM
-        if self._script is not None:
-            self._script.close()
-        self._moving = False
-        # if this fails, it stays set: all that is left then is to leave the port
-        self._halting = True
-        self._script = self._stopping(at_once)
+        self._on(Event.STOP)
 
     def send(self, command: RealTime) -> None:
         """Send a real-time command. Raises NotConnected."""
         self._write(command.value)
 
     def ask(self, stamp: int) -> None:
-        if self._connected and not self._homing:
+        if self._connected and Phase.HOMING not in self._state:
             self._ask(stamp)
 
     def poll(self, stamp: int | None = None) -> PusherReport | None:
@@ -311,7 +346,7 @@ class Grbl:
             if self._connected and (slept := suspended() - self._slept) > SLEPT:
                 self._slept += slept
                 raise Suspended(f"this computer was suspended for {slept:.1f} s")
-            if self._moving and before is not None and self._polled - before > self._silence:
+            if Phase.STREAMING in self._state and before is not None and self._polled - before > self._silence:
                 stood = f"{self._polled - before:.2f} s; silence is {self._silence:g} s"
                 raise Timeout(f"this process stood still for {stood}")
             self._judge()
@@ -321,8 +356,8 @@ class Grbl:
             raise
         except PusherError as error:
             if isinstance(error, Jumped | LeftTheWay | TooFast | Suspended):
-                self._doubt = str(error)
-            if self._connected and not self._halting:
+                self._suspect(str(error))
+            if self._connected and STOPPING.isdisjoint(self._state):
                 self.stop()
                 raise
             lost = NotConnected(f"{self.name}: {error}")
@@ -377,7 +412,8 @@ class Grbl:
             self._modes = modes[1]
 
     def _take_greeting(self, version: str) -> None:
-        self._greeted, self._version = True, self._version or f"Grbl {version}"  # $I says more than the greeting
+        self._greetings += 1
+        self._version = self._version or f"Grbl {version}"  # $I says more than the greeting
         self._pending, self._answer = None, WIPED if self._pending is not None else self._answer
         if self._owed:
             self._owed -= 1
@@ -415,7 +451,7 @@ class Grbl:
             self._latencies.append(now - self._silent_since)
         self._stamp = self._asked = self._silent_since = None
         self._status, self._statuses, self._place, self._asked_last = status, self._statuses + 1, place, asked
-        if status.overrides and status.overrides[0] != 100 and self._moving:
+        if status.overrides and status.overrides[0] != 100 and Phase.STREAMING in self._state:
             self.send(RealTime.FULL_FEED)
         if report is not None:
             self._fresh = self._last = report._replace(mode=self.mode)
@@ -433,7 +469,7 @@ class Grbl:
     def _others_are_still(self, place: tuple[float, ...]) -> bool:
         """Whether the other axes are where they were; two reports in a row that they are not are the end of any motion."""
         still = self._still
-        if still is None or self._homing or self._only_look:
+        if still is None or Phase.HOMING in self._state or self._role is Role.LOOKS:
             return True
         if len(place) != len(still):
             self._damaged += 1
@@ -453,7 +489,7 @@ class Grbl:
         return False
 
     def _can_be_true(self, position: float, status: StatusReport, asked: float, now: float) -> bool:
-        if self._homing:  # positions start again
+        if Phase.HOMING in self._state:  # positions start again
             self._plausibility.forget()
         greatest = self.limits.max_speed
         limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
@@ -497,14 +533,14 @@ class Grbl:
     def _judge(self) -> None:
         """Raise what the lines just read mean for the connection; during a reset, alarms and greetings are expected."""
         trouble, self._trouble = self._trouble, None
-        if not self._connected or self._resetting:
+        if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:
             return
-        if trouble is not None and not (self._halting and isinstance(trouble, Alarm)):
+        if trouble is not None and not (Phase.BRAKING in self._state and isinstance(trouble, Alarm)):
             raise trouble
-        if self._halting or self._homing or self._silent_since is None:
+        if self._state & {Phase.BRAKING, Phase.HOMING} or self._silent_since is None:
             return
         silent = clock() - self._silent_since
-        if self._moving and silent > self._silence:
+        if Phase.STREAMING in self._state and silent > self._silence:
             what = f"said nothing for {silent:.2f} s in mid-stroke; silence is {self._silence:g} s"
             raise Timeout(f"the controller at {self._path} {what}")
         if silent > self._patience:
@@ -513,20 +549,20 @@ class Grbl:
             )
 
     def _step(self) -> None:
-        if self._script is None and self._recovery_due:
-            self._script, self._recovery_due = self._recovering(), False
-        if self._script is not None and next(self._script, FINISHED) is FINISHED:
-            self._script, self._moving, self._stroke = None, False, None
+        while self._script is not None and next(self._script, FINISHED) is FINISHED:
+            self._on(Event.DONE)
 
     @property
     def _in_motion(self) -> bool:
         """Whether it may be moving now or later."""
-        return not self._only_look and self._connected and (self.busy or self.mode not in (Mode.IDLE, Mode.ALARM))
+        rests = self.mode in (Mode.IDLE, Mode.ALARM) and not self.busy
+        return self._role is Role.DRIVES and self._connected and not rests
 
     def _drop(self) -> None:
         """Leave the port; tell a pusher that may be moving to stop, although nobody can wait for it any more."""
-        port, in_motion, homing = self._port, self._in_motion, self._homing
+        port, in_motion, homing = self._port, self._in_motion, Phase.HOMING in self._state
         self._forget()
+        self._on(Event.LOST)
         self._port = None
         if port is None:
             return
@@ -537,7 +573,8 @@ class Grbl:
 
     def _ask(self, stamp: int | None) -> None:
         now = clock()
-        if self._asked is not None and now - self._asked < (ASK_AGAIN_MOVING if self._moving else ASK_AGAIN):
+        again = ASK_AGAIN_MOVING if Phase.STREAMING in self._state else ASK_AGAIN
+        if self._asked is not None and now - self._asked < again:
             return
         self.send(RealTime.ASK)
         self._stamp, self._asked, self._last_ask = stamp, now, now
@@ -549,8 +586,7 @@ class Grbl:
         yield from self._hear()
         status = yield from self._come_to_rest()
         if status.state not in ("Idle", "Alarm"):
-            if self._only_look:
-                self._connected = True
+            if self._role is Role.LOOKS:
                 return
             yield from self._reset()  # nothing moves any more, and only now are lines read
         yield from self._command("$I")
@@ -561,23 +597,22 @@ class Grbl:
         yield from self._ask_for_offset()
         self._plausibility.forget()  # now that the unit of reports is known
         yield from self._find_place()
-        self._connected = True
 
     def _hear(self) -> Script:
         """Wait for the greeting of a board that boots when its port is opened, or the answer of one that runs already."""
         deadline = clock() + self._greeting_timeout
-        while not self._greeted and not self._statuses:
+        while not self._greetings and not self._statuses:
             if clock() > deadline:
-                if self._only_look:
+                if self._role is Role.LOOKS:
                     raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud")
                 break
             self._ask(None)
             yield
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
-        if not self._greeted and not self._statuses:
+        if not self._greetings and not self._statuses:
             # after a limit, and while it homes, GRBL ignores everything but a reset
-            self._doubt = "it answered only after a reset"
+            self._suspect("it answered only after a reset")
             self.send(RealTime.HOLD)
             try:
                 yield from self._reset()
@@ -595,8 +630,8 @@ class Grbl:
                 if again.state == status.state == "Alarm" or (same and not _moves(again)):
                     return again
                 status = again
-            self._doubt = "it moved when it was found"
-            if self._only_look:
+            self._suspect("it moved when it was found")
+            if self._role is Role.LOOKS:
                 return status
             self.send(RealTime.HOLD)
             status = yield from self._report()
@@ -633,7 +668,7 @@ class Grbl:
             raise NotConnected(f"{self.name}: its offsets ($#) came {ASKED_FOR_TWO_ALIKE} times, each time different")
         if known is not None and offset is not None and not _agree(offset, known, self._unit):
             was, now = (_shown(one, self._unit) for one in (known, offset))
-            self._doubt = f"a reset changed its work offset from ({was}) mm to ({now}) mm"
+            self._suspect(f"a reset changed its work offset from ({was}) mm to ({now}) mm")
             self._plausibility.forget()
         self._offset, self._claimed_offset = offset or known, None
 
@@ -663,36 +698,23 @@ class Grbl:
                 expected = "a positive number" if number in must_be_positive else "0 or more"
                 raise NotConnected(f"{self.name} is set to ${number}={shown}, expected {expected}")
 
-    def _recovering(self) -> Script:
-        self._still = None
-        yield from self._reset()  # some alarms need it
-        yield from self._seek_home() if self._home else self._unlock()
-        self._doubt = None
-
     def _unlock(self) -> Script:
         if self.mode is Mode.ALARM:
             yield from self._command("$X")
         yield from self._find_place()
 
     def _seek_home(self) -> Script:
-        self._homing = True
-        try:
-            yield from self._command("$H", HOMING_TIMEOUT)
-            yield from self._find_place()
-        finally:
-            self._homing = False
+        yield from self._command("$H", HOMING_TIMEOUT)
+        yield from self._find_place()
         if self._last is not None:
             self._zero += self._sign * self._last.position / MM
         self._plausibility.forget()
 
-    def _streaming(self, position: float, speed: float, latency: float) -> Script:
+    def _streaming(self) -> Script:
         """Send the pieces of a stroke, as there is room for them, until the pusher rests at its end."""
         assert self._last is not None
-        acceleration = self.limits.acceleration
-        # a longer silence is allowed on a busy machine, to each piece
-        ahead, wait = self._ahead * self._factor, max(0.0, self._silence - GrblSettings.silence)
-        start, latency = self._last.position, latency * self._factor
-        self._stroke = stroke = Stroke(start, position, speed, acceleration, ahead, wait, latency)
+        assert self._stroke is not None
+        stroke = self._stroke
         self.send(RealTime.FULL_FEED)
         self._answer, began, waits = None, clock(), False
         idle, seen, believed, patience = 0, self._statuses, self._believed, NOT_IDLE_OFTEN
@@ -713,7 +735,7 @@ class Grbl:
             stroke.check_time(now - began)
             waits = waits and (self._status is None or self._status.state != "Idle" or self._statuses == seen)
             if self._pending is None and not waits and (end := stroke.next_piece(self._last.position)) is not None:
-                self._send_line(self._jog(end, speed))
+                self._send_line(self._jog(end, stroke.speed))
                 idle, seen = 0, self._statuses
             elif self._pending is None and self._statuses > seen:
                 seen = self._statuses
@@ -722,7 +744,7 @@ class Grbl:
                     raise Alarm(self._status.substate)
                 # right after its `ok` a controller may still report that it idles where it was
                 idle = idle + 1 if self._status.state == "Idle" else 0
-                if idle and stroke.all_sent and abs(self._last.position - position) <= self._resolution:
+                if idle and stroke.all_sent and abs(self._last.position - stroke.target) <= self._resolution:
                     return
                 if idle >= IDLE_REPORTS:
                     rests = f"the pusher rests at {self._last.position:.4f} m"
@@ -741,37 +763,29 @@ class Grbl:
         """How near the controller gets to a target [m]: a motor step, or the last digit of a report in inches."""
         return max(0.02, 1 / self._axis_setting(100)) * MM
 
-    def _stopping(self, at_once: bool) -> Script:
-        if not at_once:
-            yield from self._resting()
-        yield from self._reset()
-        self._halting = False
-
     def _reset(self) -> Script:
         """Raises Timeout if the controller does not answer afterwards."""
-        self._resetting = True
-        try:
-            # for half a second, while it reports its alarm, GRBL drops a reset
-            dropped = self._status is not None and self._status.state == "Alarm"
-            self._greeted = False
-            self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
-            self._send_reset()
-            again, deadline = clock() + RESET_AGAIN, clock() + RESET_PATIENCE
-            while not self._greeted and clock() < deadline:
-                if dropped and clock() > again:
-                    self._send_reset()
-                    dropped = False
-                yield
-            if not self._greeted:  # whatever it reports then, it may have restarted unheard
-                raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
-            settled = clock() + RESET_AGAIN
-            while self._owed and clock() < settled:  # a second reset would wipe out what is sent now
-                yield
-            if self._offset is not None:  # a reset ends shifts (G92) and may choose another coordinate system
-                yield from self._ask_for_offset()
-            yield from self._report()
-        finally:
-            self._resetting = False
+        if Phase.RECOVERING in self._state:
+            self._still = None
+        # for half a second, while it reports its alarm, GRBL drops a reset
+        dropped = self._status is not None and self._status.state == "Alarm"
+        before = self._greetings
+        self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
+        self._send_reset()
+        again, deadline = clock() + RESET_AGAIN, clock() + RESET_PATIENCE
+        while self._greetings == before and clock() < deadline:
+            if dropped and clock() > again:
+                self._send_reset()
+                dropped = False
+            yield
+        if self._greetings == before:  # whatever it reports then, it may have restarted unheard
+            raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
+        settled = clock() + RESET_AGAIN
+        while self._owed and clock() < settled:  # a second reset would wipe out what is sent now
+            yield
+        if self._offset is not None:  # a reset ends shifts (G92) and may choose another coordinate system
+            yield from self._ask_for_offset()
+        yield from self._report()
 
     def _send_reset(self) -> None:
         self.send(RealTime.RESET)

@@ -1,12 +1,15 @@
 """The command `rehearse`."""
 
 import sys
+from collections.abc import Iterator
 from typing import Annotated
 
 import typer
+import yaml
 from rich.console import Console
 from rich.table import Table
 
+from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
 from pushfric_core.commands.console import console, warn
@@ -17,7 +20,9 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import check_within
 from pushfric_core.pushers.grbl_settings import GrblSettings
 from pushfric_core.report.report import to_json
-from pushfric_ros.rehearsal.faults import FAULTS, Outcome, rehearse
+from pushfric_core.settings import read
+from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS, Outcome, rehearse
+from pushfric_ros.rehearsal.grbl_stage import GrblStage
 from pushfric_ros.rehearsal.random_faults import KINDS, damages
 from pushfric_ros.rehearsal.random_faults import kills as killed
 from pushfric_ros.rehearsal.stage import Rehearsed, Stage
@@ -27,7 +32,7 @@ app = Application()
 
 @app.command("rehearse")
 def rehearsal(
-    port: Annotated[str, typer.Option(help="Serial port of the GRBL controller.", show_default=False)],
+    port: Annotated[str, typer.Option(help="Serial port of the GRBL controller.", show_default=False)] = "",
     stroke: Annotated[
         float | None,
         typer.Option(
@@ -40,6 +45,10 @@ def rehearsal(
     axis: Annotated[str, typer.Option(help="Axis of the controller; -X: the stroke goes to negative coordinates.")] = "X",
     baud: Annotated[int, typer.Option(help="Speed of the port [bit/s].", min=300, max=4_000_000)] = 115200,
     silence: Annotated[float, option(GrblSettings, "silence")] = GrblSettings.silence,
+    driver: Annotated[str, typer.Option(help="What drives the pusher; --set gives the settings of any but grbl.")] = "grbl",
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A setting of the driver; may be repeated.")
+    ] = None,
     kills: Annotated[
         int, typer.Option(help="Instead: kill -9 the host's processes this many times, at random moments.", min=0, max=100_000)
     ] = 0,
@@ -55,15 +64,24 @@ def rehearsal(
     between where it stands and the end of the stroke that you allow. At the end it is back there, and the controller has its
     old settings.
 
-    A faulty line stands between the actuator and the controller: it loses, changes and delays bytes. Everything is measured by
-    what the controller itself reports. Ctrl-C stops the pusher where it is.
+    Between the actuator and a GRBL controller stands a faulty line: it loses, changes and delays bytes, and everything is
+    measured by what the controller itself reports. Any other driver is rehearsed without such a line, by what the actuator
+    publishes: docs/hardware.md has the contract. Ctrl-C stops the pusher where it is.
 
     Exit code 1: a fault did not end as it must.
     """
+    kind, prefix = (GrblStage, "--") if driver == "grbl" else (Stage, "--set: ")
     try:
-        GrblSettings(port=port, baud=baud, axis=axis, silence=silence)
+        chosen = plugin(PUSHERS, driver)
     except ValueError as error:
         raise InvalidInput(f"--{error}") from error
+    own = {"port": port, "baud": baud, "axis": axis, "silence": silence}
+    try:
+        (chosen,) = read(own if kind is GrblStage else _assigned(settings or []), chosen)
+    except ValueError as error:
+        raise InvalidInput(f"{prefix}{error}") from error
+    if kind is Stage and (kills or damage):
+        raise InvalidInput("--kills and --damage are for the driver grbl")
     if kills and damage:
         raise InvalidInput("--kills and --damage are two campaigns: give one of them")
     if stroke is None:
@@ -75,12 +93,11 @@ def rehearsal(
         except ValueError as error:
             raise InvalidInput(str(error)) from error
     outcomes: list[Outcome] = []
-    with Stage(Rehearsed(port, baud, axis, stroke, speed, silence), warn) as stage:
+    with kind(Rehearsed(chosen, driver, stroke, speed), warn) as stage:
         console.print(
             f"strokes of {1e3 * stage.reach:.1f} mm at {1e3 * speed:g} mm/s; Ctrl-C stops the pusher", highlight=False
         )
-        faults = killed(kills, seed) if kills else damages(damage, seed) if damage else FAULTS
-        for outcome in rehearse(stage, faults):
+        for outcome in _outcomes(stage, kills, damage, seed):
             outcomes.append(outcome)
             console.print(line(outcome), highlight=False, markup=False)
         changed = stage.bring_back()
@@ -93,12 +110,24 @@ def rehearsal(
         sys.exit(1)
 
 
+def _assigned(settings: list[str]) -> dict[str, object]:
+    """Raises ValueError if a setting has no value."""
+    if lacking := [text for text in settings if "=" not in text]:
+        raise ValueError(f"expected NAME=VALUE, got {lacking[0]}")
+    return {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in settings)}
+
+
+def _outcomes(stage: Stage, kills: int, damage: int, seed: int) -> Iterator[Outcome]:
+    if not isinstance(stage, GrblStage):
+        return rehearse(stage, CONTRACT)
+    return rehearse(stage, killed(kills, seed) if kills else damages(damage, seed) if damage else FAULTS)
+
+
 def line(outcome: Outcome) -> str:
     """The result of a fault, as a line of text."""
     result = outcome.problem or "as it must be"
-    if outcome.travelled is None or outcome.seconds is None:
-        return f"{outcome.fault}: {result}"
-    return f"{outcome.fault}: {result}, {1e3 * outcome.travelled:.2f} mm in {outcome.seconds:.2f} s"
+    way = "" if outcome.travelled is None else f", {1e3 * outcome.travelled:.2f} mm"
+    return f"{outcome.fault}: {result}{way}" + ("" if outcome.seconds is None else f" in {outcome.seconds:.2f} s")
 
 
 def table(outcomes: list[Outcome]) -> Table:

@@ -4,7 +4,7 @@ import contextlib
 import os
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy
@@ -82,6 +82,17 @@ class Person(contextlib.AbstractContextManager["Person"]):
         with contextlib.suppress(NoAnswer):
             self._wait(out.get_subscription_count, "nobody listens to the topic stop")
             out.publish(Empty())
+
+    @contextlib.contextmanager
+    def repeating(self, topic: str, message: Any, qos: Any) -> Iterator[None]:
+        """Publish a message again and again, while this person waits for anything."""
+        out = self._node.create_publisher(type(message), topic, qos)
+        timer = self._node.create_timer(0.05, lambda: out.publish(message))
+        try:
+            yield
+        finally:
+            self._node.destroy_timer(timer)
+            self._node.destroy_publisher(out)
 
     def call(self, service: str) -> str:
         """What a Trigger service answers.

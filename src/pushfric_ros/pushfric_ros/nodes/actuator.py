@@ -4,10 +4,14 @@
 
 Unconfigured, the node does not touch the port. Inactive, it connects to the controller, and again whenever the connection is
 lost, but moves nothing. Active, it accepts goals. It takes the first two steps by itself unless `autostart` is false.
+
+What it may do, and what follows each event, stands in the table `push_states.ACTUATOR`.
 """
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
 from geometry_msgs.msg import Point, Vector3, WrenchStamped
@@ -27,6 +31,23 @@ from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
+from pushfric_core.pushers.push_states import (
+    ACTUATOR,
+    READY,
+    UNDER_WAY,
+    Action,
+    Controller,
+    Enable,
+    Event,
+    Hold,
+    Homing,
+    Life,
+    Needs,
+    Position,
+    Task,
+    Way,
+    at_first,
+)
 from pushfric_core.pushers.pusher import (
     Mode,
     NotConnected,
@@ -37,6 +58,7 @@ from pushfric_core.pushers.pusher import (
     PusherFault,
     PusherReport,
 )
+from pushfric_core.pushers.state_table import step
 from pushfric_core.pushers.stroke import unevenness
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
@@ -65,6 +87,19 @@ REMEDIES = {
 """What a person does about it; the key says whether the cell homes."""
 
 
+@dataclass
+class UnderWay:
+    """A push, from its acceptance until its client has been told how it ended."""
+
+    goal: ServerGoalHandle
+    accepted: float  # when [s]
+    start: float  # of the stroke [m]
+    end: Future  # its result, but for the outcome
+    course: list[PusherReport] = field(default_factory=list)  # reports of the stroke
+    travelled: float | None = None  # once the way back has begun [m]
+    why: str | None = None  # it was ended before its time
+
+
 class ActuatorNode(LifecycleNode):
     """Serves `push`, one goal at a time, while it knows where the pusher stands.
 
@@ -82,8 +117,8 @@ class ActuatorNode(LifecycleNode):
         except ValueError as error:
             raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
         self._line = pushing_line(config.line_origin, config.line_direction, config.tip_radius)
-        self._configured = self._active = self._recovering = False
-        self._located = not config.home  # whether the pusher stands where the controller says it does
+        self._state = at_first(config.home)
+        self._needs = Needs.MISSING  # as last checked
         self._start_due = config.autostart
         self._report = PusherReport(0.0, 0.0, Mode.DISCONNECTED, None)  # the last one
         self._problem: PusherError | None = None
@@ -91,24 +126,15 @@ class ActuatorNode(LifecycleNode):
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
         self._quiet_until = math.inf  # set when time has begun
         self._told: str | None = None  # the last problem logged
-        self._unsure = False  # the position is unknown, and only a person can say so
         self._fault = PusherFault.NONE
-        self._stopped: str | None = None  # why nothing moves until a reset, although the position is known
-        self._ending = False
+        self._held = ""  # why nothing moves until a reset, if it is held
         self._enabled = self._forced = -math.inf  # when enable was last true, and a force measured; in wall time [s]
         self._memory: PositionMemory | None = None  # of the pusher that is connected, or was last
-        self._goal: ServerGoalHandle | None = None
-        self._may_go: Future | None = None  # until the goal's owner and the required nodes have shown a sign of life
-        self._revoked: str | None = None  # why the goal may not go on
-        self._push_id = PusherState.NO_PUSH
-        self._start: float | None = None  # where the stroke that the goal asks for began, while it is under way
-        self._travelled = 0.0  # of the stroke
-        self._course: list[PusherReport] = []  # reports of the stroke
-        self._arrival: Future | None = None
+        self._push: UnderWay | None = None  # until its client is told
         self._diagnostics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
         self._told_fault: PusherFault | None = None
-        self._guarded, self._gap = clock(), 0.0  # when the conditions of a push were last checked; how long before that
+        self._polled, self._gap = clock(), 0.0  # when the pusher was last polled; how long before that
         self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)
         callbacks = {"goal_callback": self._on_goal, "cancel_callback": self._on_cancel}
         self._server = ActionServer(self, Push, "push", self._execute, handle_accepted_callback=self._on_accepted, **callbacks)
@@ -129,10 +155,10 @@ class ActuatorNode(LifecycleNode):
 
     def wind_up(self) -> bool:
         """Stop the pusher, tell the client and publish the state at rest; True once all of this is done."""
-        if not self._ending:
-            self._ending, self._active = True, False
-            self._revoke(PusherFault.STOPPED, "the actuator was told to end")
-        if self._goal is not None or (self._pusher.busy and self._pusher.mode is not Mode.DISCONNECTED):
+        self._start_due = False
+        if Life.ACTIVE in self._state:
+            self._revoke(Event.DEACTIVATE, PusherFault.STOPPED, "the actuator was told to end")
+        if self._push is not None or (self._pusher.busy and self._pusher.mode is not Mode.DISCONNECTED):
             return False
         self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
         return True
@@ -167,28 +193,21 @@ class ActuatorNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Connect to the controller from now on, as soon as its port exists."""
-        self._configured, self._located = True, self._located and not self._config.home
+        self._on(Event.CONFIGURE)
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Accept goals, after homing if it is configured and still due. Refused until the controller has answered."""
-        if self._report.mode is Mode.DISCONNECTED or self._pusher.busy:
+        if not self._on(Event.ACTIVATE):
             self.get_logger().error(f"cannot be activated yet: {self._problem or 'the controller is being connected'}")
+            self._on(Event.DEACTIVATE)
             return TransitionCallbackReturn.FAILURE
-        if self._config.home and not self._located and not self._unsure:
-            try:
-                self._recover()
-            except PusherError as error:
-                self._fail(error)
-                return TransitionCallbackReturn.FAILURE
-        self._active = True
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop a motion, and accept no more goals."""
-        self._active = False
-        self._revoke(PusherFault.STOPPED, "the actuator was deactivated")
+        self._revoke(Event.DEACTIVATE, PusherFault.STOPPED, "the actuator was deactivated")
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -211,27 +230,88 @@ class ActuatorNode(LifecycleNode):
     def _not_active(self) -> str:
         return f"the actuator is {self._lifecycle_state}, expected active"
 
-    def _revoke(self, fault: PusherFault, why: str) -> None:
-        """Stop any motion; a goal under way is aborted with this reason once the pusher rests."""
-        if self._goal is not None and self._revoked is None:
-            self._revoked, self._fault = why, fault
-        if self._may_go is not None and not self._may_go.done():
-            self._may_go.set_result(None)
-        if self._pusher.busy:
-            self._stop()
+    # What happens, and what follows
+
+    def _on(self, event: Event) -> bool:
+        """Do what the table says of an event. False: it is refused, or what it asks for has failed."""
+        following = step(ACTUATOR, self._state, event, self._facts())
+        if following is None:
+            return False
+        self._state = following.state
+        for action in following.actions:
+            try:
+                self._do(action)
+            except PusherError as error:
+                self._fail(error)
+                return False
+        return True
+
+    def _facts(self) -> tuple[Enum, ...]:
+        returns = self._push is not None and self._push.goal.request.retract
+        return (
+            Homing.HOMES if self._config.home else Homing.UNLOCKS,
+            Enable.ENABLED if self._disabled is None else Enable.DISABLED,
+            self._needs,
+            Controller.IDLE if self._pusher.mode is Mode.IDLE else Controller.NOT_IDLE,
+            Way.RETURNS if returns else Way.ONE_WAY,
+        )
+
+    def _do(self, action: Enum) -> None:
+        """Raises PusherError."""
+        match action:
+            case Action.MOVE | Action.RETRACT:
+                self._move(back=action is Action.RETRACT)
+            case Action.BRAKE:
+                self._pusher.stop()
+            case Action.RECOVER:
+                self._pusher.recover()
+            case Action.LEAVE:
+                self._pusher.close()
+            case Action.CLEAR:
+                self._problem, self._fault = None, PusherFault.NONE
+            case Action.TELL:
+                self._tell()
+
+    def _move(self, back: bool) -> None:
+        assert self._push is not None
+        push, config = self._push.goal.request, self._config
+        self._remember(moves=True)
+        if back:
+            self._push.travelled = self._travelled(self._push)
+            self._pusher.move_to(self._push.start, min(config.retract_speed, config.max_speed))
+        else:
+            self._pusher.move_to(self._push.start + push.distance, push.speed)
+
+    def _tell(self) -> None:
+        """The push has ended: its client is told."""
+        assert self._push is not None
+        push = self._push
+        uneven = unevenness(push.course, push.start, push.start + push.goal.request.distance)
+        note = f", unevenly: its speed varied by {100 * uneven:.0f} %" if uneven > UNEVEN else ""
+        push.end.set_result(Push.Result(travelled=self._travelled(push), message=push.why or f"reached{note}"))
+
+    def _travelled(self, push: UnderWay) -> float:
+        return self._report.position - push.start if push.travelled is None else push.travelled
+
+    def _revoke(self, event: Event, fault: PusherFault, why: str) -> None:
+        """Let an event end any motion; a push under way is aborted with this reason."""
+        self._blame(fault, why)
+        self._on(event)
+
+    def _blame(self, fault: PusherFault, why: str) -> None:
+        """The reason for what ends a push under way, if it has none yet."""
+        if self._push is not None and self._push.why is None and self._state & UNDER_WAY:
+            self._push.why, self._fault = why, fault
 
     def _halt(self, fault: PusherFault = PusherFault.STOPPED, why: str = "somebody asked for a stop") -> None:
         """Stop any motion, and move nothing until somebody calls reset."""
-        self._stopped, self._fault = why, fault
+        self._held, self._fault = why, fault
         self.get_logger().warning(f"{why}: nothing moves until a reset")
-        self._revoke(fault, why)
+        self._revoke(Event.STOP, fault, why)
 
     def _leave(self, why: str) -> None:
-        self._configured = self._active = False
-        self._pusher.close()
-        self._lose()
-        if self._arrival is not None:
-            self._arrival.set_exception(NotConnected(why))
+        self._blame(PusherFault.STOPPED, why)
+        self._lose(Event.LEAVE)
 
     # The pusher
 
@@ -246,27 +326,30 @@ class ActuatorNode(LifecycleNode):
         except PusherError as error:
             self._fail(error)
 
-    def _guard(self) -> None:
-        """Stop a push if any of its conditions fails: enable, owner, required nodes, force."""
-        config, goal, now = self._config, self._goal, clock()
-        self._gap, self._guarded = now - self._guarded, now
-        moves = goal is not None or (self._pusher.busy and self._pusher.mode is Mode.HOMING)
-        if moves and (disabled := self._disabled) is not None:
-            self._revoke(PusherFault.DISABLED, disabled)
-        if goal is None or self._revoked is not None:
-            return
-        lasted = now - self._accepted
-        waits = self._may_go is not None and not self._may_go.done()
-        lacking = self._lifeless(bytes(goal.goal_id.uuid), lasted)
-        if lacking is not None and not (waits and lasted < config.grace):
-            self._revoke(*lacking)
-        if self._may_go is not None and waits and lacking is None:
-            self._may_go.set_result(None)
+    def _check(self, now: float) -> None:
+        """Let a motion begin, or go on, only while it has all that it needs."""
+        if self._push is not None and self._state & {Task.WAITING, Task.PUSHING, Task.RETRACTING}:
+            missing = self._missing(self._push, now)
+            self._needs = Needs.MET if missing is None else missing[0]
+            if (disabled := self._disabled) is not None:
+                self._blame(PusherFault.DISABLED, disabled)
+            elif missing is not None and missing[0] is Needs.MISSING:
+                self._blame(*missing[1:])
+        self._on(Event.CHECKED)
+
+    def _missing(self, push: UnderWay, now: float) -> tuple[Needs, PusherFault, str] | None:
+        """The first thing that a push needs and does not have; None if it has all."""
+        config, lasted = self._config, now - push.accepted
         if lasted > config.max_time:
-            self._revoke(PusherFault.TIME, f"the push took {lasted:.1f} s, more than max_time {config.max_time:g} s")
+            why = f"the push took {lasted:.1f} s, more than max_time {config.max_time:g} s"
+            return Needs.MISSING, PusherFault.TIME, why
         if config.max_force and (unmeasured := now - self._forced) > FORCE_SILENCE:
             how_long = "yet" if math.isinf(unmeasured) else f"for {unmeasured:.2f} s, the limit is {FORCE_SILENCE:g} s"
-            self._revoke(PusherFault.FORCE, f"no force was measured {how_long}")
+            return Needs.MISSING, PusherFault.FORCE, f"no force was measured {how_long}"
+        if (lifeless := self._lifeless(bytes(push.goal.goal_id.uuid), lasted)) is not None:
+            awaited = Task.WAITING in self._state and lasted < config.grace
+            return Needs.AWAITED if awaited else Needs.MISSING, *lifeless
+        return None
 
     @property
     def _disabled(self) -> str | None:
@@ -302,7 +385,7 @@ class ActuatorNode(LifecycleNode):
         force = math.hypot(msg.wrench.force.x, msg.wrench.force.y, msg.wrench.force.z)
         if math.isfinite(force):
             self._forced = clock()
-        if self._goal is not None and force > self._config.max_force and self._stopped is None:
+        if force > self._config.max_force and self._state & UNDER_WAY and Hold.FREE in self._state:
             self._halt(PusherFault.FORCE, f"the force was {force:.1f} N, more than max_force {self._config.max_force:g} N")
 
     def _remember(self, moves: bool = False) -> None:
@@ -310,7 +393,8 @@ class ActuatorNode(LifecycleNode):
         report = self._report
         if self._memory is None or (report.mode is Mode.DISCONNECTED and not moves):
             return
-        rests = not moves and self._located and self._goal is None and report.mode is Mode.IDLE and report.speed == 0
+        rests = not moves and Position.KNOWN in self._state and not self._state & UNDER_WAY
+        rests = rests and report.mode is Mode.IDLE and report.speed == 0
         try:
             self._memory.keep(report.position if rests else math.nan)
         except OSError as error:
@@ -320,10 +404,12 @@ class ActuatorNode(LifecycleNode):
         if (who := self._button.pressed()) is not None:
             self._halt()
             self._button.answer(who, STOPPED)
-        if not self._configured:
+        if Life.UNCONFIGURED in self._state:
             return
-        self._guard()
-        pusher = self._pusher
+        now, pusher = clock(), self._pusher
+        self._gap, self._polled = now - self._polled, now
+        if moves := self._push is not None or Task.RECOVERING in self._state:
+            self._check(now)
         if math.isinf(self._quiet_until) and self.get_clock().now().nanoseconds:
             self._quiet_until = clock() + GRACE
         try:
@@ -339,13 +425,9 @@ class ActuatorNode(LifecycleNode):
             self._take(report)
         if pusher.busy:
             return
-        if self._arrival is not None:
-            self._arrival.set_result(None)
-            self._problem = None
-        if self._recovering:
-            self._recovering, self._located, self._problem = False, True, None
-            self._unsure, self._fault = False, PusherFault.NONE
-        if self._start_due and self._report.mode is not Mode.DISCONNECTED:
+        if moves:
+            self._on(Event.RESTED)
+        if self._start_due and Task.NONE in self._state:
             self._start_due = False
             self.trigger_activate()
 
@@ -355,31 +437,31 @@ class ActuatorNode(LifecycleNode):
         self._report = report
         self._publish(report)
         self._remember()
-        if self._goal is not None:  # also while it waits, so that its client knows that it is not forgotten
-            if self._start is not None:
-                self._travelled = report.position - self._start
-                self._course.append(report)
-            self._goal.publish_feedback(Push.Feedback(travelled=self._travelled, speed=report.speed))
+        if (push := self._push) is not None and self._state & UNDER_WAY:  # also while it waits: its client is not forgotten
+            if Task.PUSHING in self._state:
+                push.course.append(report)
+            push.goal.publish_feedback(Push.Feedback(travelled=self._travelled(push), speed=report.speed))
 
     def _on_connected(self, report: PusherReport) -> None:
         self.get_logger().info(f"connected to {self._pusher.name}")
         self._recall()
         # before it has homed, its positions count from wherever it stood when it was switched on
-        counted_from_home = self._located or not self._config.home
+        counted_from_home = Position.KNOWN in self._state or not self._config.home
+        found = None
         if self._lost_at is not None and (
             math.isnan(self._lost_at) or (counted_from_home and abs(report.position - self._lost_at) > KEPT)
         ):
-            self._located, self._unsure = False, True
             before = "not idle" if math.isnan(self._lost_at) else f"at {self._lost_at:.4f} m"
-            what = f"{before} when the connection was lost, said to be at {report.position:.4f} m now"
-            self.get_logger().error(f"{what}: {REMEDIES[self._config.home]}")
+            found = f"{before} when the connection was lost, said to be at {report.position:.4f} m now"
         if isinstance(self._problem, NotConnected):
             self._problem = None
-        if self._pusher.mode is Mode.ALARM and not self._config.home:
-            self._located = False
-        if self._pusher.doubt is not None:
-            self._located, self._unsure = False, True
-            self.get_logger().error(f"{self._pusher.doubt}: {REMEDIES[self._config.home]}")
+        self._on(Event.CONNECTED)
+        for what in (found, self._pusher.doubt):
+            if what is not None:
+                self._on(Event.MISPLACED)
+                self.get_logger().error(f"{what}: {REMEDIES[self._config.home]}")
+        if self._pusher.mode is Mode.ALARM:
+            self._on(Event.UNSURE)
         self._lost_at, self._told, self._retry_after = None, None, FIRST_RETRY
         self._quiet_until = 0.0
 
@@ -397,56 +479,55 @@ class ActuatorNode(LifecycleNode):
             self._lost_at = math.nan  # another one
 
     def _fail(self, error: PusherError) -> None:
-        """End the stroke under way, log the error once, and connect again later if the connection is lost."""
-        self._recovering = False
-        if self._arrival is not None:
-            self._arrival.set_exception(error)
+        """End what is under way, log the error once, and connect again later if the connection is lost."""
         lost = self._pusher.mode is Mode.DISCONNECTED
+        self._blame(error.fault, str(error))
         self._problem, self._fault = error, error.fault
         if not lost or (str(error) != self._told and clock() >= self._quiet_until):
             self.get_logger().error(f"{error}, retrying" if lost else str(error))
             self._told = str(error)
         if lost:
-            self._lose()
+            self._lose(Event.LOST)
             self._retry_at = clock() + self._retry_after
             self._retry_after = min(2 * self._retry_after, LAST_RETRY)
         else:  # the controller may be silent for a while now
-            self._located = self._located and self._pusher.mode is not Mode.ALARM and self._pusher.doubt is None
-            self._push_id = PusherState.NO_PUSH
+            self._on(Event.FAILED)
+            if self._pusher.mode is Mode.ALARM or self._pusher.doubt is not None:
+                self._on(Event.UNSURE)
             # the stamp is that of the report: the pusher may have gone on since
             self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode))
 
-    def _lose(self) -> None:
+    def _lose(self, event: Event) -> None:
         """The connection is lost; remember where the pusher rested."""
-        self._recovering = False
         if self._report.mode is not Mode.DISCONNECTED:
-            rests = self._report.mode is Mode.IDLE and self._goal is None
+            rests = self._report.mode is Mode.IDLE and not self._state & UNDER_WAY
             self._lost_at = self._report.position if rests else math.nan
         self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
-
-    def _recover(self) -> None:
-        self._pusher.recover()
-        # if homing is not completed, the pusher can be anywhere
-        self._recovering, self._located = True, self._located and not self._config.home
-
-    def _stop(self) -> None:
-        self._recovering = False
-        try:
-            self._pusher.stop()
-        except PusherError as error:
-            self._fail(error)
+        self._on(event)
 
     def _shown(self, mode: Mode) -> Mode:
         """The mode as others see it: idle means ready to move."""
-        if mode is not Mode.IDLE or (self._active and self._located and self._stopped is None):
+        if mode is not Mode.IDLE or self._state >= READY:
             return mode
-        return Mode.ALARM if self._active and not self._located else Mode.HOLD
+        return Mode.ALARM if self._lost_track else Mode.HOLD
+
+    @property
+    def _push_id(self) -> int:
+        """Of the push that moves forward now."""
+        if self._push is None or Task.PUSHING not in self._state or self._push.goal.request.distance < 0:
+            return PusherState.NO_PUSH
+        return int(self._push.goal.request.push_id)
+
+    @property
+    def _lost_track(self) -> bool:
+        """Whether only a person can say where the pusher stands, or homing."""
+        return Life.ACTIVE in self._state and Position.KNOWN not in self._state
 
     def _explained(self, mode: Mode) -> str:
         """A mode, what went wrong, and what to do about it; for people."""
-        remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and self._active and not self._located else None
-        if mode is Mode.HOLD and self._stopped is not None:
-            remedy = f"{self._stopped}: nothing moves until a reset"
+        remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and self._lost_track else None
+        if mode is Mode.HOLD and Hold.HELD in self._state:
+            remedy = f"{self._held}: nothing moves until a reset"
         return ": ".join(str(text) for text in (mode.value, self._problem, remedy) if text is not None)
 
     def _publish(self, report: PusherReport) -> None:
@@ -464,27 +545,23 @@ class ActuatorNode(LifecycleNode):
         )
         msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), TABLE
         self._state_out.publish(msg)
-        fault = self._fault if self._located or self._fault is not PusherFault.NONE else PusherFault.POSITION
+        known = Position.KNOWN in self._state or self._fault is not PusherFault.NONE
+        fault = self._fault if known else PusherFault.POSITION
         if fault is not self._told_fault:
             self._told_fault = fault
             self._fault_out.publish(String(data=fault.value))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._goal is not None or not self._active:
-            response.message = "a push is under way, cancel it first" if self._goal else self._not_active
-            return response
-        stopped, self._stopped = self._stopped, None
-        if stopped is not None and self._located and self._pusher.mode is Mode.IDLE:
-            self._fault = PusherFault.NONE
-            response.success, response.message = True, "released"
-            return response
-        try:
-            if not self._recovering:  # whoever asks again does not begin it again
-                self._recover()
-        except PusherError as error:
-            response.message = str(error)
+        if self._on(Event.RESET):
+            response.success = True
+            recovery = "homing" if self._config.home else "unlocking"
+            response.message = recovery if Task.RECOVERING in self._state else "released"
+        elif Life.ACTIVE not in self._state:
+            response.message = self._not_active
+        elif self._state & UNDER_WAY:
+            response.message = "a push is under way, cancel it first"
         else:
-            response.success, response.message = True, "homing" if self._config.home else "unlocking"
+            response.message = self._disabled or self._explained(self._shown(self._pusher.mode))
         return response
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -493,10 +570,11 @@ class ActuatorNode(LifecycleNode):
         return response
 
     def _health(self) -> Health:
-        mode = self._shown(self._pusher.mode) if self._active else self._pusher.mode
+        active = Life.ACTIVE in self._state
+        mode = self._shown(self._pusher.mode) if active else self._pusher.mode
         level = {Mode.DISCONNECTED: Level.ERROR, Mode.ALARM: Level.ERROR, Mode.HOLD: Level.WARN}.get(mode, Level.OK)
         message = mode.value if level is Level.OK else self._explained(mode)
-        if not self._active and (not self._configured or level is Level.OK):
+        if not active and (Life.UNCONFIGURED in self._state or level is Level.OK):
             level, message = Level.WARN, self._not_active
         values = {"state": self._lifecycle_state, "controller": self._pusher.name,
                   "mode": mode.value, "fault": self._fault.value, "reports dropped": self._pusher.dropped,
@@ -517,16 +595,14 @@ class ActuatorNode(LifecycleNode):
         config = self._config
         # only the first report after connecting says where the pusher is
         mode = Mode.DISCONNECTED if self._report.mode is Mode.DISCONNECTED else self._shown(self._pusher.mode)
-        if self._goal is not None:
-            return f"push {self._goal.request.push_id} is under way"
-        if not self._active:
+        if self._push is not None:
+            return f"push {self._push.goal.request.push_id} is under way"
+        if Life.ACTIVE not in self._state:
             return self._not_active
-        if mode is not Mode.IDLE:
-            return f"the pusher must be idle, it is {self._explained(mode)}"
+        if step(ACTUATOR, self._state, Event.GOAL, self._facts()) is None:
+            return self._disabled or f"the pusher must be idle, it is {self._explained(mode)}"
         if push.push_id < PusherState.NO_PUSH:
             return f"push_id must be 0 or more, or {PusherState.NO_PUSH} for a jog, got {push.push_id}"
-        if (disabled := self._disabled) is not None:
-            return disabled
         if push.distance == 0 or not math.isfinite(push.distance):
             return f"distance must be a length, negative for the way back, got {push.distance} m"
         if abs(push.distance) > config.max_distance:
@@ -543,60 +619,34 @@ class ActuatorNode(LifecycleNode):
         return None
 
     def _on_accepted(self, goal: ServerGoalHandle) -> None:
-        self._goal, self._revoked, self._fault = goal, None, PusherFault.NONE
-        self._may_go, self._accepted, self._travelled = Future(), clock(), 0.0
+        push = goal.request
+        if push.speed > (fastest := self._pusher.limits.max_speed):
+            self.get_logger().warning(f"push {push.push_id} is slower than asked: the controller allows {fastest:.4f} m/s")
+        self._problem, self._fault = None, PusherFault.NONE
+        self._push = UnderWay(goal, clock(), self._report.position, Future())
+        self._on(Event.GOAL)
         goal.execute()
 
     def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:
-        self._stop()
+        self._on(Event.CANCEL)
         return CancelResponse.ACCEPT
 
     async def _execute(self, goal: ServerGoalHandle) -> Push.Result:
-        push, start = goal.request, self._report.position
-        fastest = self._pusher.limits.max_speed
-        if push.speed > fastest:
-            self.get_logger().warning(f"push {push.push_id} is slower than asked: the controller allows {fastest:.4f} m/s")
-        try:
-            assert self._may_go is not None
-            await self._may_go  # nothing moves for a client that shows no sign of life, or without the required nodes
-            self._start, self._course = start, []
-            problem = await self._stroke(goal, start + push.distance, push.speed)
-            self._start = None
-            travelled = self._report.position - start
-            uneven = unevenness(self._course, start, start + push.distance)
-            if push.retract and problem is None:
-                back = min(self._config.retract_speed, self._config.max_speed)
-                problem = await self._stroke(goal, start, back)
-        finally:
-            self._goal = self._start = self._may_go = None
-        if problem is not None:
+        """Wait until a push has ended, and tell its client; until then, there is no other."""
+        assert self._push is not None
+        push = self._push
+        result: Push.Result = await push.end
+        self._push = None
+        if push.why is not None:
+            result.outcome = Push.Result.OUTCOME_ABORTED
             goal.abort()
-            return Push.Result(outcome=Push.Result.OUTCOME_ABORTED, travelled=travelled, message=problem)
-        if goal.is_cancel_requested:
+        elif goal.is_cancel_requested:
+            result.outcome, result.message = Push.Result.OUTCOME_CANCELED, "stopped on request"
             goal.canceled()
-            return Push.Result(outcome=Push.Result.OUTCOME_CANCELED, travelled=travelled, message="stopped on request")
-        goal.succeed()
-        note = f", unevenly: its speed varied by {100 * uneven:.0f} %" if uneven > UNEVEN else ""
-        return Push.Result(outcome=Push.Result.OUTCOME_REACHED, travelled=travelled, message=f"reached{note}")
-
-    async def _stroke(self, goal: ServerGoalHandle, position: float, speed: float) -> str | None:
-        """Move there unless canceled or revoked; return what went wrong, if anything."""
-        if goal.is_cancel_requested or self._revoked is not None:
-            return self._revoked
-        forward = position > self._report.position
-        self._push_id, self._arrival = goal.request.push_id if forward else PusherState.NO_PUSH, Future()
-        self._remember(moves=True)
-        try:
-            self._pusher.move_to(position, speed)
-            await self._arrival
-        except PusherError as error:
-            return self._revoked or str(error)
-        except BaseException:
-            self._stop()
-            raise
-        finally:
-            self._push_id, self._arrival = PusherState.NO_PUSH, None
-        return self._revoked
+        else:
+            result.outcome = Push.Result.OUTCOME_REACHED
+            goal.succeed()
+        return result
 
 
 def main() -> None:

@@ -8,13 +8,14 @@ import time
 
 from pushfric_core.settings import plain
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_ros.rehearsal.stage import EndedEarly, NotRehearsed, Stage, words_of
+from pushfric_ros.rehearsal.grbl_stage import GrblStage
+from pushfric_ros.rehearsal.stage import EndedEarly, NotRehearsed, words_of
 
 LONGEST = 0.05
 """Largest length of a push in the rendered camera's view [m]."""
 
 
-def cell_under_way(stage: Stage, share: float) -> "subprocess.Popen[str]":
+def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":
     """Start `run --simulated-camera`, and wait until its first push has covered this share.
 
     Raises:
@@ -36,17 +37,17 @@ def cell_under_way(stage: Stage, share: float) -> "subprocess.Popen[str]":
     return run
 
 
-def cell_has_ended(stage: Stage) -> None:
+def cell_has_ended(stage: GrblStage) -> None:
     """Wait until no process of the cell is left."""
     stage.wait(lambda: not _nodes(stage.namespace), "the end of the cell's processes")
 
 
-def pid_of(node: str, stage: Stage) -> int:
+def pid_of(node: str, stage: GrblStage) -> int:
     """The process id of a node of the cell."""
     return next(pid for pid, command in _nodes(stage.namespace).items() if f"{node}_node" in command)
 
 
-def _written(stage: Stage, distance: float) -> pathlib.Path:
+def _written(stage: GrblStage, distance: float) -> pathlib.Path:
     """Write a cell's file in which the place where the rehearsal began is the origin of the table."""
     pusher, driver = stage.config()
     camera, cell = stage.folder / "camera.yaml", stage.folder / "cell.yaml"

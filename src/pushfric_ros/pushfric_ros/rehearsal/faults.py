@@ -5,7 +5,10 @@ import re
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
+
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import Bool
 
 from pushfric_core.errors import PushfricError
 from pushfric_core.pushers.check import Grade
@@ -16,7 +19,9 @@ from pushfric_core.simulated.faulty_line import Filter, nothing, once
 from pushfric_core.simulated.line_damage import in_lines, straying
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import NoAnswer
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
+from pushfric_ros.rehearsal.grbl_stage import GrblStage
 from pushfric_ros.rehearsal.stage import MID_PUSH, REACTION, SAME, EndedEarly, Stage, words_of
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
@@ -26,6 +31,8 @@ TRIES = 5
 LATE_GREETING = 3.0  # [s]
 LATE_ANSWERS = 0.08  # [s]
 SEEN_TWICE = 3.0  # a work offset comes with every 30th report at the latest [s]
+ENABLE_TIMEOUT = 0.5  # [s]
+MAX_FORCE = 5.0  # [N]
 TRUE = 1e-4  # a published position must be true within this [m]
 LATELY = 0.5  # a state describes a moment at most this far from its stamp [s]
 HOSTILE = ((b"$120=", b"0"), (b"$100=", b"0.000"), (b"$22=", b"1e999"), (b"$110=", b"9" * 4300), (b"$27=", b"-1"))
@@ -41,15 +48,18 @@ class Outcome(NamedTuple):
     problem: str | None  # what was wrong; None: nothing
 
 
-class Fault(NamedTuple):
+S_contra = TypeVar("S_contra", bound=Stage, contravariant=True)
+
+
+class Fault(NamedTuple, Generic[S_contra]):
     """One row of the table."""
 
     name: str
-    bring_about: Callable[[Stage], float | None]
+    bring_about: Callable[[S_contra], float | None]
     """Causes the fault; returns when, or None if the pusher must go on as if nothing had happened."""
     within: float | None = REACTION
     """The pusher may go on for this long [s]; None: until it has left the way of its push, wherever that is."""
-    check: Callable[[Stage], str | None] = lambda stage: None
+    check: Callable[[S_contra], str | None] = lambda stage: None
     """Called once the pusher rests; returns what is wrong, or None."""
     true: float = TRUE
     """A published position must be true within this [m]."""
@@ -59,7 +69,7 @@ class Excess(PushfricError):
     """A fault did not end as it must."""
 
 
-def rehearse(stage: Stage, faults: Iterable[Fault]) -> Iterator[Outcome]:
+def rehearse(stage: S_contra, faults: Iterable[Fault[S_contra]]) -> Iterator[Outcome]:
     """Cause the faults one after the other; the pusher is brought back after each.
 
     A fault is tried again if its push ended before, but not for ever.
@@ -74,7 +84,7 @@ def rehearse(stage: Stage, faults: Iterable[Fault]) -> Iterator[Outcome]:
         yield outcome
 
 
-def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
+def _rehearsed(stage: S_contra, fault: Fault[S_contra]) -> Outcome:
     stage.ready()
     first = len(stage.heard)
     try:
@@ -87,7 +97,7 @@ def _rehearsed(stage: Stage, fault: Fault) -> Outcome:
     return outcome
 
 
-def _judged(stage: Stage, fault: Fault, begin: float | None, first: int) -> Outcome:
+def _judged(stage: S_contra, fault: Fault[S_contra], begin: float | None, first: int) -> Outcome:
     """Wait until the pusher rests, watch it for a while, and judge what it did.
 
     Args:
@@ -111,7 +121,7 @@ def _judged(stage: Stage, fault: Fault, begin: float | None, first: int) -> Outc
             problem = f"it went at {1e3 * fastest:.1f} mm/s"
     else:
         there = stage.at(begin)
-        seconds, travelled = max(0.0, at_rest.when - begin), abs(at_rest.along - there)
+        seconds, travelled = stage.seconds_until(at_rest, begin), abs(at_rest.along - there)
         if fault.within is None:
             allowed = max(0.0, stage.reach - there) + OFF_WAY + REACTION * given.speed + stage.braking
         else:
@@ -150,10 +160,10 @@ def traceback_in(stage: Stage) -> str | None:
 # How each fault is caused
 
 
-def damaged(filtered: Filter) -> Callable[[Stage], float]:
+def damaged(filtered: Filter) -> Callable[[GrblStage], float]:
     """Damage the next command that the filter recognises, in mid-push."""
 
-    def bring_about(stage: Stage) -> float:
+    def bring_about(stage: GrblStage) -> float:
         stage.under_way(0.5)
         stage.line.to_controller = filtered
         return time.monotonic()
@@ -166,22 +176,22 @@ def faster(data: bytes) -> bytes:
     return re.sub(rb"F(\d+)", lambda feed: b"F%d" % (5 * int(feed[1])), data)
 
 
-def report_damaged(stage: Stage) -> None:
+def report_damaged(stage: GrblStage) -> None:
     """Put a wrong digit into a report; the published position must not follow it."""
     stage.under_way()
     stage.states.clear()
     stage.line.to_host = once(b"Pos:", b"Pos:9")
 
 
-def another_axis(stage: Stage) -> float:
+def another_axis(stage: GrblStage) -> float:
     """From now on, reports say that another axis moves as fast as the pusher, as after a damaged letter of a command."""
     stage.under_way()
-    begin, other = time.monotonic(), int(stage.given.axis[-1] == "X")
+    begin, other = time.monotonic(), int(stage.grbl.axis[-1] == "X")
     stage.line.to_host = straying(other, lambda: 1e3 * stage.given.speed * (time.monotonic() - begin))
     return begin
 
 
-def offset_damaged(stage: Stage) -> None:
+def offset_damaged(stage: GrblStage) -> None:
     """Put a wrong digit into the first work offset that a new actuator hears; its push must end where it should."""
     stage.end_actuator()
     stage.line.to_host = once(b"WCO:", b"WCO:9")
@@ -190,21 +200,21 @@ def offset_damaged(stage: Stage) -> None:
     stage.under_way()
 
 
-def offset_changed(stage: Stage) -> float:
+def offset_changed(stage: GrblStage) -> float:
     """From now on, reports have another work offset, as if another program had set one."""
     stage.under_way()
     stage.line.to_host = lambda data: data.replace(b"WCO:", b"WCO:9")
     return time.monotonic()
 
 
-def late_answers(stage: Stage) -> None:
+def late_answers(stage: GrblStage) -> None:
     """Delay all that the controller says; the push must be as it should be."""
     stage.line.delay_to_host = LATE_ANSWERS
     stage.pause(WATCHED)
     stage.under_way()
 
 
-def known_by_another_name(stage: Stage) -> str | None:
+def known_by_another_name(stage: GrblStage) -> str | None:
     """A new actuator must wait for a person, although its port has another name."""
     name = stage.folder / "by-another-name"
     name.symlink_to(stage.line.port)
@@ -226,7 +236,7 @@ def published_nonsense(stage: Stage) -> str | None:
     return None
 
 
-def modes_changed(stage: Stage) -> None:
+def modes_changed(stage: GrblStage) -> None:
     """Switch to inches, incremental distances and 200 % of the feed, as another program might, and push afterwards."""
     for line in ("G20", "G91"):
         stage.ask(line)
@@ -249,10 +259,10 @@ def signalled(number: signal.Signals, client: bool, share: float = MID_PUSH) -> 
     return bring_about
 
 
-def cell_signalled(number: signal.Signals, node: str, share: float = MID_PUSH) -> Callable[[Stage], float]:
+def cell_signalled(number: signal.Signals, node: str, share: float = MID_PUSH) -> Callable[[GrblStage], float]:
     """Send a signal to a node of a whole cell, or its "command line", in a push; the cell's other processes live on."""
 
-    def bring_about(stage: Stage) -> float:
+    def bring_about(stage: GrblStage) -> float:
         run = cell_under_way(stage, share)
         pid = run.pid if node == "command line" else pid_of(node, stage)
         begin = time.monotonic()
@@ -262,7 +272,7 @@ def cell_signalled(number: signal.Signals, node: str, share: float = MID_PUSH) -
     return bring_about
 
 
-def cell_ends(stage: Stage) -> str | None:
+def cell_ends(stage: GrblStage) -> str | None:
     """All processes of the cell must end, and move nothing."""
     rest = stage.along()
     cell_has_ended(stage)
@@ -295,29 +305,30 @@ def client_is_told(stage: Stage) -> str | None:
     return None
 
 
-def mute(stage: Stage) -> float:
+def mute(stage: GrblStage) -> float:
     """From now on, nothing that the controller sends arrives."""
     stage.under_way()
     stage.line.to_host = nothing
     return time.monotonic()
 
 
-def cut(stage: Stage) -> float:
+def cut(stage: GrblStage) -> float:
     """From now on, nothing arrives in either direction."""
     stage.under_way()
     stage.line.to_host = stage.line.to_controller = nothing
     return time.monotonic()
 
 
-def whole_again(stage: Stage) -> str | None:
+def whole_again(stage: GrblStage) -> str | None:
     """The line works again, but only after the actuator has given up the connection."""
     stage.pause(SILENCE + RESET_PATIENCE + WATCHED)
     return waits_for_a_person(stage)
 
 
 def waits_for_a_person(stage: Stage) -> str | None:
-    """Once the line works again, the actuator must know that the position is unknown, and wait for a person."""
-    stage.line.heal()
+    """Once the line works again, the actuator, or the next one, must say that the position is unknown, and wait."""
+    stage.heal()
+    stage.witness()
     rest = stage.along()
     stage.states.clear()
     stage.wait(lambda: stage.mode() == PusherState.MODE_ALARM, "the actuator to say that the position is not known")
@@ -328,7 +339,7 @@ def waits_for_a_person(stage: Stage) -> str | None:
     return "it accepted a push without a reset"
 
 
-def found_moving(stage: Stage) -> float:
+def found_moving(stage: GrblStage) -> float:
     """Start a new actuator while the controller carries out another program's line."""
     stage.end_actuator()
     asked: list[float] = []
@@ -344,11 +355,10 @@ def found_moving(stage: Stage) -> float:
     return asked[0]
 
 
-def move_alone(stage: Stage) -> None:
+def move_alone(stage: GrblStage) -> None:
     """Send one line as another program would: over the whole reach, slowly, in millimetres whatever the modes are."""
-    sign = -1 if stage.given.axis[0] == "-" else 1
     slow = min(stage.given.speed, stage.reach / ALONE)
-    line = f"$J=G21G91{stage.given.axis[-1]}{sign * 1e3 * stage.reach:.3f}F{60e3 * slow:.3f}\n"
+    line = f"$J=G21G91{stage.grbl.axis[-1]}{stage.sign * 1e3 * stage.reach:.3f}F{60e3 * slow:.3f}\n"
     stage.line.tell_controller(line.encode())
     stage.wait(lambda: stage.along() > 0.02 * stage.reach, "somebody else's motion")
 
@@ -357,7 +367,7 @@ ALONE = 6.0
 """Duration of the other program's motion [s]: long enough for a new process to start before its end."""
 
 
-def late_greeting(stage: Stage) -> float:
+def late_greeting(stage: GrblStage) -> float:
     """Delay the controller's answer to the reset that ends a stop."""
     stage.under_way()
 
@@ -394,7 +404,7 @@ def is_released(stage: Stage) -> str | None:
     return None if answer == "released" else f"a reset was answered with {answer!r}"
 
 
-def hostile_settings(stage: Stage) -> None:
+def hostile_settings(stage: GrblStage) -> None:
     """Answer with impossible settings; the doctor and the driver must say so in one line."""
     stage.end_actuator()
     config, driver = stage.config()
@@ -409,7 +419,7 @@ def hostile_settings(stage: Stage) -> None:
     stage.under_way()
 
 
-def looked_at(stage: Stage) -> None:
+def looked_at(stage: GrblStage) -> None:
     """Run the doctor while the controller moves: it must send only questions, and say that the controller moves."""
     stage.end_actuator()
     sent = bytearray()
@@ -429,24 +439,56 @@ def looked_at(stage: Stage) -> None:
         raise Excess(f"the doctor found {check.finding!r}")
 
 
+def no_more_enable(stage: Stage) -> float:
+    """Withdraw the enable that an actuator has been told to need."""
+    stage.end_actuator()
+    stage.start_actuator(enable_timeout=ENABLE_TIMEOUT)
+    with stage.person.repeating("enable", Bool(data=True), RELIABLE):
+        stage.make_ready()
+        stage.under_way()
+    return time.monotonic()
+
+
+def too_much_force(stage: Stage) -> float:
+    """Report a force beyond the limit that an actuator has been given."""
+    stage.end_actuator()
+    stage.start_actuator(max_force=MAX_FORCE)
+    force = WrenchStamped()
+    with stage.person.repeating("wrench", force, SENSOR_DATA):
+        stage.make_ready()
+        stage.under_way()
+        begin = time.monotonic()
+        force.wrench.force.x = 2 * MAX_FORCE
+        stage.wait(lambda: stage.mode() == PusherState.MODE_HOLD, "the hold")
+    return begin
+
+
 killed_actuator = signalled(signal.SIGKILL, client=False)
 
-FAULTS = (
+CONTRACT: tuple[Fault[Stage], ...] = (
+    Fault("no fault", lambda stage: stage.under_way()),
+    Fault("kill -9 of the actuator", killed_actuator, check=waits_for_a_person),
+    Fault("SIGSTOP of the actuator", signalled(signal.SIGSTOP, client=False), check=goes_on_and_moves_nothing),
+    Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),
+    Fault("kill -9 of the push's client", signalled(signal.SIGKILL, client=True), OWNER),
+    Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
+    Fault("somebody calls actuator/stop", stopped, check=is_released),
+    Fault("the enable is withdrawn", no_more_enable, ENABLE_TIMEOUT + REACTION),
+    Fault("the force is too great", too_much_force, check=is_released),
+)
+"""What every driver must pass, with a controller of any kind."""
+
+FAULTS: tuple[Fault[GrblStage], ...] = (
+    *CONTRACT,
     Fault("a byte of a command is lost", damaged(once(b".", b"")), None),
     Fault("a digit is added to a command", damaged(once(b"X", b"X9")), None),
     Fault("every feed is changed to five times the commanded one", damaged(faster), None),
     Fault("another program sets inches, increments and 200 % feed", modes_changed),
-    Fault("kill -9 of the actuator", killed_actuator),
-    Fault("SIGSTOP of the actuator", signalled(signal.SIGSTOP, client=False), check=goes_on_and_moves_nothing),
-    Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),
     Fault("kill -9 of the actuator, then another name of its port", killed_actuator, check=known_by_another_name),
-    Fault("kill -9 of the push's client", signalled(signal.SIGKILL, client=True), OWNER),
-    Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
     Fault("SIGSTOP of a cell's experiment", cell_signalled(signal.SIGSTOP, "experiment"), OWNER, cell_ends),
     Fault("the controller goes silent", mute),
     Fault("the cable is cut", cut, check=whole_again),
     Fault("a new actuator finds the controller moving", found_moving, check=waits_for_a_person),
-    Fault("somebody calls actuator/stop", stopped, check=is_released),
     Fault("the greeting after a stop comes 3 s late", late_greeting, check=is_released),
     Fault("impossible settings", hostile_settings),
     Fault("another axis is reported to move", another_axis, check=waits_for_a_person),
@@ -456,4 +498,4 @@ FAULTS = (
     Fault("a wrong digit in a report", report_damaged, check=published_nonsense),
     Fault("the doctor looks at a moving controller", looked_at),
 )
-"""All faults that can be caused without an object."""
+"""What the GRBL driver must pass, too."""

@@ -17,7 +17,8 @@ from pushfric_ros.rehearsal.faults import (
     signalled,
     waits_for_a_person,
 )
-from pushfric_ros.rehearsal.stage import SAME, Stage, words_of
+from pushfric_ros.rehearsal.grbl_stage import GrblStage
+from pushfric_ros.rehearsal.stage import SAME, words_of
 
 KINDS = ("actuator", "client of a push", "experiment", "command line")
 EARLIEST, LATEST = 0.05, 0.9  # of a push, for a kill
@@ -29,7 +30,7 @@ PLAUSIBLE = 2.5e-3
 """A wrong digit that changes the position by less than this looks like a motion at 2 cm/s [m]."""
 
 
-def kills(times: int, seed: int) -> Iterator[Fault]:
+def kills(times: int, seed: int) -> Iterator[Fault[GrblStage]]:
     """Kill each kind of process in turn. The remaining processes go on; a new actuator must wait for a person.
 
     The experiment and the command line are those of a whole cell, with a rendered camera (`run --simulated-camera`).
@@ -38,19 +39,14 @@ def kills(times: int, seed: int) -> Iterator[Fault]:
     for k in range(times):
         kind, share = KINDS[k % len(KINDS)], randomly.uniform(EARLIEST, LATEST)
         if kind == "actuator":
-            yield Fault(kind, signalled(signal.SIGKILL, client=False, share=share), check=_next_actuator_waits)
+            yield Fault(kind, signalled(signal.SIGKILL, client=False, share=share), check=waits_for_a_person)
         elif kind == "client of a push":
             yield Fault(kind, signalled(signal.SIGKILL, client=True, share=share))
         else:
             yield Fault(kind, cell_signalled(signal.SIGKILL, kind, share), check=cell_ends)
 
 
-def _next_actuator_waits(stage: Stage) -> str | None:
-    stage.start_actuator()
-    return waits_for_a_person(stage)
-
-
-def damages(times: int, seed: int) -> Iterator[Fault]:
+def damages(times: int, seed: int) -> Iterator[Fault[GrblStage]]:
     """Damage the line in each of the `MOMENTS` in turn, until everything has ended. Afterwards, the line works again."""
     randomly = random.Random(seed)
     for k in range(times):
@@ -63,8 +59,8 @@ def damages(times: int, seed: int) -> Iterator[Fault]:
             yield _of_a_push(name, damage, share, stops=moment == MOMENTS[1])
 
 
-def _of_a_push(name: str, damage: LineDamage, share: float, stops: bool) -> Fault:
-    def bring_about(stage: Stage) -> float:
+def _of_a_push(name: str, damage: LineDamage, share: float, stops: bool) -> Fault[GrblStage]:
+    def bring_about(stage: GrblStage) -> float:
         stage.states.clear()
         stage.under_way(share)
         client, begin = stage.client, time.monotonic()
@@ -76,7 +72,7 @@ def _of_a_push(name: str, damage: LineDamage, share: float, stops: bool) -> Faul
         stage.pause(damage.delay)
         return begin
 
-    def check(stage: Stage) -> str | None:
+    def check(stage: GrblStage) -> str | None:
         assert stage.client is not None
         rest = stage.along()
         if stage.client.returncode == 0 and abs(rest - stage.reach) > SAME:
@@ -88,8 +84,8 @@ def _of_a_push(name: str, damage: LineDamage, share: float, stops: bool) -> Faul
     return Fault(name, bring_about, None, check, TRUE if damage.to_controller else PLAUSIBLE)
 
 
-def _of_a_connection(name: str, damage: LineDamage) -> Fault:
-    def bring_about(stage: Stage) -> float:
+def _of_a_connection(name: str, damage: LineDamage) -> Fault[GrblStage]:
+    def bring_about(stage: GrblStage) -> float:
         begin = time.monotonic()
         stage.end_actuator()
         damage.begin(stage.line)
@@ -104,7 +100,7 @@ def _of_a_connection(name: str, damage: LineDamage) -> Fault:
     return Fault(name, bring_about)
 
 
-def _healed(stage: Stage) -> str | None:
+def _healed(stage: GrblStage) -> str | None:
     """Make the line whole: nothing may move unasked, and a position that is published as known must be true."""
     stage.line.heal()
     rest = stage.along()

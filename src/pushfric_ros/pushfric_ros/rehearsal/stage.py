@@ -1,8 +1,7 @@
-"""The stage of a rehearsal: a controller behind a line that can fail, the truth as the controller reports it, the processes."""
+"""The stage of a rehearsal with any driver: the processes, and the truth as the actuator publishes it."""
 
 import bisect
 import contextlib
-import math
 import os
 import pathlib
 import signal
@@ -13,18 +12,13 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_config import GrblConfig
-from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
-from pushfric_core.pushers.grbl_settings import AXES, GrblSettings
-from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError
+from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherDriver, PusherError
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
-from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.graph.fork_server import die_with_parent
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
@@ -33,10 +27,8 @@ from pushfric_ros.node_kit.person import NoAnswer, Person
 
 REACTION = 0.3
 """Whatever breaks, the pusher may go on for this long before it brakes [s]."""
-INCH = 25.4  # [mm]
 MID_PUSH = 0.3  # of a push
 SAME = 2e-5  # positions that differ by no more are the same [m]
-LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
 EVENT_TIMEOUT = 60.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
@@ -55,25 +47,26 @@ class EndedEarly(PushfricError):
 class Rehearsed:
     """What the user gives for a rehearsal."""
 
-    port: str
-    baud: int
-    axis: str
+    driver: PusherDriver
+    name: str  # of the driver's entry point
     stroke: float  # the pusher may move this far forward from where it stands [m]
     speed: float  # of the pushes [m/s]
-    silence: float = GrblSettings.silence  # longest silence of the controller while it moves [s]
 
 
 class Heard(NamedTuple):
-    """A report of the controller."""
+    """A report of the pusher."""
 
     when: float  # [s]
     along: float  # the stroke, from where the rehearsal began [m]
     speed: float  # [m/s]
-    state: str
+    moves: bool
 
 
 class Stage(contextlib.AbstractContextManager["Stage"]):
-    """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `bring_back`."""
+    """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `bring_back`.
+
+    Where the pusher is, the actuator publishes; if it has died, where the pusher rests is what the next actuator finds.
+    """
 
     def __init__(self, given: Rehearsed, say: Callable[[str], None]) -> None:
         """Prepare the stage; nothing is opened yet.
@@ -90,42 +83,27 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.actuator: subprocess.Popen[str] | None = None
         self.client: subprocess.Popen[str] | None = None
         self.limits = Limits()  # of the controller
-        self._lines: list[str] = []
-        self._rest = b""
-        self._unit, self._zero = 1.0, math.nan  # [mm]
-        self._heard_at = 0.0
+        self.position = 0.0  # where the rehearsal began, as the driver counts it [m]
+        self._changes: dict[str, Any] = {}  # of the actuator's settings, for one fault
         self._leaving = contextlib.ExitStack()
 
-    def __enter__(self) -> "Stage":
-        """Open the line, and check that the controller can be rehearsed with.
+    def __enter__(self) -> Self:
+        """Open the pusher, and check that it can be rehearsed with.
 
         Raises:
             NotConnected: the controller does not answer.
             NotRehearsed: the controller is not at rest, unlocked and homed, or stands in the wrong place.
             InvalidInput: the port cannot be opened, or stroke or speed do not fit the controller.
         """
-        given = self.given
         with self._leaving as leaving:
             self.folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
-            try:
-                self.line = leaving.enter_context(FaultyLine(given.port, given.baud))
-            except OSError as error:
-                raise InvalidInput(f"cannot open {given.port}: {error}") from error
-            self.port = self.line.port  # the name by which an actuator calls it
-            self.line.heard = self._listen
+            self._open(leaving)
             leaving.callback(self._come_to_rest)
-            with self.driver(only_look=True) as pusher:
+            with self.driver(look=True) as pusher:
                 if pusher.mode is not Mode.IDLE:
                     raise NotRehearsed(f"the controller is {pusher.mode.value}: expected one that rests, unlocked and homed")
-                self.limits = pusher.limits
-            settings = self.ask("$$")
-            self._unit = INCH if "$13=1" in settings else 1.0
-            before = self._heard_at
-            self.wait(lambda: self._heard_at > before, "a report")
-            self._zero = self._raw
-            self.heard.clear()
-            self.position = self.place()
-            self.before = self.known()
+                self.limits, self.position = pusher.limits, pusher_position(pusher)
+            self._look()
             self._check()
             leaving.callback(self._end_processes)
             self.person = leaving.enter_context(Person(self.namespace, enclave(self.namespace, COMMAND_LINE)))
@@ -136,11 +114,20 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     def __exit__(self, *_: object) -> None:
         self._leaving.close()
 
+    def _open(self, leaving: contextlib.ExitStack) -> None:
+        """Open what stands between the actuator and the controller."""
+
+    def _look(self) -> None:
+        """Take note of what must not change."""
+
+    def heal(self) -> None:
+        """From now on, all between the actuator and the controller works."""
+
     def _check(self) -> None:
         given = self.given
         if self.position < -SAME:
             here = f"the controller stands at {1e3 * self.position:.3f} mm"
-            raise NotRehearsed(f"{here}, expected 0 or more along axis {given.axis}: set its work zero, or reverse the axis")
+            raise NotRehearsed(f"{here}, expected 0 or more: set its work zero, or reverse the axis")
         if given.speed > self.limits.max_speed:
             raise InvalidInput(f"--speed must be at most {1e3 * self.limits.max_speed:g} mm/s, as the controller is set")
         least = self.margin + LEAST_PUSH * given.speed
@@ -164,39 +151,18 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     # The truth
 
-    def _listen(self, data: bytes) -> None:
-        """Take what the controller says; called in the line's thread."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for raw in lines:
-            text = raw.decode("ascii", errors="replace").strip()
-            status = parse_status(text)
-            if status is None:
-                self._lines.append(text)
-                continue
-            place = status.machine_position or status.work_position
-            index = AXES.index(self.given.axis[-1])
-            if place is None or len(place) <= index:
-                continue
-            self._raw = place[index] * self._unit
-            self._heard_at = time.monotonic()
-            sign = -1 if self.given.axis[0] == "-" else 1
-            along = sign * (self._raw - self._zero) * 1e-3
-            self.heard.append(Heard(self._heard_at, along, (status.feed or 0.0) * self._unit / 60e3, status.state))
-            if self.broken_out is None and (along < -self.margin or along > self.given.stroke):
-                self.broken_out = along
-                self.line.tell_controller(RealTime.HOLD.value)
+    def hear(self, one: Heard) -> None:
+        """Take a report of where the pusher is."""
+        self.heard.append(one)
+        if self.broken_out is None and (one.along < -self.margin or one.along > self.given.stroke):
+            self.broken_out = one.along  # whoever waits next ends the rehearsal, which stops the pusher
 
     def spin(self, seconds: float = 0.005) -> None:
-        """Let messages and reports come in for this long [s]; ask the controller for a report if nobody else does.
+        """Let messages and reports come in for this long [s].
 
         Raises:
-            NotRehearsed: the port can no longer be read or written.
+            NotRehearsed: nothing more can be done with the controller.
         """
-        if self.line.broken is not None:
-            raise NotRehearsed(f"the line to the controller at {self.given.port} is broken: {self.line.broken}")
-        if time.monotonic() - self._heard_at > LISTENING:
-            self.line.tell_controller(RealTime.ASK.value)
-            self._heard_at = time.monotonic()
         if hasattr(self, "person"):
             self.person.spin(seconds)
         else:
@@ -247,8 +213,10 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
         def rests() -> bool:
             nonlocal since
+            if time.monotonic() - self.heard[-1].when > AT_REST:
+                self.witness()
             last = self.heard[-1]
-            moved = [one.when for one in reversed(self.heard[-200:]) if one.along != last.along or one.state in ("Run", "Jog")]
+            moved = [one.when for one in reversed(self.heard[-200:]) if one.along != last.along or one.moves]
             since = max(since, moved[0]) if moved else since
             return last.when - since > AT_REST
 
@@ -259,42 +227,40 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             first -= 1
         return self.heard[first]
 
-    def ask(self, line: str) -> list[str]:
-        """The controller's answer to a line; only for use at rest."""
-        self._lines.clear()
-        self.line.tell_controller(line.encode() + b"\n")
-        self.wait(lambda: "ok" in self._lines or any(text.startswith("error") for text in self._lines), f"the answer to {line}")
-        return list(self._lines)
+    def seconds_until(self, at_rest: Heard, begin: float) -> float | None:
+        """The time from a moment until the pusher rested [s]; None if nobody saw it come to rest."""
+        if at_rest.when <= begin:
+            return 0.0
+        before = self.between(begin, at_rest.when)[-2:][0]
+        return at_rest.when - begin if at_rest.when - before.when < AT_REST else None
 
-    def known(self) -> dict[str, list[str]]:
-        """The controller's settings and modes, which the rehearsal must not change."""
-        return {line: self.ask(line) for line in ("$$", "$#", "$G")}
-
-    def place(self) -> float:
-        """Stroke position as the driver counts it [m]."""
-        with self.driver(only_look=True) as pusher:
-            return pusher_position(pusher)
+    def witness(self) -> None:
+        """Have an actuator that says where the pusher is: a new one, if the last one has died."""
+        if self.actuator is None or self.actuator.poll() is not None:
+            self.start_actuator()
+        else:
+            self.actuator.send_signal(signal.SIGCONT)
 
     # The host
 
     @contextlib.contextmanager
-    def driver(self, **options: Any) -> Iterator[Grbl]:
-        """The driver alone, in this process, connected."""
-        pusher = Grbl(self.line.port, self.given.baud, self.given.axis, silence=self.given.silence, **options)
-        with contextlib.closing(pusher):
+    def driver(self, look: bool = False) -> Iterator[Pusher]:
+        """The driver alone, in this process, connected; to `look` only, if it can."""
+        config, driver = self.config()
+        with contextlib.closing(driver.open_pusher(config)) as pusher:
             pusher.connect()
             drive(pusher)
             yield pusher
 
-    def config(self) -> tuple[PusherConfig, GrblConfig]:
+    def config(self) -> tuple[PusherConfig, PusherDriver]:
         """The settings of the actuator: those of any cell, except for the place."""
-        given = self.given
-        stroke = self.position + given.stroke
-        config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, stroke, min(self.limits.max_speed, 10.0))
-        config = replace(config, memory=str(self.folder / "memory"))
-        return config, GrblConfig(port=self.port, baud=given.baud, axis=given.axis, silence=given.silence)
+        stroke, fastest = self.position + self.given.stroke, min(self.limits.max_speed, 10.0)
+        config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, stroke, fastest, driver=self.given.name)
+        return replace(config, memory=str(self.folder / "memory"), **self._changes), self.given.driver
 
-    def start_actuator(self) -> None:
+    def start_actuator(self, **changes: Any) -> None:
+        """Start an actuator, with other settings until the pusher is brought back."""
+        self._changes = changes
         config, driver = self.config()
         spec = NodeSpec("actuator", {**plain(config), **plain(driver)})
         self.states.clear()
@@ -313,10 +279,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             NotRehearsed: the actuator does not become ready.
             EndedEarly: the pusher could not be brought back.
         """
-        self.line.heal()
+        self.heal()
         if self.client is not None:
             end(self.client)
             self.client = None
+        if self._changes:
+            self.end_actuator()
         if self.actuator is not None:
             self.actuator.send_signal(signal.SIGCONT)
         if self.actuator is None or self.actuator.poll() is not None:
@@ -383,6 +351,13 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         """Keep a state with the time of its stamp, whenever it comes."""
         ago = time.time() - 1e-9 * stamp_from_msg(state.header.stamp)
         self.states.append((time.monotonic() - ago, state))
+        self._witnessed(*self.states[-1])
+
+    def _witnessed(self, when: float, state: PusherState) -> None:
+        known = state.mode != PusherState.MODE_DISCONNECTED
+        if known and not (self.heard and when <= self.heard[-1].when):  # what is published again is no news
+            moves = state.mode in (PusherState.MODE_RUNNING, PusherState.MODE_HOMING)
+            self.hear(Heard(when, state.position - self.position, abs(state.speed), moves))
 
     @property
     def log(self) -> pathlib.Path:
@@ -408,51 +383,33 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     def _come_to_rest(self) -> None:
         """Stop the pusher whatever it does: a new connection holds the motion and discards what is queued."""
-        self.line.heal()
+        self.heal()
         try:
-            with self.driver():
-                pass
+            with self.driver() as pusher:
+                pusher.stop()
+                drive(pusher)
         except PusherError as error:
             self.say(f"the controller may not rest: {error}")
 
     def bring_back(self) -> list[str]:
         """Leave everything as it was; return what could not be restored."""
+        self.ready()
         self._end_processes()
-        self.line.heal()
-        with self.driver() as pusher:
-            pusher.recover()
-            drive(pusher)
-            pusher.move_to(self.position, min(5 * self.given.speed, self.limits.max_speed))
-            drive(pusher)
-        modes = " ".join(word for word in self.before["$G"][0].strip("[]GC:").split() if word in RESTORED)
-        self.ask(modes)
-        now = self.known()
-        changed = [line for line, answer in self.before.items() if comparable(answer) != comparable(now[line])]
-        return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > SAME)
+        return []
 
 
 def _when(one: Heard) -> float:
     return one.when
 
 
-RESTORED = {"G20", "G21", "G90", "G91", "G17", "G18", "G19", "G93", "G94", *(f"G{n}" for n in range(54, 60))}
-"""Modal words that a reset of the controller changes and that a line restores."""
-
-
-def comparable(answer: list[str]) -> list[str]:
-    """An answer without the parts that mean nothing: the last feed, and the motion mode, which the next line sets."""
-    words = [[word for word in text.split() if not word.startswith(("F", "[GC:"))] for text in answer]
-    return [" ".join(text) for text in words]
-
-
-def drive(pusher: Grbl) -> None:
+def drive(pusher: Pusher) -> None:
     """Poll a driver until it is no longer busy."""
     while pusher.busy:
         pusher.poll()
         time.sleep(0.003)
 
 
-def pusher_position(pusher: Grbl) -> float:
+def pusher_position(pusher: Pusher) -> float:
     """Stroke position of a connected driver [m].
 
     Raises:

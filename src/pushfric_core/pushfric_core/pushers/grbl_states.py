@@ -1,0 +1,79 @@
+"""The states of the GRBL driver: which script runs, and what ends it."""
+
+from enum import Enum
+
+from pushfric_core.pushers.push_states import Homing
+from pushfric_core.pushers.state_table import Row, State
+
+
+class Phase(Enum):
+    """What the driver does; each phase but the first and the one at rest is a script, which ends with Event.DONE."""
+
+    CLOSED = "port closed"
+    CONNECTING = "connecting"
+    RESTING = "at rest"
+    STREAMING = "in a stroke"
+    BRAKING = "braking"
+    RESETTING = "reset to stop"
+    RECOVERING = "reset to recover"
+    HOMING = "homing"
+    UNLOCKING = "unlocking"
+
+
+class Status(Enum):
+    """What the controller reports."""
+
+    IDLE = "reported idle"
+    ALARM = "reported in alarm"
+    OTHER = "reported otherwise"
+
+
+Trust = Enum("Trust", {"TRUSTED": "position trusted", "DOUBTED": "position in doubt"})
+Next = Enum("Next", {"NOTHING": "nothing due", "RECOVERY": "recovery due"})
+"""What follows a stop."""
+Role = Enum("Role", {"DRIVES": "may interfere", "LOOKS": "only looks"})
+
+
+class Event(Enum):
+    """What happens to the driver."""
+
+    CONNECT = "connect"
+    MOVE = "move"
+    STOP = "stop"  # or any error
+    RECOVER = "recover"
+    DONE = "script done"
+    DOUBT = "doubt"  # a report that cannot be true, a suspension, another offset
+    LOST = "line lost"  # or left
+
+
+class Action(Enum):
+    """What is sent at once."""
+
+    HOLD = "feed hold"
+
+
+E, P = Event, Phase
+STOPPING: set[Enum] = {P.BRAKING, P.RESETTING}
+STOPPABLE = {Role.DRIVES, P.RESTING, P.STREAMING, P.RECOVERING, P.UNLOCKING}
+
+GRBL = (
+    Row((E.CONNECT,), {P.CLOSED}, {P.CONNECTING, Trust.TRUSTED}),
+    Row((E.MOVE,), {Role.DRIVES, P.RESTING, Trust.TRUSTED, Status.IDLE}, {P.STREAMING}),
+    Row((E.DONE,), {P.CONNECTING, P.STREAMING}, {P.RESTING}),
+    Row((E.STOP,), STOPPABLE | {Status.IDLE, Status.OTHER}, {P.BRAKING}, Action.HOLD),
+    Row((E.STOP,), STOPPABLE | {Status.ALARM}, {P.RESETTING}, Action.HOLD),  # it may obey nothing but a reset
+    Row((E.STOP,), {Role.DRIVES, P.HOMING}, {P.RESETTING}, Action.HOLD),
+    Row((E.STOP,), STOPPING, {Next.NOTHING}),
+    Row((E.DONE,), {P.BRAKING}, {P.RESETTING}),
+    Row((E.DONE,), {P.RESETTING, Next.NOTHING}, {P.RESTING}),
+    Row((E.DONE,), {P.RESETTING, Next.RECOVERY}, {P.RECOVERING, Next.NOTHING}),
+    Row((E.RECOVER,), {Role.DRIVES, P.RESTING}, {P.RECOVERING}),
+    Row((E.RECOVER,), STOPPING, {Next.RECOVERY}),
+    Row((E.DONE,), {P.RECOVERING, Homing.HOMES}, {P.HOMING}),
+    Row((E.DONE,), {P.RECOVERING, Homing.UNLOCKS}, {P.UNLOCKING}),
+    Row((E.DONE,), {P.HOMING, P.UNLOCKING}, {P.RESTING, Trust.TRUSTED}),
+    Row((E.DOUBT,), set(), {Trust.DOUBTED}),
+    Row((E.LOST,), set(), {P.CLOSED, Next.NOTHING}),
+)
+
+AT_FIRST: State = frozenset({P.CLOSED, Trust.TRUSTED, Next.NOTHING})

@@ -1,0 +1,138 @@
+"""The stage of a rehearsal with a GRBL controller: a line that can fail, and the truth as the controller reports it."""
+
+import contextlib
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.grbl_config import GrblConfig
+from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
+from pushfric_core.pushers.grbl_settings import AXES
+from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.simulated.faulty_line import FaultyLine
+from pushfric_msgs.msg import PusherState
+from pushfric_ros.rehearsal.stage import SAME, Heard, NotRehearsed, Stage, drive
+
+INCH = 25.4  # [mm]
+LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
+
+
+class GrblStage(Stage):
+    """A stage that hears all that the controller says, whatever happens to the actuator."""
+
+    line: FaultyLine
+    grbl: GrblConfig
+
+    def _open(self, leaving: contextlib.ExitStack) -> None:
+        assert isinstance(self.given.driver, GrblConfig)
+        self.grbl = self.given.driver
+        self._lines: list[str] = []
+        self._rest, self._unit, self._zero, self._raw = b"", 1.0, 0.0, 0.0  # [mm]
+        self._heard_at = 0.0
+        try:
+            self.line = leaving.enter_context(FaultyLine(self.grbl.port, self.grbl.baud))
+        except OSError as error:
+            raise InvalidInput(f"cannot open {self.grbl.port}: {error}") from error
+        self.port = self.line.port  # the name by which an actuator calls it
+        self.line.heard = self._listen
+
+    def _look(self) -> None:
+        self._unit = INCH if "$13=1" in self.ask("$$") else 1.0
+        before = self._heard_at
+        self.wait(lambda: self._heard_at > before, "a report")
+        self._zero = self._raw
+        self.heard.clear()
+        self.broken_out = None
+        self.before = self.known()
+
+    def heal(self) -> None:
+        self.line.heal()
+
+    def _listen(self, data: bytes) -> None:
+        """Take what the controller says; called in the line's thread."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for raw in lines:
+            text = raw.decode("ascii", errors="replace").strip()
+            status = parse_status(text)
+            if status is None:
+                self._lines.append(text)
+                continue
+            place = status.machine_position or status.work_position
+            index = AXES.index(self.grbl.axis[-1])
+            if place is None or len(place) <= index:
+                continue
+            self._raw, self._heard_at = place[index] * self._unit, time.monotonic()
+            along = self.sign * (self._raw - self._zero) * 1e-3
+            speed = (status.feed or 0.0) * self._unit / 60e3
+            self.hear(Heard(self._heard_at, along, speed, status.state in ("Run", "Jog")))
+
+    def hear(self, one: Heard) -> None:
+        before = self.broken_out
+        super().hear(one)
+        if self.broken_out is not before:
+            self.line.tell_controller(RealTime.HOLD.value)
+
+    @property
+    def sign(self) -> int:
+        """-1 if the stroke runs towards negative coordinates."""
+        return -1 if self.grbl.axis[0] == "-" else 1
+
+    def _witnessed(self, when: float, state: PusherState) -> None:
+        """What is published is judged, not believed."""
+
+    def spin(self, seconds: float = 0.005) -> None:
+        """See Stage; ask the controller for a report if nobody else does."""
+        if self.line.broken is not None:
+            raise NotRehearsed(f"the line to the controller at {self.grbl.port} is broken: {self.line.broken}")
+        if time.monotonic() - self._heard_at > LISTENING:
+            self.line.tell_controller(RealTime.ASK.value)
+            self._heard_at = time.monotonic()
+        super().spin(seconds)
+
+    def ask(self, line: str) -> list[str]:
+        """The controller's answer to a line; only for use at rest."""
+        self._lines.clear()
+        self.line.tell_controller(line.encode() + b"\n")
+        self.wait(lambda: "ok" in self._lines or any(text.startswith("error") for text in self._lines), f"the answer to {line}")
+        return list(self._lines)
+
+    def known(self) -> dict[str, list[str]]:
+        """The controller's settings and modes, which the rehearsal must not change."""
+        return {line: self.ask(line) for line in ("$$", "$#", "$G")}
+
+    @contextlib.contextmanager
+    def driver(self, look: bool = False) -> Iterator[Grbl]:
+        pusher = Grbl(self.line.port, self.grbl.baud, self.grbl.axis, silence=self.grbl.silence, only_look=look)
+        with contextlib.closing(pusher):
+            pusher.connect()
+            drive(pusher)
+            yield pusher
+
+    def config(self) -> tuple[PusherConfig, GrblConfig]:
+        """As of any stage; the actuator is on the line's other end."""
+        return super().config()[0], replace(self.grbl, port=self.port)
+
+    def bring_back(self) -> list[str]:
+        self._end_processes()
+        self.line.heal()
+        with self.driver() as pusher:
+            pusher.recover()
+            drive(pusher)
+            pusher.move_to(self.position, min(5 * self.given.speed, self.limits.max_speed))
+            drive(pusher)
+        self.ask(" ".join(word for word in self.before["$G"][0].strip("[]GC:").split() if word in RESTORED))
+        now = self.known()
+        changed = [line for line, answer in self.before.items() if comparable(answer) != comparable(now[line])]
+        return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > SAME)
+
+
+RESTORED = {"G20", "G21", "G90", "G91", "G17", "G18", "G19", "G93", "G94", *(f"G{n}" for n in range(54, 60))}
+"""Modal words that a reset of the controller changes and that a line restores."""
+
+
+def comparable(answer: list[str]) -> list[str]:
+    """An answer without the parts that mean nothing: the last feed, and the motion mode, which the next line sets."""
+    words = [[word for word in text.split() if not word.startswith(("F", "[GC:"))] for text in answer]
+    return [" ".join(text) for text in words]
