@@ -14,6 +14,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from geometry_msgs.msg import Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
@@ -163,18 +164,67 @@ def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, sche
     assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
 
 
-def test_the_slider_shows_what_was_known_after_each_push(browser, url):
+def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
     with visit(browser, url) as page:
         first = first_row(page)
         expect(page.locator('#rows tr[data-push="1"] td').nth(2)).to_have_text(re.compile("[0-9]"))
-        page.locator("#moment").press("Home")
-        expect(page.locator("#moment_name")).to_have_text("after push 1")
+        slider, name = page.locator("#moment"), page.locator("#moment_name")
+        expect(name).to_have_text("now")
+        slider.press("Home")
+        expect(name).to_have_text(re.compile(f"^push 1, data point 1 of {first[1]}, "))
+        expect(page.locator("#prediction_caption")).to_contain_text("Nothing was predicted")
+        expect(page.locator("#drawing .tip")).to_have_count(0)
+        page.locator("#compare").press("Enter")
+        slider.press("PageDown")
+        expect(name).to_have_text(re.compile(f"^push 1, data point {first[1]} of {first[1]}, "))
+        expect(slider).to_have_attribute("aria-valuetext", name.inner_text())
         expect(page.locator("#center")).to_contain_text(f"{first[2]}, {first[3]}")
         expect(page.locator("#pushes")).to_have_text("of 1 push")
         expect(page.locator("#drawing .weight")).not_to_have_count(0)
-        expect(page.locator("#drawing .tip")).to_have_count(0)
-        page.locator("#moment").press("End")
-        expect(page.locator("#moment_name")).to_have_text("now")
+        expect(page.locator("#shown_name")).to_have_text(f"push 1, {first[1]} of {first[1]}")
+        expect(page.locator("#comparison tbody tr").first.locator("td").nth(1)).to_have_text(first[2])
+        slider.press("ArrowRight")
+        expect(name).to_have_text(re.compile("^push 2, data point 1 of "))
+        expect(page.locator("#prediction_caption")).to_contain_text("° apart")
+        expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
+        assert "/picture/" in page.locator("#overlay").evaluate("image => image.src")
+        page.locator("#compare").press("Enter")
+        expect(page.locator("#comparison")).to_be_hidden()
+        page.locator("#to_now").press("Enter")
+        expect(name).to_have_text("now")
+        expect(page.locator("#drawing .tip")).to_have_count(1)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> str:
+    """Address of the page of a recorded run."""
+    file = tmp_path_factory.mktemp("recorded") / "page.html"
+    command = ["report", str(pathlib.Path(__file__).parents[2] / "bags/rubber_rect4"), "--html", str(file)]
+    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=True)
+    return file.as_uri()
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
+    """In one file, by keys alone."""
+    with visit(browser, recorded, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, data point (\d) of \1, "))
+        expect(page.locator("#stop")).to_be_hidden()
+        expect(page.locator("#trust")).to_contain_text("may be used")
+        page.locator("#moment").press("PageUp")
+        page.locator("#compare").press("Enter")
+        for _ in range(4):
+            page.locator("#moment").press("PageUp")
+        expect(page.locator("#pinned_name")).to_have_text(re.compile("^push 13, "))
+        expect(page.locator("#shown_name")).to_have_text(re.compile("^push 9, "))
+        expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
+        expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        if AXE.exists():
+            page.evaluate(AXE.read_text())
+            found = page.evaluate("axe.run()")["violations"]
+            assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
 
 
 def pushes(state: PusherState) -> bool:
@@ -268,8 +318,10 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
     view = ros.compose(ViewNode(namespace="/left_out", parameter_overrides=overrides({"object": OBJECT})))
     for out in (observations, estimates):
         ros.wait_for(out.get_subscription_count, PATIENCE, f"the view's subscription to {out.topic_name}")
-    observations.publish(Observation(push_id=0))
-    observations.publish(Observation(push_id=1))
+    for push in (0, 1):
+        observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
+        observation.twist.linear.y = 0.02
+        observations.publish(observation)
     reason = "it moves otherwise than the others say"
     left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL)
     left.rejected = [RejectedPush(push_id=1, reason=Reason(code=Reason.MOMENT_CONTRADICTS, text=reason))]
