@@ -49,6 +49,7 @@ function connect() {
     story = run.story;
     connection = "live";
     newsAt = performance.now();
+    keepPictures();
     redraw();
   };
   socket.onclose = ({ code }) => {
@@ -164,6 +165,7 @@ function drawNow() {
   at("place").classList.toggle("there", Boolean(plan?.in_place));
   at("result").hidden = !(story.report && plan?.phase === "finished");
   write("report", story.report ?? "");
+  write("again", `./pushfric view ${(story.report ?? "").replace(/\/[^/]*$/, "")}`);
   write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
@@ -273,6 +275,22 @@ function unit(id, text, what) {
 }
 
 const addressOf = ({ key, src }) => src ?? `${key}?token=${encodeURIComponent(token)}`;
+
+// Load the pictures before they are asked for: when the run ends, nobody serves them any more
+let keeping = false;
+async function keepPictures() {
+  if (keeping) return;
+  keeping = true;
+  try {
+    for (let next; (next = run.pictures.find(({ src }) => !src)); ) {
+      const answered = await fetch(addressOf(next));
+      next.src = answered.ok ? URL.createObjectURL(await answered.blob()) : addressOf(next);
+    }
+  } catch {
+    // the connection is lost: the next news begins again
+  }
+  keeping = false;
+}
 
 function drawCamera(moment, compared) {
   const tracker = story["node/tracker"], live = !moment && picture;
