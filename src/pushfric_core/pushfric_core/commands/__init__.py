@@ -21,6 +21,7 @@ SECTIONS = {
         "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the"
         " pusher's entries.",
         "track": "Track the object in the images of a bag again, and say how the poses differ from the recorded ones.",
+        "check-cell": "Check a whole cell against statics: how far p_CF is off for a plate with known loads.",
     },
     "Paper": {
         "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",
