@@ -306,7 +306,7 @@ function drawCamera(moment, compared) {
   const unseen = !moment && tracker && tracker.level !== "ok";
   let said = !tracker ? "" : unseen ? `✗ ${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
   if (moment) said = kept ? `Taken ${plain(Math.abs(kept.t - moment.t), 1)} s ${kept.t > moment.t ? "after" : "before"} this moment` : "";
-  if (then) said += `${said && "; "}below: the moment compared with`;
+  if (then) said += `${said && "; "}right: the moment compared with`;
   write("seen", said);
   at("seen").classList.toggle("problem", Boolean(unseen));
 }
