@@ -1,5 +1,6 @@
 """The live view in a browser, on a simulated cell of real processes; one run for all tests of this module, in order."""
 
+import base64
 import contextlib
 import dataclasses
 import io
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -38,7 +40,7 @@ PUSHES = 80
 """More pushes than the tests take."""
 
 
-SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 1010}
+SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 1040}
 """Size of the docs' pictures [px]."""
 
 ALL_OF_IT = {"width": 1200, "height": 1460}
@@ -46,8 +48,8 @@ ALL_OF_IT = {"width": 1200, "height": 1460}
 LAST_PUSH = 14
 """Number of the last push of the demo."""
 
-FRAME_MS = 600
-"""Time between two images of the moving picture."""
+FILM, LONGEST_MS = (720, 624), 600
+"""Size of the moving picture [px], and how long one of its images is shown at most."""
 
 expect.set_options(timeout=PATIENCE * 1e3)
 
@@ -419,34 +421,56 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
     np.testing.assert_allclose(found.unproject(table.project(MARKS)), MARKS, atol=1e-3)
 
 
-@pytest.mark.skipif("PUSHFRIC_PICTURES" not in os.environ, reason="PUSHFRIC_PICTURES names no folder for the docs' pictures")
-@pytest.mark.timeout(900)
-def test_pictures_for_the_docs(browser, tmp_path):
-    """The pictures of README and docs, from a whole demo: the page on a screen and on a phone, and what moves on it."""
-    folder = pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
+@pytest.fixture
+def whole_demo(tmp_path):
+    """Address of a demo's page, and the folder for the docs' pictures."""
+    if "PUSHFRIC_PICTURES" not in os.environ:
+        pytest.skip("PUSHFRIC_PICTURES names no folder for the docs' pictures")
     command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", "runs/first", "--view", "0"]
-    frames: list[Image.Image] = []
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as demo, contextlib.ExitStack() as visits:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as demo:
         assert demo.stderr is not None
         url = next(line.split()[1] for line in demo.stderr if line.startswith("view: http"))
         threading.Thread(target=demo.stderr.read).start()  # so that it is never full
-        screen = visits.enter_context(visit(browser, url, viewport=SCREEN))
-        phone = visits.enter_context(visit(browser, url, viewport=PHONE, is_mobile=True, color_scheme="dark"))
-        expect(screen.locator("#overlay")).to_be_visible()
-        while not screen.locator("#now.finished, #now.lost").count():
-            said = screen.locator("#prompt").inner_text()
-            if frames or (said.startswith("Push") and "waiting" not in said):  # not while the nodes still start
-                frames.append(Image.open(io.BytesIO(screen.screenshot(clip={"x": 0, "y": 0, **MOVING}))).convert("RGB"))
-            if screen.locator("#rows tr").count() == LAST_PUSH:
-                screen.screenshot(path=folder / "view.png")
-                phone.screenshot(path=folder / "view_phone.png")
-            screen.wait_for_timeout(FRAME_MS)
+        yield url, pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
         assert demo.wait(PATIENCE) == 0
-    for name in ("view.png", "view_phone.png"):
-        make_small(folder / name)
-    size = (720, round(720 * MOVING["height"] / MOVING["width"]))
-    first, *others = [frame.resize(size, Image.Resampling.LANCZOS) for frame in frames]
-    shown = [FRAME_MS // 3] * len(others) + [4000]  # ms; the end stays for a while
-    options = {"loop": 0, "quality": 60, "method": 3}
-    first.save(folder / "demo.webp", save_all=True, append_images=others, duration=shown, **options)
-    assert (folder / "demo.webp").stat().st_size < 1_000_000
+
+
+def test_pictures_for_the_docs(browser, whole_demo):
+    """The page on a screen and on a phone."""
+    url, folder = whole_demo
+    with (
+        visit(browser, url, viewport=SCREEN) as screen,
+        visit(browser, url, viewport=PHONE, is_mobile=True, color_scheme="dark") as phone,
+    ):
+        expect(screen.locator("#rows tr")).to_have_count(LAST_PUSH - 4)
+        for page, name in ((screen, "view.png"), (phone, "view_phone.png")):
+            expect(page.locator("#overlay")).to_be_visible()
+            page.screenshot(path=folder / name)
+            make_small(folder / name)
+
+
+def test_the_film_for_the_docs(browser, whole_demo):
+    """What moves on the page, from the first estimate to the last."""
+    url, folder = whole_demo
+    frames: list[tuple[float, bytes]] = []  # with their times [s]
+    unanswered: list[int] = []
+
+    def keep(frame: dict) -> None:
+        frames.append((frame["metadata"]["timestamp"], base64.b64decode(frame["data"])))
+        unanswered.append(frame["sessionId"])
+
+    with visit(browser, url, viewport=MOVING) as page:
+        expect(page.locator("#drawing .weight")).not_to_have_count(0)  # not while the nodes still start
+        cast = page.context.new_cdp_session(page)
+        cast.on("Page.screencastFrame", keep)
+        cast.send("Page.startScreencast", {"format": "png", "maxWidth": FILM[0], "maxHeight": FILM[1]})
+        while not page.locator("#now.finished, #now.lost").count():
+            while unanswered:  # the next image comes when this one is answered
+                cast.send("Page.screencastFrameAck", {"sessionId": unanswered.pop()})
+            page.wait_for_timeout(50)
+        cast.send("Page.stopScreencast")
+    times = [when for when, _ in sorted(frames)]
+    shown = [min(LONGEST_MS, 20 + round(1e3 * (after - before))) for before, after in pairwise(times)] + [4000]  # the end stays
+    first, *others = [Image.open(io.BytesIO(frame)).convert("RGB").resize(FILM) for _, frame in sorted(frames)]
+    first.save(folder / "demo.webp", save_all=True, append_images=others, duration=shown, loop=0, quality=60, method=3)
+    assert (folder / "demo.webp").stat().st_size < 3_000_000

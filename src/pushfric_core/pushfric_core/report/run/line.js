@@ -5,6 +5,7 @@ const PAD = 8; // half of the slider's thumb, so that both lie below one another
 const TOP = 22, TALL = 54, LABEL = 22, FOOT = 24;
 
 const DECADES = 3; // of a curve, at most: what is smaller lies at the bottom
+const SMALLEST = -3; // power of ten that is worth an axis
 
 const TRACKS = [
   ["p_CF within", " mm", ({ known }) => 1e3 * number(known?.confidence)],
@@ -49,7 +50,7 @@ export function drawCursors(svg, run, to, shown, pinned) {
   TRACKS.forEach(([name, unit, value], track) => {
     const at = shown ?? run.moments.at(-1), found = at ? value(at) : NaN;
     const text = made("text", { class: "strong", x: PAD, y: TOP + track * (TALL + LABEL) + 16 }, `${name} `);
-    text.append(made("tspan", { class: "value_text" }, Number.isFinite(found) ? `${+found.toPrecision(2)}${unit}` : "–"));
+    text.append(made("tspan", { class: "value_text" }, Number.isFinite(found) ? `${found < 10 ** (SMALLEST - DECADES) ? 0 : +found.toPrecision(2)}${unit}` : "–"));
     parts.push(text);
   });
   svg.querySelector(".cursors").replaceChildren(...parts);
@@ -60,7 +61,7 @@ function drawnTrack(values, to, top, wide) {
   const logs = values.map((value) => (value > 0 && Number.isFinite(value) ? Math.log10(value) : NaN));
   const most = logs.reduce((most, log) => (log > most ? log : most), -Infinity);
   if (!Number.isFinite(most)) return [];
-  const high = Math.ceil(most), least = logs.reduce((least, log) => (log < least ? log : least), Infinity);
+  const high = Math.max(SMALLEST + 1, Math.ceil(most)), least = logs.reduce((least, log) => (log < least ? log : least), Infinity);
   const low = Math.max(Math.min(Math.floor(least), high - 1), high - DECADES);
   const v = (log) => top + TALL - 4 - ((TALL - 8) * Math.max(0, log - low)) / (high - low);
   const parts = [];
