@@ -59,6 +59,7 @@ setup(
         "pushfric_core": ["py.typed"],
         "": ["*.pxd", "*.html.j2"],
         "pushfric_core.bags": ["msg/*.msg"],
+        "pushfric_core.report": ["run/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),

@@ -1,5 +1,6 @@
 """The live view in a browser, on a simulated cell of real processes; one run for all tests of this module, in order."""
 
+import base64
 import contextlib
 import dataclasses
 import io
@@ -10,10 +11,12 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import pairwise
 
 import cv2
 import numpy as np
 import pytest
+from geometry_msgs.msg import Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
@@ -37,7 +40,7 @@ PUSHES = 80
 """More pushes than the tests take."""
 
 
-SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 910}
+SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 1040}
 """Size of the docs' pictures [px]."""
 
 ALL_OF_IT = {"width": 1200, "height": 1460}
@@ -45,8 +48,8 @@ ALL_OF_IT = {"width": 1200, "height": 1460}
 LAST_PUSH = 14
 """Number of the last push of the demo."""
 
-FRAME_MS = 600
-"""Time between two images of the moving picture."""
+FILM, LONGEST_MS = (720, 624), 600
+"""Size of the moving picture [px], and how long one of its images is shown at most."""
 
 expect.set_options(timeout=PATIENCE * 1e3)
 
@@ -97,8 +100,9 @@ def visit(browser: Browser, url: str, **kwargs):
     page = context.new_page()
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
-    # an image in the page's own memory may be given up for the next one
-    page.on("requestfailed", lambda request: failures.extend([request.url] * (not request.url.startswith("blob:"))))
+    # an image in the page's own memory may be given up for the next one, and a run may end before its last picture is fetched
+    given_up = re.compile("^blob:|/picture/")
+    page.on("requestfailed", lambda request: failures.extend([request.url] * (not given_up.search(request.url))))
     page.on("request", lambda request: failures.extend([request.url] * (not request.url.startswith((url, "blob:")))))
     page.goto(url)
     yield page
@@ -163,18 +167,67 @@ def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, sche
     assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
 
 
-def test_the_slider_shows_what_was_known_after_each_push(browser, url):
+def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
     with visit(browser, url) as page:
         first = first_row(page)
         expect(page.locator('#rows tr[data-push="1"] td').nth(2)).to_have_text(re.compile("[0-9]"))
-        page.locator("#moment").press("Home")
-        expect(page.locator("#moment_name")).to_have_text("after push 1")
+        slider, name = page.locator("#moment"), page.locator("#moment_name")
+        expect(name).to_have_text("now")
+        slider.press("Home")
+        expect(name).to_have_text(re.compile(f"^push 1, data point 1 of {first[1]}, "))
+        expect(page.locator("#prediction_caption")).to_contain_text("Nothing was predicted")
+        expect(page.locator("#drawing .tip")).to_have_count(0)
+        page.locator("#compare").press("Enter")
+        slider.press("PageDown")
+        expect(name).to_have_text(re.compile(f"^push 1, data point {first[1]} of {first[1]}, "))
+        expect(slider).to_have_attribute("aria-valuetext", name.inner_text())
         expect(page.locator("#center")).to_contain_text(f"{first[2]}, {first[3]}")
         expect(page.locator("#pushes")).to_have_text("of 1 push")
         expect(page.locator("#drawing .weight")).not_to_have_count(0)
-        expect(page.locator("#drawing .tip")).to_have_count(0)
-        page.locator("#moment").press("End")
-        expect(page.locator("#moment_name")).to_have_text("now")
+        expect(page.locator("#shown_name")).to_have_text(f"push 1, {first[1]} of {first[1]}")
+        expect(page.locator("#comparison tbody tr").first.locator("td").nth(1)).to_have_text(first[2])
+        slider.press("ArrowRight")
+        expect(name).to_have_text(re.compile("^push 2, data point 1 of "))
+        expect(page.locator("#prediction_caption")).to_contain_text("° apart")
+        expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
+        expect(page.locator("#seen")).to_have_text(re.compile(r"^Taken \d+\.\d s (before|after) this moment"))
+        page.locator("#compare").press("Enter")
+        expect(page.locator("#comparison")).to_be_hidden()
+        page.locator("#to_now").press("Enter")
+        expect(name).to_have_text("now")
+        expect(page.locator("#drawing .tip")).to_have_count(1)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> str:
+    """Address of the page of a recorded run."""
+    file = tmp_path_factory.mktemp("recorded") / "page.html"
+    command = ["report", str(pathlib.Path(__file__).parents[2] / "bags/rubber_rect4"), "--html", str(file)]
+    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=True)
+    return file.as_uri()
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
+    """In one file, by keys alone."""
+    with visit(browser, recorded, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, data point (\d) of \1, "))
+        expect(page.locator("#stop")).to_be_hidden()
+        expect(page.locator("#trust")).to_contain_text("may be used")
+        page.locator("#moment").press("PageUp")
+        page.locator("#compare").press("Enter")
+        for _ in range(4):
+            page.locator("#moment").press("PageUp")
+        expect(page.locator("#pinned_name")).to_have_text(re.compile("^push 13, "))
+        expect(page.locator("#shown_name")).to_have_text(re.compile("^push 9, "))
+        expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
+        expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        if AXE.exists():
+            page.evaluate(AXE.read_text())
+            found = page.evaluate("axe.run()")["violations"]
+            assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
 
 
 def pushes(state: PusherState) -> bool:
@@ -268,8 +321,10 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
     view = ros.compose(ViewNode(namespace="/left_out", parameter_overrides=overrides({"object": OBJECT})))
     for out in (observations, estimates):
         ros.wait_for(out.get_subscription_count, PATIENCE, f"the view's subscription to {out.topic_name}")
-    observations.publish(Observation(push_id=0))
-    observations.publish(Observation(push_id=1))
+    for push in (0, 1):
+        observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
+        observation.twist.linear.y = 0.02
+        observations.publish(observation)
     reason = "it moves otherwise than the others say"
     left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL)
     left.rejected = [RejectedPush(push_id=1, reason=Reason(code=Reason.MOMENT_CONTRADICTS, text=reason))]
@@ -366,34 +421,56 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
     np.testing.assert_allclose(found.unproject(table.project(MARKS)), MARKS, atol=1e-3)
 
 
-@pytest.mark.skipif("PUSHFRIC_PICTURES" not in os.environ, reason="PUSHFRIC_PICTURES names no folder for the docs' pictures")
-@pytest.mark.timeout(900)
-def test_pictures_for_the_docs(browser, tmp_path):
-    """The pictures of README and docs, from a whole demo: the page on a screen and on a phone, and what moves on it."""
-    folder = pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
+@pytest.fixture
+def whole_demo(tmp_path):
+    """Address of a demo's page, and the folder for the docs' pictures."""
+    if "PUSHFRIC_PICTURES" not in os.environ:
+        pytest.skip("PUSHFRIC_PICTURES names no folder for the docs' pictures")
     command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", "runs/first", "--view", "0"]
-    frames: list[Image.Image] = []
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as demo, contextlib.ExitStack() as visits:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as demo:
         assert demo.stderr is not None
         url = next(line.split()[1] for line in demo.stderr if line.startswith("view: http"))
         threading.Thread(target=demo.stderr.read).start()  # so that it is never full
-        screen = visits.enter_context(visit(browser, url, viewport=SCREEN))
-        phone = visits.enter_context(visit(browser, url, viewport=PHONE, is_mobile=True, color_scheme="dark"))
-        expect(screen.locator("#overlay")).to_be_visible()
-        while not screen.locator("#now.finished, #now.lost").count():
-            said = screen.locator("#prompt").inner_text()
-            if frames or (said.startswith("Push") and "waiting" not in said):  # not while the nodes still start
-                frames.append(Image.open(io.BytesIO(screen.screenshot(clip={"x": 0, "y": 0, **MOVING}))).convert("RGB"))
-            if screen.locator("#rows tr").count() == LAST_PUSH:
-                screen.screenshot(path=folder / "view.png")
-                phone.screenshot(path=folder / "view_phone.png")
-            screen.wait_for_timeout(FRAME_MS)
+        yield url, pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
         assert demo.wait(PATIENCE) == 0
-    for name in ("view.png", "view_phone.png"):
-        make_small(folder / name)
-    size = (720, round(720 * MOVING["height"] / MOVING["width"]))
-    first, *others = [frame.resize(size, Image.Resampling.LANCZOS) for frame in frames]
-    shown = [FRAME_MS // 3] * len(others) + [4000]  # ms; the end stays for a while
-    options = {"loop": 0, "quality": 60, "method": 3}
-    first.save(folder / "demo.webp", save_all=True, append_images=others, duration=shown, **options)
-    assert (folder / "demo.webp").stat().st_size < 1_000_000
+
+
+def test_pictures_for_the_docs(browser, whole_demo):
+    """The page on a screen and on a phone."""
+    url, folder = whole_demo
+    with (
+        visit(browser, url, viewport=SCREEN) as screen,
+        visit(browser, url, viewport=PHONE, is_mobile=True, color_scheme="dark") as phone,
+    ):
+        expect(screen.locator("#rows tr")).to_have_count(LAST_PUSH - 4)
+        for page, name in ((screen, "view.png"), (phone, "view_phone.png")):
+            expect(page.locator("#overlay")).to_be_visible()
+            page.screenshot(path=folder / name)
+            make_small(folder / name)
+
+
+def test_the_film_for_the_docs(browser, whole_demo):
+    """What moves on the page, from the first estimate to the last."""
+    url, folder = whole_demo
+    frames: list[tuple[float, bytes]] = []  # with their times [s]
+    unanswered: list[int] = []
+
+    def keep(frame: dict) -> None:
+        frames.append((frame["metadata"]["timestamp"], base64.b64decode(frame["data"])))
+        unanswered.append(frame["sessionId"])
+
+    with visit(browser, url, viewport=MOVING) as page:
+        expect(page.locator("#drawing .weight")).not_to_have_count(0)  # not while the nodes still start
+        cast = page.context.new_cdp_session(page)
+        cast.on("Page.screencastFrame", keep)
+        cast.send("Page.startScreencast", {"format": "png", "maxWidth": FILM[0], "maxHeight": FILM[1]})
+        while not page.locator("#now.finished, #now.lost").count():
+            while unanswered:  # the next image comes when this one is answered
+                cast.send("Page.screencastFrameAck", {"sessionId": unanswered.pop()})
+            page.wait_for_timeout(50)
+        cast.send("Page.stopScreencast")
+    times = [when for when, _ in sorted(frames)]
+    shown = [min(LONGEST_MS, 20 + round(1e3 * (after - before))) for before, after in pairwise(times)] + [4000]  # the end stays
+    first, *others = [Image.open(io.BytesIO(frame)).convert("RGB").resize(FILM) for _, frame in sorted(frames)]
+    first.save(folder / "demo.webp", save_all=True, append_images=others, duration=shown, loop=0, quality=60, method=3)
+    assert (folder / "demo.webp").stat().st_size < 3_000_000

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Callable
 
 import pytest
@@ -142,6 +143,22 @@ def test_an_alarm_ends_a_simulated_run_that_nobody_attends(cell, monkeypatch):
     assert why.endswith("; nobody is here to do that\n")
     assert said[-1] == "error: experiment ended with exit code 1\n"
     assert re.search(r"p_CF \( *\S+, +\S+\) mm  mu_c 90 % \d\.\d\d, 100 % \d\.\d\d  fit error", said[0])
+
+
+def test_a_run_that_a_person_ends_says_how_to_go_on(cell):
+    """It is ended on its page, after the first push."""
+    command = ["run", str(cell), "--simulated", "--view", "0", "--headless", "--bag", str(cell.parent / "bag")]
+    with subprocess.Popen([sys.executable, "-m", "pushfric_core", *command], stderr=subprocess.PIPE, text=True) as ended:
+        url = next(line.split()[1] for line in ended.stderr if line.startswith("view: http"))
+        for line in ended.stderr:
+            if line.startswith("push 2 of 2: place the object"):
+                break
+        with urllib.request.urlopen(urllib.request.Request(f"{url}end", method="POST"), timeout=60) as answer:
+            assert json.load(answer)["done"]
+        said = ended.stderr.read()
+    assert ended.returncode == 0, said
+    assert f"the plan is not finished; go on with: ./pushfric run {cell} --start 2 --simulated\n" in said
+    assert "report.html" in said
 
 
 def drive_back_until(port: pathlib.Path, done: Callable[[], bool]) -> None:

@@ -6,7 +6,6 @@ import pytest
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.datasets import stablepush
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation import batch
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, load_object
@@ -28,7 +27,7 @@ def test_the_real_pushes_become_bags_and_pushes(real_pushes, tmp_path):
         model = load_object(str(bag / OBJECT_FILE))
         data = Recorded(bag).read(model, EstimatorSettings(), pytest.fail).observations
         assert (model.name, len(data), data[0].half_width) == (name, count, 0.025)
-        center = batch.estimate(Estimator(model.support_points), data, pytest.fail).center_of_friction
+        center = Estimator(model.support_points).add(data).center_of_friction
         assert np.hypot(*(center - 0.05)) < 0.02  # intervals of 50 mm bound it from both sides
         assert len(read_edge_pushes(bag / stablepush.PUSHES, model.outline).turns) in (228, 413)
 

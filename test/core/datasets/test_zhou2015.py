@@ -7,7 +7,6 @@ from bench.real_pushes import support_points
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.datasets import zhou2015
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation import batch
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, load_object
@@ -39,7 +38,7 @@ def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_l
         model = load_object(str(bag / OBJECT_FILE))
         data = Recorded(bag).read(model, EstimatorSettings(), refuse).observations
         errors = [
-            1e3 * np.hypot(*(batch.estimate(Estimator(model.support_points, config), data, refuse).center_of_friction - 0.05))
+            1e3 * np.hypot(*(Estimator(model.support_points, config).add(data).center_of_friction - 0.05))
             for config in (EstimatorConfig(cor_radius=0.0), EstimatorConfig())
         ]
         assert len(model.support_points) == 55
@@ -58,7 +57,7 @@ def test_the_defaults_find_the_centre_of_friction_of_real_objects(real_pushes, s
 
     def errors(config):
         return [
-            1e3 * np.hypot(*(batch.estimate(Estimator(points[log], config), data, refuse).center_of_friction - 0.05))
+            1e3 * np.hypot(*(Estimator(points[log], config).add(data).center_of_friction - 0.05))
             for log, data in logs.items()
             if points[log] is not None
         ]

@@ -1,8 +1,13 @@
 """The page of a run: everything is in it, and the files that it offers are those that other commands read."""
 
 import base64
+import http.client
+import json
 import pathlib
 import re
+import signal
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -23,24 +28,71 @@ def page(tmp_path_factory) -> tuple[pathlib.Path, str]:
     return file, file.read_text()
 
 
+def told(text: str) -> dict:
+    """The story in a page."""
+    (story,) = re.findall(r'<script type="application/json" id="story">(.*?)</script>', text, re.DOTALL)
+    return json.loads(story)
+
+
 def test_the_page_needs_nothing_else(page):
     _, text = page
-    assert not any(outside in text for outside in ("<script", "<link", "src=", "@import", 'href="http'))
-    for said in ("rubber_rect4", "The estimate may be used", "72 data points of 14 pushes", "@media print", "minimum_speed"):
+    outside = re.sub(r'(?:src|href)="data:|"src": ?"data:', "", text)
+    assert not any(loaded in outside for loaded in ("<script src", 'src="', "@import", 'href="http', "import {", "export "))
+    for said in ("rubber_rect4", "@media print", "minimum_speed"):
         assert said in text
-    assert text.count("<svg ") == 1
     (bag,) = re.findall(r'href="([^":]*)">recorded data', text)
     assert (page[0].parent / bag).resolve() == BAG.resolve()
 
 
 def test_the_last_pushes_are_predicted_from_those_before(page):
     _, text = page
-    section = text[text.index('id="predictions"') : text.index('id="pushes"')]
+    section = text[text.index('id="predictions"') : text.index('id="account"')]
     assert "The last 4 pushes, predicted from the 10 before" in section
     rows = re.findall(r"<tr>(.*?)</tr>", section, re.DOTALL)[1:]
     numbers = [[float(number) for number in re.findall(r'<span class="">([0-9.]+)', row)] for row in rows]
     assert [row[0] for row in numbers] == [11, 12, 13, 14]
     assert all(median <= largest < 1.0 for _, _, median, largest in numbers)  # [degree], of a simulated object
+
+
+def test_the_page_holds_every_moment_of_the_run(page):
+    story = told(page[1])
+    moments = [story[f"moment/{seen}"] for seen in range(72)]
+    assert [moment["after"]["data_points"] for moment in moments] == list(range(1, 73))
+    assert [moment["predicted"] is None for moment in moments] == [moment["push"] == 0 for moment in moments]
+    assert moments[-1]["off"] < 1.0  # [degree], of a simulated object
+    assert story["estimate"]["data_points"] == 72
+    assert story["estimate"]["verdict"]["use"]
+    assert len(story["support/rubber_rect4"]) == len(moments[0]["after"]["w"])
+    assert story["plan"]["phase"] == "finished"
+
+
+def test_a_csv_has_a_page_too(page, tmp_path):
+    """Without times, poses and pictures."""
+    (content,) = re.findall(r'download="observations.csv" href="data:[^;]*;base64,([^"]*)"', page[1])
+    (tmp_path / "data.csv").write_bytes(base64.b64decode(content))
+    command = ["report", str(tmp_path / "data.csv"), "--object", "rubber_rect4", "--html", str(tmp_path / "page.html")]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    story, of_bag = told((tmp_path / "page.html").read_text()), told(page[1])
+    assert {key.partition("/")[0] for key in story} == {"cell", "object", "estimate", "moment", "push", "support"}
+    for key in ("contact", "twist", "predicted", "off"):
+        assert [story[f"moment/{seen}"][key] for seen in range(72)] == [of_bag[f"moment/{seen}"][key] for seen in range(72)]
+
+
+@pytest.mark.parametrize(("host", "status"), [("", 200), ("localhost", 200), ("elsewhere.example", 403)])
+def test_view_serves_the_page_on_this_machine_alone(host, status):
+    command = [sys.executable, "-m", "pushfric_core", "view", str(BAG), "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as view:
+        try:
+            assert view.stderr is not None
+            url = next(line.split()[1] for line in view.stderr if line.startswith("view: "))
+            asked = http.client.HTTPConnection(url.split("/")[2], timeout=60)
+            asked.request("GET", "/", headers={"Host": host} if host else {})
+            answer = asked.getresponse()
+            assert answer.status == status
+            assert ("moment/71" in answer.read().decode()) == (status == http.HTTPStatus.OK)
+        finally:
+            view.send_signal(signal.SIGINT)
+        assert view.wait(60) == 130
 
 
 def test_the_downloads_are_read_by_the_commands(page, tmp_path):

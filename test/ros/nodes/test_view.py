@@ -51,6 +51,7 @@ class Cell:
         observation = Observation(push_id=push, contact_point=Point(x=0.01), contact_normal=Vector3(y=-1.0))
         estimate = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=stamp, pushes=push + 1)
         estimate.contact_friction.max = float("inf")
+        observation.twist.linear.y = 0.02
         for msg in (observation, estimate):
             msg.header.stamp.sec = stamp
         first, second = (self.observations, observation), (self.estimates, estimate)
@@ -114,14 +115,15 @@ def test_a_late_visitor_is_told_everything_from_the_start(cell):
     for push, stamp in ((0, 1), (0, 2), (1, 3)):
         cell.push(push, stamp, estimate_first=stamp == 2)
     cell.plan.publish(PlanProgress(phase=PlanProgress.PHASE_PLACING, push_id=2, count=5, message="place it"))
-    early.until(lambda: "plan" in early.story and early.story.get("push/1", {}).get("after"))
+    early.until(lambda: "plan" in early.story and early.story.get("moment/2", {}).get("after"))
     late = Visitor(cell.url)
     late.until(lambda: late.wholes)
     told, told_early = ({key: one.story[key] for key in one.story if not key.startswith("node/")} for one in (late, early))
     assert told == told_early  # except for the nodes' health, which goes on changing
     assert late.story["plan"]["message"] == "place it"
-    assert [len(late.story[f"push/{push}"]["contacts"]) for push in (0, 1)] == [2, 1]
-    assert [late.story[f"push/{push}"]["after"]["data_points"] for push in (0, 1)] == [2, 3]
+    moments = [late.story[f"moment/{seen}"] for seen in range(3)]
+    assert [moment["push"] for moment in moments] == [0, 0, 1]
+    assert [moment["after"]["data_points"] for moment in moments] == [1, 2, 3]
     assert late.story["estimate"]["mu_c"]["max"] == "inf"
     early.close()
     late.close()
@@ -143,6 +145,22 @@ def test_only_somebody_who_looks_costs_images_and_poses(cell):
     visitor.close()
     for out in moving:
         cell.ros.wait_for(lambda out=out: not out.get_subscription_count(), PATIENCE, f"the end of that to {out.topic_name}")
+
+
+def test_keyframes_are_kept_for_those_who_come_later(cell):
+    keyframes = cell.node.create_publisher(CompressedImage, "keyframes/compressed", RELIABLE)
+    cell.ros.wait_for(keyframes.get_subscription_count, PATIENCE, "the view's subscription, though nobody looks")
+    cell.push(0, 1)
+    visitor = Visitor(cell.url)
+    visitor.until(lambda: "moment/0" in visitor.story)
+    keyframes.publish(CompressedImage(format="jpeg", data=b"a picture"))
+    visitor.until(lambda: "picture/0" in visitor.story)
+    assert visitor.story["picture/0"]["at"] == 1
+    with urllib.request.urlopen(f"{cell.url}picture/0", timeout=PATIENCE) as answer:
+        assert (answer.headers["Content-Type"], answer.read()) == ("image/jpeg", b"a picture")
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(f"{cell.url}picture/1", timeout=PATIENCE)
+    visitor.close()
 
 
 def test_pose_pusher_and_the_cells_own_nodes_are_shown(cell):
@@ -170,12 +188,13 @@ def test_what_is_left_out_stays_when_estimation_starts_again(cell):
     visitor = Visitor(cell.url)
     for push in (0, 1):
         cell.push(push, push + 1)
-    visitor.until(lambda: visitor.story.get("push/1", {}).get("after"))
+    visitor.until(lambda: visitor.story.get("moment/1", {}).get("after"))
     cell.settings.publish(String(data=EstimatorSettings().without([0]).to_text()))
     visitor.until(lambda: visitor.story["push/0"]["excluded"])
     cell.estimates.publish(nothing_known("rubber_rect4"))
     visitor.until(lambda: "push/1" not in visitor.story)
-    assert "push/0" in visitor.story
+    assert {"push/0", "moment/0"} <= set(visitor.story)
+    assert "moment/1" not in visitor.story
     assert "estimate" not in visitor.story
     visitor.close()
 
@@ -242,6 +261,8 @@ def test_without_the_token_only_a_stop_is_taken(ros):
         assert cell.post(what) == (401, {"done": False, "message": "the token is missing or wrong"})
     assert cell.post("reset?token=a-secret-word")[0] == 200
     assert cell.post("reset", Authorization="Bearer a-secret-word")[0] == 200
+    with pytest.raises(urllib.error.HTTPError, match="401"):
+        urllib.request.urlopen(f"{cell.url.partition('?')[0]}picture/0", timeout=PATIENCE)
     refused = Visitor(cell.url)
     with pytest.raises(ConnectionError, match=r"4001. the token"):
         refused.until(lambda: refused.wholes)
@@ -261,7 +282,7 @@ def test_elsewhere_than_on_this_machine_a_token_is_made(ros):
 
 
 def test_the_page_loads_nothing_from_elsewhere(cell):
-    for name in ("", "view.js", "drawings.js", "style.css", "icon.svg"):
+    for name in ("", "view.js", "run.js", "line.js", "drawings.js", "style.css", "icon.svg"):
         with urllib.request.urlopen(cell.url + name, timeout=PATIENCE) as answer:
             text = answer.read().decode().replace("http://www.w3.org/2000/svg", "")
             assert "default-src 'self'" in answer.headers["Content-Security-Policy"]

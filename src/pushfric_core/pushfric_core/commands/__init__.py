@@ -4,6 +4,7 @@ SECTIONS = {
     "Estimates and bags": {
         "estimate": "Estimate from a bag or a CSV, as fast as possible.",
         "report": "Write the result of a run as one HTML page to hand on, with tested predictions and downloads.",
+        "view": "Look through a run in a browser, moment by moment: from its bag, without a node graph.",
         "recognize": "Rank the hypotheses in the object's file by how well they explain the data (section 5.2).",
         "bag": "Check and recover bags.",
         "import": "Turn a public data set of real pushes into bags of observations, each with its object.yaml.",
@@ -20,6 +21,7 @@ SECTIONS = {
         "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the"
         " pusher's entries.",
         "track": "Track the object in the images of a bag again, and say how the poses differ from the recorded ones.",
+        "check-cell": "Check a whole cell against statics: how far p_CF is off for a plate with known loads.",
     },
     "Paper": {
         "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",

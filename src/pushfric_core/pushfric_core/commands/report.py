@@ -27,7 +27,7 @@ def report(
     from pushfric_core.offline.run_page import run_page  # imported late: it draws
 
     estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
-    write_whole(html, run_page(estimation, html))
+    write_whole(html, run_page(estimation, html, namespace))
     console.print(f"wrote {html}", markup=False, highlight=False)
     if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)

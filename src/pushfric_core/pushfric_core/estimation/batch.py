@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.recognition import Ranking, Recognizer
 from pushfric_core.trajectories.observation import Observation
@@ -34,13 +33,6 @@ def last(results: Iterable[Taken]) -> Taken:
     if not newest:
         raise InvalidInput("no data point could be used, expected at least one")
     return newest[0]
-
-
-def estimate(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> Estimate:
-    """The estimate from all observations at once, to the bit the one after the last; raises and warns as `taken` and `last`."""
-    usable = usable_by(estimator, data, warn)
-    last(usable)
-    return estimator.add(usable)
 
 
 def usable_by(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> list[Observation]:

@@ -427,17 +427,14 @@ def _witnesses(observations: Sequence[Observation]) -> Sequence[Observation]:
     return [observations[k] for k in np.linspace(0, count - 1, WITNESSES).round().astype(int).tolist()]
 
 
-def _explained(model: FrictionModel, judge: FrictionModel, observations: Sequence[Observation]) -> Array:
-    """Angles (m, s) between the motions of data points and those that each of the samples of a model predicts [rad].
+def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) -> Array:
+    """Twists (m, s, 3) that the samples of a model predict for m >= 1 data points, object frame [m/s, rad/s].
 
     Where the tip's velocity is known, it is the tip that pushes; else, or where the tip was seen to leave, the contact moves as
-    it was measured to, so that mu_c does not matter. If that moves away from the pusher, nothing can be predicted and the angle
-    counts as pi/2.
+    it was measured to, so that mu_c does not matter. If that moves away from the pusher, the object stays at rest.
 
-    Args:
-        model: whose samples predict.
-        judge: whose p_CF and length the angles go by.
-        observations: m >= 1 data points.
+    Raises:
+        SolverFailed: a motion did not converge.
     """
     points = np.array([observation.contact_point for observation in observations])
     normals = np.array([observation.contact_normal for observation in observations])
@@ -445,12 +442,21 @@ def _explained(model: FrictionModel, judge: FrictionModel, observations: Sequenc
     velocities = measured[:, :2] + measured[:, 2:] * left_of(points)
     tips = np.array([observation.tip_velocity or (0.0, 0.0) for observation in observations])
     pushed = np.sum(tips * normals, axis=1) < 0
-    angles = np.empty((len(points), len(model.w)))
+    twists = np.empty((len(points), len(model.w), 3))
     for rows, moving, mu_c in ((pushed, tips, model.mu_c), (~pushed, velocities, np.full(len(model.w), STICKING))):
         if rows.any():
             seen = quasi_static.motions(model.support_points, model.w, mu_c, points[rows], normals[rows], moving[rows])
-            angles[rows] = judge.angles(seen.twists, measured[rows, None])
-    return angles
+            twists[rows] = seen.twists
+    return twists
+
+
+def _explained(model: FrictionModel, judge: FrictionModel, observations: Sequence[Observation]) -> Array:
+    """Angles (m, s) between the motions of m >= 1 data points and those that each of the samples of a model predicts [rad].
+
+    If nothing can be predicted, the angle counts as pi/2. The angles go by p_CF and length of the judge.
+    """
+    measured = np.array([observation.twist for observation in observations])
+    return judge.angles(predicted_twists(model, observations), measured[:, None])
 
 
 def _quantile(values: Array, share: Array, level: float) -> Array:

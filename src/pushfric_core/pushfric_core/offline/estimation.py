@@ -43,7 +43,8 @@ class Estimation(NamedTuple):
     model: ObjectModel
     settings: EstimatorSettings
     estimator: Estimator
-    course: tuple[Estimate, ...]  # the last estimate, or the estimates after each data point
+    data: list[Observation]  # all that were taken, in order of arrival, also those of pushes that are left out
+    course: tuple[Estimate, ...]  # the last estimate, or the estimates after each of them
     verdict: Verdict
     ledger: Ledger  # what became of every message
     refined: Refined | None = None  # of all places on the object, if supports may be anywhere
@@ -94,27 +95,27 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     model = with_support(model, choices.grid, choices.support_points)
     candidates = None if choices.refine is None else _candidates(model, choices.refine)
     reading = recorded.read(model, settings, warn, choices.partial)
-    data = reading.observations
     estimator = settings.new_estimator(model.support_points)
-    course = _course(estimator, data, warn, whole_course)
+    data = batch.usable_by(estimator, reading.observations, warn)
+    course = _course(estimator, data, whole_course)
     refined = None
     if candidates is not None:
         refined = _refined(estimator, candidates)
         estimator = settings.new_estimator(refined.points, free_radii(estimator.support_points, settings.estimator))
-        course = _course(estimator, data, warn, whole_course)
+        course = _course(estimator, data, whole_course)
     verdict = estimator.verdict(course[-1])
     reading.settle(estimator)
     for line in (*(note.text for note in verdict.notes), *(f"{source}: {doubt}" for doubt in reading.ledger.doubts)):
         warn(line)
-    return Estimation(source, model, settings, estimator, course, verdict, reading.ledger, refined)
+    return Estimation(source, model, settings, estimator, data, course, verdict, reading.ledger, refined)
 
 
-def _course(estimator: Estimator, data: list[Observation], warn: Warn, whole: bool) -> tuple[Estimate, ...]:
+def _course(estimator: Estimator, data: list[Observation], whole: bool) -> tuple[Estimate, ...]:
     """The last estimate, or the estimates after each observation."""
+    batch.last(data)
     if not whole:
-        return (batch.estimate(estimator, data, warn),)
-    course = list(batch.taken(estimator.add, data, warn))
-    batch.last(course)
+        return (estimator.add(data),)
+    course = [estimator.add(one) for one in data]
     return (*course[:-1], estimator.estimate())
 
 

@@ -1,4 +1,4 @@
-"""An estimate as one self-contained HTML page, to be handed on."""
+"""A run as one self-contained HTML page, to be looked through and handed on."""
 
 import base64
 import csv
@@ -7,25 +7,33 @@ import io
 import math
 import os
 import pathlib
+import re
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 import pushfric_core
+from pushfric_core.bags.recorded import Recorded
+from pushfric_core.bags.run_record import PLAN, TYPES
+from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import last, taken
+from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, FrictionReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
 from pushfric_core.mechanics.prediction import friction_model, prediction_errors
 from pushfric_core.offline.estimation import Estimation
 from pushfric_core.report.figures import summary_figure
 from pushfric_core.report.page import Cell, Section, Table, number, page
+from pushfric_core.report.report import to_json
+from pushfric_core.report.story import RUN_PAGE, Change, Story
 from pushfric_core.trajectories.ledger import REASONS
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.wording import counted, data_of
+from pushfric_core.vision.keyframes import KEYFRAMES
+from pushfric_core.wording import counted
 
 TESTED = 0.25
 """Share of the pushes, the last ones, that are predicted from all others."""
@@ -33,67 +41,138 @@ TESTED = 0.25
 EARLIEST = 1.1e18
 """Stamps before this time [ns] come from a simulated clock."""
 
+FAULT = "pusher_fault"
+
+TOLD = {PLAN: TYPES[PLAN], FAULT: "std_msgs/msg/String", KEYFRAMES: "sensor_msgs/msg/CompressedImage"}
+"""Topics that tell of a run besides its data, with their types."""
+
+MODULES = ("drawings", "line", "run", "view")
+"""Of the page, each after those that it imports."""
+
 FEWEST_LEARNT = 4
 """With fewer pushes to learn from, nothing is predicted."""
 
 
-def run_page(estimation: Estimation, file: pathlib.Path) -> str:
-    """The page of an estimate.
+def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace: str | None = None) -> str:
+    """The page of an estimate: that of a live run, with all of it inside, and what only its end can tell.
 
     Args:
         estimation: with the estimates after each data point.
-        file: where the page will lie; its link to the recorded data counts from there.
+        file: where the page will lie; its link to the recorded data counts from there. None: nowhere.
+        namespace: of the cell; None: a bag has only one.
     """
-    figures, data = estimation.figures(), list(estimation.estimator.observations)
+    data = list(estimation.estimator.observations)
     drawing = _drawing(estimation)
-    folder = os.path.relpath(estimation.source.resolve(), file.resolve().parent)
-    stamps = [one.stamp for one in data if one.stamp]
-    verdict = figures["verdict"]
+    told, pictures = _told(estimation, namespace)
+    for key, jpeg in pictures.items():
+        told[key]["src"] = _inline("image/jpeg", jpeg)
     downloads = {
         "model.yaml": ("application/yaml", as_yaml(estimation.to_model()) if estimation.result.contradiction is None else ""),
         "observations.csv": ("text/csv", _table_of(estimation)),
         "figure.svg": ("image/svg+xml", drawing),
     }
-    return page(
+    sections = page(
         "pushfric_core.report",
         "run.html.j2",
-        name=figures["object"],
-        data=data_of(figures["data_points"], figures["pushes"]),
-        when=time.strftime("%Y-%m-%d", time.gmtime(stamps[0] * 1e-9)) if stamps and stamps[0] > EARLIEST else "",
-        usable=verdict["use"],
-        reasons=[one["text"] for one in (*verdict["reasons"], *verdict["notes"])],
-        cards=_cards(figures),
-        downloads=[(name, kind, base64.b64encode(text.encode()).decode()) for name, (kind, text) in downloads.items() if text],
-        bag=folder,
+        downloads=[(name, _inline(kind, text.encode())) for name, (kind, text) in downloads.items() if text],
+        bag=os.path.relpath(estimation.source.resolve(), file.resolve().parent) if file else "",
         sections=[
-            Section("figure", "Pushes, support friction, contact friction, centre of friction", ""),
             _predictions(estimation, data),
-            _pushes(figures, data),
-            Section("ledger", "What became of every message", "", _ledger(estimation)),
+            Section("account", "What became of every message", "", _ledger(estimation)),
             Section("settings", "Settings", "Those that differ from the defaults are in bold.", _settings(estimation.settings)),
         ],
-        figures={"figure": drawing[drawing.index("<svg") :]},
         version=pushfric_core.__version__,
         source=estimation.source.name,
     )
+    return _whole(told, sections)
 
 
-def _cards(figures: dict[str, Any]) -> list[Cell]:
-    mu = figures["mu_c"]
-    x, y = (1e3 * value for value in figures["center_of_friction"])
-    trust = f"within {number(1e3 * figures['confidence'])} mm with 90 % probability" if "confidence" in figures else ""
-    if mu.get("value") is None:
-        friction = Cell(f"≥ {number(mu['p90'])}", "contact friction mu_c", spread="a lower bound (90 % of the observations)")
-    else:
-        low, high = mu["interval"]
-        friction = Cell(number(mu["value"]), "contact friction mu_c", spread=f"{number(low)} to {number(high)} with 90 %")
-    solved = f"{figures['status']}, gap {1e3 * figures['gap']:.0e} mm"
-    return [
-        Cell(f"({number(x)}, {number(y)}) mm", "centre of friction p_CF", spread=trust),
-        friction,
-        Cell(f"{number(1e3 * figures['objective'], 3)} mm", "fit error", spread=solved),
-        Cell(f"{figures['data_points']}", "observations", spread=f"of {counted(figures['pushes'], 'push', 'pushes')}"),
-    ]
+def _whole(story: Change, sections: str) -> str:
+    """The page in one file, with its style, its modules, a story and more sections."""
+
+    def read(name: str) -> str:
+        return (RUN_PAGE / name).read_text(encoding="utf-8")
+
+    # in one module nothing is imported, and a story must not end its own element
+    modules = re.sub(r"^(?:import .*\n|export )", "", "".join(read(f"{name}.js") for name in MODULES), flags=re.MULTILINE)
+    inside = {
+        '<link rel="stylesheet" href="style.css">': f"<style>\n{read('style.css')}</style>",
+        'href="icon.svg"': f'href="{_inline("image/svg+xml", read("icon.svg").encode())}"',
+        '  <script type="module" src="view.js"></script>\n': "",
+        "  </main>": f"{sections}  </main>",
+        "</body>": '<script type="application/json" id="story">'
+        + to_json(story).replace("<", "\\u003c")
+        + f'</script>\n<script type="module">\n{modules}</script>\n</body>',
+    }
+    whole = read("index.html")
+    for part, replacement in inside.items():
+        assert part in whole, part
+        whole = whole.replace(part, replacement)
+    return whole
+
+
+def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[str, bytes]]:
+    """The whole story of a run, and its pictures by their keys."""
+    first = next((one.stamp for one in estimation.data if one.stamp), 0)
+    when = time.strftime(" %Y-%m-%d", time.gmtime(first * 1e-9)) if first > EARLIEST else ""
+    story, told, pictures = Story(estimation.model, f"recorded{when}"), Change(), dict[str, bytes]()
+    data = zip(estimation.data, estimation.course, strict=True)
+    following = next(data, None)
+
+    def tell(change: Change) -> None:
+        for key, value in change.items():
+            if value is None and key != "estimate":
+                del told[key]
+                pictures.pop(key, None)
+            else:
+                told[key] = value
+
+    def go_on(stamp: float) -> None:
+        nonlocal following
+        while following is not None and following[0].stamp <= stamp:
+            observation, estimate = following
+            tell(story.on_observation(observation))
+            tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name)))
+            following = next(data, None)
+
+    tell(story.begin())
+    for name, msg in _recorded(estimation.source, namespace):
+        if name == FAULT:
+            tell(story.on_fault(msg.data))
+            continue
+        stamp = stamp_from_msg(msg.header.stamp)
+        go_on(stamp)
+        if name == KEYFRAMES:
+            change = story.on_picture(stamp, len(msg.data))
+            pictures |= {key: bytes(msg.data) for key, value in change.items() if value}
+        else:
+            change = story.on_plan(msg)
+        tell(change)
+    go_on(math.inf)
+    tell(story.on_settings(estimation.settings.to_text()))
+    histogram = {"bin_width": BIN_WIDTH, "counts": FrictionReport.of(estimation.result).counts}
+    return told | {"estimate": estimation.figures() | {"histogram": histogram}}, pictures
+
+
+def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str, Any]]:
+    """What a bag tells of its run besides the data: names of topics without the cell's, and messages that can be read."""
+    if source.suffix == ".csv":
+        return
+    from pushfric_core.bags.bag import Bag  # not above: a CSV needs none of its libraries
+
+    bag = Bag(source)
+    cell = Recorded(source, namespace, bag).source(with_forces=False).namespace
+    there = {(topic.name, topic.type_name) for topic in bag.summary.topics}
+    names = {f"{cell}/{name}": name for name, kind in TOLD.items() if (f"{cell}/{name}", kind) in there}
+    for message in bag.messages(names):
+        try:
+            yield names[message.topic], bag.deserialize(message)
+        except (ValueError, AttributeError):
+            continue  # the ledger says so
+
+
+def _inline(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def _predictions(estimation: Estimation, data: Sequence[Observation]) -> Section:
@@ -127,16 +206,6 @@ def _predictions(estimation: Estimation, data: Sequence[Observation]) -> Section
         f" {number(claimed, 1)}°."
     )
     return Section("predictions", title, text, Table(("push", "observations", "median [°]", "largest [°]"), rows))
-
-
-def _pushes(figures: dict[str, Any], data: Sequence[Observation]) -> Section:
-    rejected = {one["push"]: one["reason"]["text"] for one in figures["rejected"]}
-    counts = {push: sum(one.push_id == push for one in data) for push in sorted({*(one.push_id for one in data), *rejected})}
-    rows = [
-        [Cell(str(push + 1)), Cell(str(count)), Cell(f"left out: {rejected[push]}" if push in rejected else "counts")]
-        for push, count in counts.items()
-    ]
-    return Section("pushes", "Pushes", "", Table(("push", "observations", ""), rows))
 
 
 def _ledger(estimation: Estimation) -> Table:

@@ -1,1 +1,1 @@
-"""Reports on an estimate for people and programs: JSON, figures, and the frame of pages."""
+"""Reports on an estimate for people and programs: JSON, figures, and pages, that of a run among them."""

@@ -67,6 +67,8 @@ def run(
     how = " --simulated" * simulated + " --simulated-camera" * simulated_camera
 
     def go_on(push: int) -> None:
+        if file.plan.choose:  # there is no plan to go on with
+            return
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
     live = console.is_terminal and not headless

@@ -98,8 +98,8 @@ def watch(
                     ended = monitor.stay(supervisor)
                 return ended, monitor
             finally:
-                if unfinished is not None and monitor.next_push is not None:
-                    unfinished(monitor.next_push)
+                if unfinished is not None and (push := monitor.next_push or monitor.ended_at) is not None:
+                    unfinished(push)
 
     try:
         with Supervisor(specs, namespace, say) as supervisor:
@@ -136,6 +136,7 @@ class Monitor:
     ) -> None:
         self.estimate: FrictionEstimate | None = None
         self.next_push: int | None = None  # number of the current push in the plan; None: no plan is under way
+        self.ended_at: int | None = None  # number of the push at which the plan was finished before its end
         self.planned = 0  # number of pushes that the run is to carry out, from the first that it was heard of
         self.aborted = 0  # number of these that did not reach their end
         self._prompts = prompts and not live
@@ -235,6 +236,8 @@ class Monitor:
             self._finished = stamp_from_msg(msg.header.stamp)
         index = index_of(msg.push_id, msg.count)
         self.next_push = None if finished else index + 1
+        early = finished and msg.completed + msg.aborted + msg.skipped < self.planned
+        self.ended_at = index + 1 if early else None
         if self._plan_leads:
             self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else index)
 

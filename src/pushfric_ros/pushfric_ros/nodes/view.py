@@ -16,19 +16,23 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
+from pushfric_core.bags.samples import observation_from_msg, stamp_from_msg
 from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConfig
+from pushfric_core.errors import PushfricError
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
+from pushfric_core.report.story import Change, Story
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
+from pushfric_ros.messages.conversions import report_from_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
+from pushfric_ros.view import present
 from pushfric_ros.view.server import Answer, Request, Server
-from pushfric_ros.view.story import Change, Story
 
 UNSEEN_PERIOD = 1.0
 """Time between readings of the messages that came while nobody looked [s]."""
@@ -37,13 +41,12 @@ UNSEEN_PERIOD = 1.0
 class ViewNode(Node):
     """Serves a page that shows the run.
 
-    It subscribes to estimates from the start, for visitors who come late; to images, poses and pusher states only while
-    somebody looks.
+    It subscribes to estimates and keyframes from the start, for visitors who come late; to other images, poses and pusher
+    states only while somebody looks.
     """
 
     AT_TIMES: ClassVar = {
         "overlay/compressed": (CompressedImage, SENSOR_DATA),
-        KEYFRAMES: (CompressedImage, RELIABLE),
         "object_pose": (PoseWithCovarianceStamped, SENSOR_DATA),
         "pusher_state": (PusherState, RELIABLE),
     }
@@ -74,18 +77,21 @@ class ViewNode(Node):
         story = self._story
         # from the start, even if nobody looks: a visitor who comes late is told all of it
         self._needed = [
-            topics.subscribe(kind, topic, self._reading(kind, told), qos, raw=True)
+            topics.subscribe(kind, topic, self._reading(kind, self._telling(told)), qos, raw=True)
             for kind, topic, told, qos in (
-                (FrictionEstimate, "friction_estimate", story.on_estimate, LATCHED_QUEUE),
-                (Observation, "observation", story.on_observation, RELIABLE),
+                (FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED_QUEUE),
+                (Observation, "observation", lambda msg: story.on_observation(observation_from_msg(msg)), RELIABLE),
             )
         ]
-        topics.subscribe(PlanProgress, "plan_progress", self._telling(story.on_plan), LATCHED_QUEUE)
-        topics.subscribe(String, SETTINGS_TOPIC, self._telling(lambda msg: story.on_settings(msg.data)), LATCHED)
-        topics.subscribe(String, "pusher_fault", self._telling(lambda msg: {"fault": msg.data}), LATCHED)
-        self.create_subscription(
-            DiagnosticArray, "/diagnostics", self._telling(lambda msg: story.on_diagnostics(msg.status)), RELIABLE
-        )
+        for kind, topic, told, qos in (
+            (PlanProgress, "plan_progress", story.on_plan, LATCHED_QUEUE),
+            (String, SETTINGS_TOPIC, lambda msg: story.on_settings(msg.data), LATCHED),
+            (String, "pusher_fault", lambda msg: story.on_fault(msg.data), LATCHED),
+        ):
+            topics.subscribe(kind, topic, self._reading(kind, self._telling(told)), qos, raw=True)
+        topics.subscribe(CompressedImage, KEYFRAMES, self._reading(CompressedImage, self._on_keyframe), RELIABLE, raw=True)
+        health = self._telling(lambda msg: present.nodes(msg.status, self.get_namespace()))
+        self.create_subscription(DiagnosticArray, "/diagnostics", health, RELIABLE)
 
     @property
     def url(self) -> str:
@@ -103,19 +109,18 @@ class ViewNode(Node):
         def on_message(msg: Any) -> None:
             try:
                 change = told(msg)
-            except ValueError as error:
+            except (ValueError, PushfricError) as error:
                 self.get_logger().error(f"{type(msg).__name__} not shown: {error}", once=True)
             else:
                 self._server.show(change)
 
         return on_message
 
-    def _reading(self, kind: type, told: Callable[[Any], Change]) -> Callable[[bytes], None]:
-        """A callback for the bytes of a message: read at once if somebody looks, else later."""
-        tell = self._telling(told)
+    def _reading(self, kind: type, act: Callable[[Any], None]) -> Callable[[bytes], None]:
+        """A callback for the bytes of a message: in their order, at once if somebody looks, else later."""
 
         def on_bytes(data: bytes) -> None:
-            self._unread.append(lambda: tell(deserialize_message(data, kind)))
+            self._unread.append(lambda: act(deserialize_message(data, kind)))
             if self._looking:
                 self._read()
 
@@ -149,18 +154,19 @@ class ViewNode(Node):
         if looking:
             callbacks: dict[str, Callable[[Any], None]] = {
                 "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
-                KEYFRAMES: self._on_keyframe,
-                "object_pose": self._telling(self._story.on_pose),
-                "pusher_state": self._telling(self._story.on_pusher),
+                "object_pose": self._telling(present.pose),
+                "pusher_state": self._telling(present.pusher),
             }
             self._watched = [
                 self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
             ]
 
+    def _on_estimate(self, msg: FrictionEstimate) -> Change:
+        return self._story.on_estimate(None if msg.status == FrictionEstimate.STATUS_NO_DATA else report_from_msg(msg))
+
     def _on_keyframe(self, msg: CompressedImage) -> None:
-        """Show an image of a bag, if no tracker draws on newer ones."""
-        if not self.count_publishers("overlay/compressed"):
-            self._server.picture(bytes(msg.data))
+        jpeg = bytes(msg.data)
+        self._server.show(self._story.on_picture(stamp_from_msg(msg.header.stamp), len(jpeg)), jpeg)
 
     def _carry_out(self, request: Request) -> None:
         """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""

@@ -1,1 +1,1 @@
-"""The live view: what a run has shown so far, and the server of the page that shows it."""
+"""The live view: the server of the page that shows a run, and what is so at present."""

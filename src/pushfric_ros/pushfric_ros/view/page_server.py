@@ -15,8 +15,11 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig, is_loopback
 from pushfric_core.errors import InvalidInput
+from pushfric_core.report.story import RUN_PAGE
 
-PAGE = pathlib.Path(__file__).parent / "page"
+FOLDERS = (pathlib.Path(__file__).parent / "page", RUN_PAGE)
+"""Of the pages' files."""
+
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 PING = 10.0
@@ -45,7 +48,7 @@ class PageServer:
 
     Args:
         config: where to serve, and the token that a visitor must show.
-        index: name of the file in `page` that is the page.
+        index: name of the file that is the page.
         routes: further addresses and their handlers, which get the argument `server`.
     Raises:
         InvalidInput: the server cannot listen there.
@@ -159,11 +162,12 @@ class Page(_Served):
     server: PageServer
 
     def get(self, name: str) -> None:
-        """One of the files in `page`."""
+        """One of the files of a page."""
         if not self.server.is_own(self.request.host):
             raise HTTPError(403)
-        path = PAGE / (name or self.server.index)
-        if path.suffix not in TYPES or path.parent != PAGE or not path.is_file():
+        name = name or self.server.index
+        path = next((folder / name for folder in FOLDERS if (folder / name).is_file()), None)
+        if path is None or path.suffix not in TYPES or path.parent not in FOLDERS:
             raise HTTPError(404)
         self.set_header("Content-Type", f"{TYPES[path.suffix]}; charset=utf-8")
         self.write(path.read_bytes())

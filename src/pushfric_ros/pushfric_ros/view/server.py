@@ -14,9 +14,9 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.report.report import to_json
+from pushfric_core.report.story import Change
 from pushfric_core.trajectories.observation import PUSH_IDS
 from pushfric_ros.view.page_server import Asked, PageServer
-from pushfric_ros.view.story import Change
 
 ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
 """What a visitor may ask for."""
@@ -60,18 +60,28 @@ class Server(PageServer):
     def __init__(self, config: ViewConfig, on_request: Callable[[Request], None], on_looking: Callable[[bool], None]) -> None:
         self._on_request, self._on_looking = on_request, on_looking
         self._story: Change = {}
+        self._kept: dict[str, bytes] = {}  # the pictures of the story, by its keys
         self._visitors: set[Visitor] = set()
         self._looking = False
-        routes = [(r"/live", Visitor), (r"/(stop|reset|repeat|skip|end)", Action), (r"/(exclude|keep)/(-?\d{1,10})", Action)]
+        routes = [
+            (r"/live", Visitor),
+            (r"/(picture/\d{1,9})", Picture),
+            (r"/(stop|reset|repeat|skip|end)", Action),
+            (r"/(exclude|keep)/(-?\d{1,10})", Action),
+        ]
         super().__init__(config, "index.html", routes)
 
-    def show(self, change: Change) -> None:
-        """Send a change of the story to the visitors; from any thread."""
-        self.call(self._show, change)
+    def show(self, change: Change, jpeg: bytes = b"") -> None:
+        """Send a change of the story to the visitors, with the picture that it tells of, if any; from any thread."""
+        self.call(self._show, change, jpeg)
 
     def picture(self, jpeg: bytes) -> None:
         """Show the newest picture to those who look; from any thread."""
         self.call(self._picture, jpeg)
+
+    def kept(self, key: str) -> bytes | None:
+        """The picture of the story that has this key; None if there is none."""
+        return self._kept.get(key)
 
     def welcome(self, visitor: "Visitor") -> None:
         """Send everything so far to a new visitor."""
@@ -101,10 +111,12 @@ class Server(PageServer):
         """Tell the visitors that the run has ended."""
         await asyncio.gather(*(visitor.bid_farewell() for visitor in list(self._visitors)), return_exceptions=True)
 
-    def _show(self, change: Change) -> None:
+    def _show(self, change: Change, jpeg: bytes) -> None:
         self._story |= change
+        self._kept |= {key: jpeg for key in change if jpeg and key.startswith("picture/")}
         for key in [key for key, value in change.items() if value is None and key != "estimate"]:
             del self._story[key]
+            self._kept.pop(key, None)
         for visitor in self._visitors:
             visitor.tell(change)
 
@@ -189,6 +201,21 @@ class Visitor(WebSocketHandler):
                     await self.write_message(jpeg, binary=True)
         except WebSocketClosedError:
             pass  # on_close follows
+
+
+class Picture(Asked):
+    """A picture of the story, for those who may read it."""
+
+    server: Server
+
+    def get(self, key: str) -> None:
+        """One picture, as JPEG."""
+        self.admit()
+        jpeg = self.server.kept(key)
+        if jpeg is None:
+            raise HTTPError(404)
+        self.set_header("Content-Type", "image/jpeg")
+        self.write(jpeg)
 
 
 class Action(Asked):

@@ -3,16 +3,16 @@ const SVG = "http://www.w3.org/2000/svg";
 const WIDTH = 640;
 const CHI2_90 = 4.605; // the 90 % ellipse: x' C^-1 x <= this
 
-const number = (value) => (value === "inf" ? Infinity : typeof value === "number" ? value : NaN);
+export const number = (value) => (value === "inf" ? Infinity : typeof value === "number" ? value : NaN);
 
-function made(tag, attributes, text) {
+export function made(tag, attributes, text) {
   const element = document.createElementNS(SVG, tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
   if (text !== undefined) element.textContent = text;
   return element;
 }
 
-const path = (points, closed) => points.map(([x, y], index) => `${index ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") + (closed ? "Z" : "");
+export const path = (points, closed) => points.map(([x, y], index) => `${index ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") + (closed ? "Z" : "");
 
 /** A step of 1, 2 or 5 times a power of ten that divides a span into about this many parts. */
 function niceStep(span, parts) {
@@ -20,80 +20,114 @@ function niceStep(span, parts) {
   return power * ([1, 2, 5].find((step) => step * power >= raw) ?? 10);
 }
 
-/** The object in its own frame: w, p_CF with its ellipse, and where the pusher is. */
-export function drawObject(svg, story, rows) {
-  const height = 480, parts = [];
-  const outline = story.object?.outline ?? [];
-  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
+/** The object in its own frame: w, p_CF with its ellipse, and where it was touched.
+ *
+ * `estimate` is what is shown, `pinned` what it is compared with; `moments` are the data points so far, `last` the newest of them.
+ */
+export function drawObject(svg, outline, estimate, pinned, moments, last) {
   if (!outline.length) {
     svg.replaceChildren();
     return;
   }
-  const xs = outline.map(([x]) => x), ys = outline.map(([, y]) => y);
-  const middle = [(Math.min(...xs) + Math.max(...xs)) / 2, (Math.min(...ys) + Math.max(...ys)) / 2];
-  const span = [Math.max(...xs) - Math.min(...xs), Math.max(...ys) - Math.min(...ys)];
-  const scale = Math.min((0.72 * WIDTH) / span[0], (0.66 * height) / span[1]); // [px/m]
-  const to = ([x, y]) => [WIDTH / 2 + (x - middle[0]) * scale, height / 2 - 8 - (y - middle[1]) * scale];
-
-  const estimate = story.estimate?.object === story.object.name ? story.estimate : null;
+  const { to, scale, span } = ownFrame(svg, outline), parts = [];
   parts.push(made("path", { class: "outline", d: path(outline.map(to), true) }));
-
-  for (const row of rows) {
-    if (row.excluded) continue;
-    for (const [x, y, nx, ny] of row.contacts) {
-      const [u, v] = to([x, y]); // a wedge from outside, along the inward normal
-      const side = [-ny, nx];
-      const wedge = [[u, v], [u + 11 * nx + 5 * side[0], v - 11 * ny - 5 * side[1]], [u + 11 * nx - 5 * side[0], v - 11 * ny + 5 * side[1]]];
-      parts.push(made("path", { class: "contact", d: path(wedge, true) }));
-    }
-  }
-  if (estimate) {
-    const area = 0.1 * span[0] * span[1] * scale * scale; // of all discs together
-    estimate.support_points.forEach((point, index) => {
-      const [u, v] = to(point);
-      parts.push(made("circle", { class: "point", cx: u, cy: v, r: 2.5 }));
-      const radius = Math.sqrt((area * number(estimate.w[index])) / Math.PI);
+  const counting = moments.filter(({ row }) => !row.excluded), every = Math.ceil(counting.length / MOST_CONTACTS);
+  parts.push(made("path", { class: "contact", d: counting.filter((_, index) => index % every === 0).map((one) => wedge(one, to, 11)).join("") }));
+  if (last) parts.push(made("path", { class: "touched", d: wedge(last, to, 20) }));
+  const area = 0.1 * span[0] * span[1] * scale * scale; // of all discs together
+  for (const [shown, kind] of [[estimate, "weight"], [pinned, "weight pinned"]]) {
+    shown?.support_points.forEach((point, index) => {
+      const [u, v] = to(point), radius = Math.sqrt((area * number(shown.w[index])) / Math.PI);
+      if (kind === "weight") parts.push(made("circle", { class: "point", cx: u, cy: v, r: 2.5 }));
       if (radius > 0.5) {
-        const disc = made("circle", { class: "weight", cx: u, cy: v, r: radius });
-        disc.append(made("title", {}, `w ${(100 * estimate.w[index]).toFixed(1)} % at (${(1e3 * point[0]).toFixed(1)}, ${(1e3 * point[1]).toFixed(1)}) mm`));
+        const disc = made("circle", { class: kind, cx: u, cy: v, r: radius });
+        disc.append(made("title", {}, `w ${(100 * shown.w[index]).toFixed(1)} % at (${(1e3 * point[0]).toFixed(1)}, ${(1e3 * point[1]).toFixed(1)}) mm`));
         parts.push(disc);
       }
     });
   }
-  parts.push(...drawnPusher(story, to, scale));
-  const center = estimate?.center_of_friction.map(number);
-  if (center?.every(Number.isFinite)) {
-    const [u, v] = to(center);
-    const spread = estimate.center_of_friction_covariance;
-    if (spread) parts.push(drawnEllipse(spread, u, v, scale));
-    parts.push(made("path", { class: "center", d: `M${u - 11} ${v}H${u + 11}M${u} ${v - 11}V${v + 11}` }));
+  parts.push(made("g", { class: "pusher" }));
+  for (const [shown, kind] of [[pinned, " pinned"], [estimate, ""]]) {
+    const center = shown?.center_of_friction.map(number);
+    if (!center?.every(Number.isFinite)) continue;
+    const [u, v] = to(center), spread = shown.center_of_friction_covariance;
+    if (spread) parts.push(drawnEllipse(spread, u, v, scale, kind));
+    parts.push(made("path", { class: `center${kind}`, d: `M${u - 11} ${v}H${u + 11}M${u} ${v - 11}V${v + 11}` }));
   }
-  const bar = niceStep(WIDTH / scale, 6);
-  parts.push(made("path", { class: "scale", d: `M20 ${height - 26}v8h${bar * scale}v-8` }));
-  parts.push(made("text", { x: 20 + (bar * scale) / 2, y: height - 24, "text-anchor": "middle" }, `${+(bar * 1e3).toPrecision(3)} mm`));
+  parts.push(...drawnScale(scale, OBJECT_HEIGHT));
   svg.replaceChildren(...parts);
 }
 
-function drawnEllipse([[xx, xy], [, yy]], u, v, scale) {
+const OBJECT_HEIGHT = 480;
+const MOST_CONTACTS = 1500; // more of them would hide one another
+
+// Where the object's own frame lies in a drawing
+function ownFrame(svg, outline, share = 0.72) {
+  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${OBJECT_HEIGHT}`);
+  const sides = [0, 1].map((axis) => outline.map((point) => point[axis])).map((values) => [Math.min(...values), Math.max(...values)]);
+  const middle = sides.map(([low, high]) => (low + high) / 2), span = sides.map(([low, high]) => high - low);
+  const scale = Math.min((share * WIDTH) / span[0], (0.92 * share * OBJECT_HEIGHT) / span[1]); // [px/m]
+  const to = ([x, y]) => [WIDTH / 2 + (x - middle[0]) * scale, OBJECT_HEIGHT / 2 - 8 - (y - middle[1]) * scale];
+  return { to, scale, span };
+}
+
+// A wedge from outside, along the inward normal
+function wedge({ contact: [x, y, nx, ny] }, to, long) {
+  const [u, v] = to([x, y]), side = [-0.45 * ny * long, 0.45 * nx * long];
+  return path([[u, v], [u + long * nx + side[0], v - long * ny - side[1]], [u + long * nx - side[0], v - long * ny + side[1]]], true);
+}
+
+function drawnScale(scale, height) {
+  const bar = niceStep(WIDTH / scale, 6);
+  return [
+    made("path", { class: "scale", d: `M20 ${height - 26}v8h${bar * scale}v-8` }),
+    made("text", { x: 20 + (bar * scale) / 2, y: height - 24, "text-anchor": "middle" }, `${+(bar * 1e3).toPrecision(3)} mm`),
+  ];
+}
+
+/** Where a moment's motion would take the object if it went on for a while: as it was seen, and as it had been predicted. */
+export function drawPrediction(svg, outline, moment) {
+  if (!outline.length || !moment) {
+    svg.replaceChildren();
+    return;
+  }
+  const { to, scale, span } = ownFrame(svg, outline, 0.6);
+  const size = Math.hypot(...span), [vx, vy, omega] = moment.twist;
+  const lasting = 0.18 * size / Math.max(Math.hypot(vx, vy) + 0.5 * size * Math.abs(omega), 1e-9);
+  const parts = [made("path", { class: "outline", d: path(outline.map(to), true) })];
+  for (const [twist, kind] of [[moment.twist, "happened"], [moment.predicted, "predicted"]]) {
+    if (twist) parts.push(made("path", { class: kind, d: path(placed(outline, afterwards(twist, lasting)).map(to), true) }));
+  }
+  parts.push(made("path", { class: "touched", d: wedge(moment, to, 20) }));
+  parts.push(...drawnScale(scale, OBJECT_HEIGHT));
+  svg.replaceChildren(...parts);
+}
+
+// The pose after a constant twist of the object's own frame
+function afterwards([vx, vy, omega], lasting) {
+  const turn = omega * lasting;
+  const [sine, versine] = Math.abs(turn) < 1e-6 ? [1, turn / 2] : [Math.sin(turn) / turn, (1 - Math.cos(turn)) / turn];
+  return [lasting * (sine * vx - versine * vy), lasting * (versine * vx + sine * vy), turn];
+}
+
+function drawnEllipse([[xx, xy], [, yy]], u, v, scale, kind) {
   const mean = (xx + yy) / 2, half = Math.hypot((xx - yy) / 2, xy);
   const radii = [mean + half, Math.max(0, mean - half)].map((variance) => Math.max(1, Math.sqrt(CHI2_90 * variance) * scale));
   const turned = (-Math.atan2(2 * xy, xx - yy) / 2) * (180 / Math.PI);
-  return made("ellipse", { class: "ellipse", cx: u, cy: v, rx: radii[0], ry: radii[1], transform: `rotate(${turned} ${u} ${v})` });
+  return made("ellipse", { class: `ellipse${kind}`, cx: u, cy: v, rx: radii[0], ry: radii[1], transform: `rotate(${turned} ${u} ${v})` });
 }
 
 /** The pushing line and the tip, from the table into the object's frame. */
-function drawnPusher({ pose, pusher }, to, scale) {
-  if (!pose || !pusher) return [];
-  const [x, y, theta] = pose, [cos, sin] = [Math.cos(theta), Math.sin(theta)];
-  const turned = ([a, b]) => [cos * a + sin * b, -sin * a + cos * b];
-  const tip = turned([pusher.tip[0] - x, pusher.tip[1] - y]), along = turned(pusher.direction);
-  const reach = WIDTH / scale;
-  const ends = [-reach, reach].map((far) => to([tip[0] + far * along[0], tip[1] + far * along[1]]));
-  const [u, v] = to(tip);
-  return [
-    made("path", { class: "line", d: path(ends) }),
-    made("circle", { class: "tip", cx: u, cy: v, r: Math.max(4, pusher.radius * scale) }),
-  ];
+export function drawPusher(svg, outline, { pose, pusher }) {
+  const parts = [];
+  if (pose && pusher && outline.length) {
+    const { to, scale } = ownFrame(svg, outline);
+    const tip = turned([pusher.tip[0] - pose[0], pusher.tip[1] - pose[1]], -pose[2]), along = turned(pusher.direction, -pose[2]);
+    const reach = WIDTH / scale, [u, v] = to(tip);
+    parts.push(made("path", { class: "line", d: path([-reach, reach].map((far) => to([tip[0] + far * along[0], tip[1] + far * along[1]]))) }));
+    parts.push(made("circle", { class: "tip", cx: u, cy: v, r: Math.max(4, pusher.radius * scale) }));
+  }
+  svg.querySelector(".pusher")?.replaceChildren(...parts);
 }
 
 const turned = ([x, y], theta) => [Math.cos(theta) * x - Math.sin(theta) * y, Math.sin(theta) * x + Math.cos(theta) * y];
@@ -107,8 +141,11 @@ export function wayToPlace({ pose, plan }) {
   return [Math.hypot(x - pose[0], y - pose[1]), (Math.atan2(Math.sin(turn), Math.cos(turn)) * 180) / Math.PI];
 }
 
-/** The table from above, x to the right: its axes, the pushing line, the object with its axes, and where it is to be placed. */
-export function drawMap(svg, story) {
+/** The table from above, x to the right: its axes, the pushing line, the object with its axes, and where it is to be placed.
+ *
+ * `trail` are moments: the way that the object has gone, up to a moment that is looked back at.
+ */
+export function drawMap(svg, story, trail = []) {
   const height = 480, parts = [];
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
   const { pose, pusher, plan } = story, outline = story.object?.outline ?? [];
@@ -118,7 +155,7 @@ export function drawMap(svg, story) {
   const size = 2 * Math.max(0.01, ...outline.map(([x, y]) => Math.hypot(x, y)));
   const stroke = home ? [home, home.map((from, axis) => from + 1.6 * size * pusher.direction[axis])] : [];
   const near = object.filter(([x, y]) => Math.hypot(x, y) < 10 * size);
-  const all = [[0, 0], ...ghost, ...near, ...stroke];
+  const all = [[0, 0], ...ghost, ...near, ...stroke, ...trail.flatMap(({ pose: past }) => (past ? [past] : []))];
   const step = 0.02; // so that the picture stands still while the object moves
   const [left, low, right, high] = [Math.floor, Math.ceil].flatMap((to, end) => [0, 1].map((axis) => step * to((end ? 1 : -1) * 0.5 + (end ? Math.max : Math.min)(...all.map((point) => point[axis])) / step)));
   const scale = Math.min((WIDTH - 60) / (right - left), (height - 70) / (high - low));
@@ -126,7 +163,7 @@ export function drawMap(svg, story) {
   const axes = (at, name) => [[1, 0], [0, 1]].forEach((way, axis) => {
     const ends = placed([[0, 0], way.map((value) => 0.25 * size * value)], at).map(to);
     parts.push(...arrow(ends, "frame_axis"));
-    parts.push(made("text", { x: ends[1][0] + 5, y: ends[1][1] - 5 }, `${"xy"[axis]}${name}`));
+    parts.push(made("text", axis ? { x: ends[1][0] + 5, y: ends[1][1] - 5 } : { x: ends[1][0], y: ends[1][1] + 22, "text-anchor": "end" }, `${"xy"[axis]}${name}`));
   });
   if (home) {
     parts.push(made("path", { class: "line", d: path(stroke.map(to)) }));
@@ -136,6 +173,14 @@ export function drawMap(svg, story) {
   if (pose) parts.unshift(made("path", { class: "outline", d: path(object.map(to), true) }));
   axes([0, 0, 0], " table");
   if (pose) axes(pose, "");
+  if (trail.length) {
+    parts.push(made("path", { class: "trail", d: path(trail.filter(({ pose: past }) => past).map(({ pose: past }) => to(past))) }));
+    const at = trail.at(-1), inward = turned(at.contact.slice(2), pose?.[2] ?? 0).map((value) => -value);
+    if (pose) {
+      const [touched] = placed([at.contact], pose), from = touched.map((value, axis) => value - 0.2 * size * inward[axis]);
+      parts.push(...arrow([to(from), to(touched)], "push"));
+    }
+  }
   if (ghost.length) {
     parts.push(made("path", { class: plan.in_place ? "ghost there" : "ghost", d: path(ghost.map(to), true) }));
     const [u, v] = to(plan.placement);
@@ -147,9 +192,7 @@ export function drawMap(svg, story) {
       parts.push(made("text", { class: "way_text", x: (a + u) / 2 + 10, y: (b + v) / 2 + 18 }, inWords(distance, turn)));
     }
   }
-  const bar = niceStep(WIDTH / scale, 6);
-  parts.push(made("path", { class: "scale", d: `M20 ${height - 26}v8h${bar * scale}v-8` }));
-  parts.push(made("text", { x: 20 + (bar * scale) / 2, y: height - 24, "text-anchor": "middle" }, `${+(bar * 1e3).toPrecision(3)} mm`));
+  parts.push(...drawnScale(scale, height));
   svg.replaceChildren(...parts);
 }
 
@@ -165,10 +208,9 @@ function arrow([[a, b], [u, v]], kind) {
 
 /** The lower bounds on mu_c as a histogram, with the 90 % and 100 % marks, and its value with the interval. */
 export function drawFriction(svg, estimate) {
-  const height = 200, left = 24, right = WIDTH - 24, base = height - 34, top = 46;
+  const height = 280, left = 24, right = WIDTH - 24, base = height - 34, top = 46;
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
-  const { counts = [], bin_width: bin = 0.05 } = estimate?.histogram ?? {};
-  const mu = estimate?.mu_c;
+  const { counts = [], bin_width: bin = 0.05 } = estimate?.histogram ?? {}, mu = estimate?.mu_c;
   const finite = (mu ? [mu.max, mu.value, ...(mu.interval ?? [])] : []).map(number).filter(Number.isFinite);
   const end = Math.min(2.05, Math.max(1, 1.15 * Math.max(0, ...finite)));
   const to = (value) => left + (Math.min(value, end) / end) * (right - left);
@@ -200,31 +242,5 @@ export function drawFriction(svg, estimate) {
       if (Number.isFinite(number(mu.value))) parts.push(made("circle", { class: "value", cx: to(number(mu.value)), cy: v, r: 7 }));
     }
   }
-  svg.replaceChildren(...parts);
-}
-
-/** The fit error per data point after each push. */
-export function drawError(svg, rows, numberOf) {
-  const height = 200, left = 58, right = WIDTH - 8, base = height - 34, top = 14;
-  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
-  const shown = rows.filter((row) => row.after);
-  const values = shown.map(({ after }) => (1e3 * number(after.objective)) / after.data_points);
-  const highest = Math.max(0.01, ...values.filter(Number.isFinite));
-  const step = niceStep(highest, 3), end = step * Math.ceil(highest / step);
-  const parts = [];
-  for (let tick = 0; tick <= end + step / 2; tick += step) {
-    const v = base - ((base - top) * tick) / end;
-    parts.push(made("path", { class: "grid", d: `M${left} ${v}H${right}` }));
-    parts.push(made("text", { x: left - 8, y: v + 5, "text-anchor": "end" }, `${+tick.toPrecision(3)}`));
-  }
-  const wide = (right - left) / Math.max(8, shown.length);
-  const every = Math.ceil(shown.length / 20);
-  shown.forEach((row, index) => {
-    const tall = Number.isFinite(values[index]) ? ((base - top) * values[index]) / end : 0;
-    const u = left + index * wide;
-    parts.push(made("rect", { class: row.excluded ? "bar out" : "bar", x: u + 0.18 * wide, y: base - tall, width: 0.64 * wide, height: tall, rx: 2 }));
-    if (index % every === 0) parts.push(made("text", { x: u + wide / 2, y: height - 12, "text-anchor": "middle" }, numberOf(row.push).replace(" (again)", "′")));
-  });
-  parts.push(made("path", { class: "axis", d: `M${left} ${base}H${right}` }));
   svg.replaceChildren(...parts);
 }

@@ -1,0 +1,55 @@
+"""The command `view`."""
+
+import http
+import pathlib
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from typing import Annotated
+from urllib.parse import urlsplit
+
+import typer
+
+from pushfric_core.cell.node_settings import VIEW_PORT, is_loopback
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.errors import InvalidInput
+from pushfric_core.offline.estimation import Choices, estimate_from
+
+app = Application()
+
+
+@app.command()
+def view(
+    source: Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)],
+    port: Annotated[int, typer.Option(help="Port on this machine.", min=0, max=65535)] = VIEW_PORT,
+    object_name: ObjectOption = "",
+    partial: PartialFlag = False,
+    namespace: CellOption = None,
+) -> None:
+    """Needs no node graph. Ctrl-C ends it; other machines can be given the file that report writes."""
+    from pushfric_core.offline.run_page import run_page  # imported late: it draws
+
+    estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
+    page = run_page(estimation, namespace=namespace).encode()
+
+    class Page(BaseHTTPRequestHandler):
+        """Answers every address with the page, if it is asked by a name of this machine: others may lead here, too."""
+
+        def do_GET(self) -> None:
+            allowed = is_loopback(urlsplit(f"//{self.headers.get('Host', '')}").hostname or "")
+            self.send_response(http.HTTPStatus.OK if allowed else http.HTTPStatus.FORBIDDEN)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.end_headers()
+            if allowed:
+                self.wfile.write(page)
+
+        def log_message(self, *_: object) -> None:
+            """Not to the operator."""
+
+    try:
+        server = HTTPServer(("127.0.0.1", port), Page)
+    except OSError as error:
+        raise InvalidInput(f"--port {port}: {error.strerror}; choose another, or 0 for any") from error
+    with server:
+        console.print(f"view: http://127.0.0.1:{server.server_port}/ (Ctrl-C ends it)", markup=False, highlight=False)
+        server.serve_forever()

@@ -1,0 +1,443 @@
+// Shows a run: live, told first as a whole and then in changes; or one that is over, whose story is in the page.
+import { drawFriction, drawMap, drawObject, drawPrediction, drawPusher, inWords, number, wayToPlace } from "./drawings.js";
+import { drawCursors, drawLine } from "./line.js";
+import { Run } from "./run.js";
+
+const RETRY_MS = 2000;
+const STALE_MS = 3000; // an image older than this is no longer what the camera sees
+const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
+
+const token = new URLSearchParams(location.search).get("token") ?? "";
+const at = (id) => document.getElementById(id);
+const run = new Run();
+let story = run.story;
+let picture = null; // address of the image shown
+let pictureAt = -Infinity;
+let drawing = false; // a redraw is due
+let connection = "connecting"; // or live, lost, ended, refused; over: the story is in the page
+let chosen = null, pinned = null; // numbers of the moment that is shown and of the one compared with; null: now, none
+let drawn = []; // what the drawings show
+let toLine; // from the index of a moment to its place on the line
+let newsAt = performance.now(); // when something last came
+
+// Numbers, as JSON has them and as people read them
+
+const known = (value) => value !== undefined && value !== null;
+const mm = (metres, digits = 2) => (Number.isFinite(number(metres)) ? plain(number(metres) * 1e3, digits) : "–");
+const unsigned = (text) => text.replace(/^-(0\.?0*)$/, "$1"); // a zero has no sign
+const plain = (value, digits = 2) => (number(value) === Infinity ? "∞" : Number.isFinite(number(value)) ? unsigned(number(value).toFixed(digits)) : "–");
+const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
+const momentOf = (n) => run.moments.find((moment) => moment.n === n);
+// What is shown: a moment, or undefined, which is the present
+const shown = () => momentOf(chosen) ?? (connection === "over" ? run.moments.at(-1) : undefined);
+
+// Connection
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const socket = new WebSocket(`${scheme}://${location.host}/live?token=${encodeURIComponent(token)}`);
+  socket.binaryType = "blob";
+  const look = () => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify({ looks: !document.hidden }));
+  document.addEventListener("visibilitychange", look);
+  socket.onopen = () => { if (document.hidden) look(); };
+  socket.onmessage = ({ data }) => {
+    if (data instanceof Blob) {
+      show(data);
+      return;
+    }
+    run.take(JSON.parse(data));
+    story = run.story;
+    connection = "live";
+    newsAt = performance.now();
+    keepPictures();
+    redraw();
+  };
+  socket.onclose = ({ code }) => {
+    document.removeEventListener("visibilitychange", look);
+    if (code === WITHOUT_TOKEN) connection = "refused";
+    else if (connection !== "refused" && connection !== "ended") connection = code === RUN_ENDED ? "ended" : "lost";
+    redraw();
+    setTimeout(connect, RETRY_MS);
+  };
+}
+
+function show(blob) {
+  if (picture && !at("overlay").complete) return; // the one before is not even drawn
+  const before = picture;
+  picture = URL.createObjectURL(blob);
+  pictureAt = performance.now();
+  if (chosen === null) at("overlay").src = picture;
+  if (before) URL.revokeObjectURL(before);
+  redraw();
+}
+
+async function ask(what, said = what) {
+  try {
+    const answered = await fetch(what, { method: "POST", headers: token ? { Authorization: `Bearer ${token}` } : {} });
+    const { done, message } = await answered.json();
+    say(`${said}: ${message}`, !done);
+  } catch {
+    say(`${said}: nobody answers; use the switch at the pusher`, true);
+  }
+}
+
+let silence;
+function say(text, failed) {
+  at("answer").textContent = text[0].toUpperCase() + text.slice(1);
+  at("answer").classList.toggle("failed", failed);
+  at("answer").hidden = false;
+  clearTimeout(silence);
+  silence = setTimeout(() => { at("answer").hidden = true; }, failed ? 20000 : 8000);
+}
+
+// The page
+
+function redraw() {
+  if (drawing) return;
+  drawing = true;
+  requestAnimationFrame(() => {
+    drawing = false;
+    drawHeader();
+    drawNow();
+    const moment = shown(), compared = momentOf(pinned);
+    drawCamera(moment, compared);
+    drawMap(at("map"), moment ? { object: story.object, pose: moment.pose } : story, moment ? run.moments.slice(moment.index - moment.place + 1, moment.index + 1) : []);
+    const now = [run.version, at("line").clientWidth, connection, story.estimate, moment, compared];
+    const changed = now.findIndex((one, index) => one !== drawn[index]);
+    if (changed >= 0 && changed < 4) drawAll();
+    if (changed >= 0) drawMoment(moment, compared);
+    drawn = now;
+    drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
+    drawNodes();
+  });
+}
+
+// What changes only with the data points: in a long run it must not be drawn again for each moment
+function drawAll() {
+  at("time").hidden = !run.moments.length;
+  if (run.moments.length) toLine = drawLine(at("line"), run, lastIndex());
+  drawTable();
+}
+
+// What changes with the moment that is shown, too
+function drawMoment(moment, compared) {
+  const outline = story.object?.outline ?? [], mine = story.object?.name, estimate = run.estimateAt(moment);
+  const own = (one) => (one?.object === mine ? one : undefined);
+  if (run.moments.length) drawTime(moment, compared);
+  drawNumbers(estimate);
+  drawObject(at("drawing"), outline, own(estimate), own(compared && run.estimateAt(compared)), moment ? run.moments.slice(0, moment.index + 1) : run.moments, moment);
+  drawFriction(at("friction_chart"), estimate);
+  const predicted = moment ?? run.moments.at(-1);
+  drawPrediction(at("prediction_drawing"), outline, predicted);
+  at("prediction_caption").textContent = !predicted ? "" : !predicted.predicted ? "Nothing was predicted: it is the first push" :
+    `From the pushes before, as if each motion went on for a while: ${plain(predicted.off, 1)}° apart, as (velocity of p_CF, turn)`;
+}
+
+function drawHeader() {
+  at("object").textContent = story.object?.name ?? "pushfric";
+  at("cell").textContent = story.cell ?? "";
+  const age = Math.round((performance.now() - newsAt) / 1e3);
+  const lost = `no connection for ${age} s, trying again …; what is shown is that old. Stop works`;
+  const said = { connecting: "connecting …", live: "", lost, ended: "the run has ended", refused: "", over: "" };
+  write("connection", said[connection]);
+  at("connection").className = connection === "lost" ? "lost" : "";
+  at("connection").parentElement.nextElementSibling.hidden = connection === "over"; // nothing to press
+  document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
+  const live = connection === "live";
+  const pushes = live && known(story["node/actuator"]);
+  at("stop").disabled = live && !pushes; // never for want of a connection: a request may still arrive
+  at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
+  const phase = live ? story.plan?.phase : undefined;
+  at("repeat").disabled = phase !== "choosing";
+  at("skip").disabled = !["placing", "pushing", "waiting", "choosing"].includes(phase);
+  at("end").disabled = !phase || phase === "finished";
+}
+
+function drawNow() {
+  const { plan, fault, estimate } = story;
+  let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
+  if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
+  if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
+  write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
+  const way = wayToPlace(story);
+  at("place").hidden = !way;
+  if (way) at("place").textContent = plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
+  at("place").classList.toggle("there", Boolean(plan?.in_place));
+  at("result").hidden = !(story.report && plan?.phase === "finished");
+  write("report", story.report ?? "");
+  write("again", `./pushfric view ${(story.report ?? "").replace(/\/[^/]*$/, "")}`);
+  write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
+  at("details").hidden = !plan?.details;
+  write("technical", plan?.details ?? "");
+  at("now").className = connection === "live" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
+  at("progress").parentElement.hidden = !plan;
+  if (plan) {
+    const done = plan.completed + plan.aborted + plan.skipped;
+    at("progress").max = Math.max(1, plan.count);
+    at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
+    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
+  }
+  const verdict = estimate?.verdict;
+  at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
+  if (verdict?.notes.length) at("trust").textContent += ` To be put right: ${textOf(verdict.notes)}.`;
+  if (known(estimate?.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.change.since_push + 1}.`;
+}
+
+function drawTime(moment, compared) {
+  at("time").classList.toggle("past", chosen !== null);
+  const last = lastIndex(), slider = at("moment");
+  drawCursors(at("line"), run, toLine, moment, compared);
+  slider.max = last;
+  slider.value = moment ? moment.index : last;
+  const name = moment ? nameOf(moment) : "now", events = happened(moment);
+  slider.setAttribute("aria-valuetext", [name, ...events].join("; "));
+  write("moment_name", name);
+  write("happened", events.length ? `Before this: ${events.join("; ")}` : "");
+  at("to_now").hidden = connection === "over";
+  at("to_now").disabled = chosen === null;
+  at("earlier").disabled = (moment?.index ?? 1) === 0;
+  at("later").disabled = !moment || (connection === "over" && moment.index === last);
+  at("compare").ariaPressed = String(pinned !== null);
+  at("compare").textContent = pinned === null ? "Compare" : "Compare no more";
+  at("comparison").hidden = !compared;
+  if (compared) drawComparison(compared, moment);
+}
+
+const lastIndex = () => run.moments.length - (connection === "over" ? 1 : 0); // of the slider: in a live run it is now
+const nameOf = ({ row, place, t }) => `push ${run.numberOf(row.push)}, data point ${place} of ${row.moments.length}${t ? `, ${t.toFixed(1)} s` : ""}`;
+const happened = (moment) => run.events.filter(({ at: before }) => before === (moment ? moment.index : run.moments.length)).map(({ text }) => text);
+
+function drawComparison(compared, moment) {
+  const [one, other] = [run.estimateAt(compared), run.estimateAt(moment)];
+  const short = (one) => (one ? `push ${run.numberOf(one.push)}, ${one.place} of ${one.row.moments.length}` : "now");
+  at("pinned_name").textContent = short(compared);
+  at("shown_name").textContent = short(moment);
+  const offNow = moment ?? run.moments.at(-1);
+  const rows = [
+    ["p_CF x [mm]", 2, (estimate) => 1e3 * number(estimate?.center_of_friction[0])],
+    ["p_CF y [mm]", 2, (estimate) => 1e3 * number(estimate?.center_of_friction[1])],
+    ["p_CF within [mm]", 2, (estimate) => 1e3 * number(estimate?.confidence)],
+    ["μ_c", 3, (estimate) => number(estimate?.mu_c.value ?? estimate?.mu_c.p90)],
+    ["fit error / point [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
+    ["prediction off by [°]", 1, (_, { off }) => number(off)],
+  ];
+  at("comparison").tBodies[0].replaceChildren(...rows.map(([name, digits, value]) => {
+    const [before, after] = [value(one, compared), value(other, offNow)], line = document.createElement("tr"), head = worded("th", name);
+    head.scope = "row";
+    const change = plain(after - before, digits);
+    line.append(head, ...[before, after].map((one) => worded("td", plain(one, digits))), worded("td", Number(change) > 0 ? `+${change}` : change));
+    return line;
+  }));
+}
+
+function choose(index) {
+  chosen = run.moments[index]?.n ?? null;
+  if (chosen === null && picture) at("overlay").src = picture;
+  redraw();
+}
+
+// To the last data point of the push before or after
+function leap(way) {
+  const ends = run.moments.filter((moment) => moment.place === moment.row.moments.length).map(({ index }) => index);
+  const from = shown()?.index ?? run.moments.length;
+  const to = way < 0 ? ends.findLast((index) => index < from) : ends.find((index) => index > from);
+  choose(to ?? (way < 0 ? 0 : run.moments.length));
+}
+
+function drawNumbers(estimate) {
+  const [x, y] = estimate?.center_of_friction ?? [];
+  unit("center", estimate ? `${mm(x)}, ${mm(y)}` : "–", "mm");
+  at("confidence").textContent = known(estimate?.confidence) ? `off by at most ${mm(estimate.confidence)} mm, with 90 %` : "";
+  const mu = estimate?.mu_c;
+  const measured = known(mu?.value);
+  at("mu").textContent = !mu ? "–" : measured ? plain(mu.value) : `≥ ${plain(mu.p90)}`;
+  at("mu_kind").textContent = !mu ? "" : measured ? `${plain(mu.interval[0])} to ${plain(mu.interval[1])} with 90 %, from ${mu.kind}` : "a lower bound (90 % of the data points)";
+  unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
+  at("certified").textContent = estimate ? `${estimate.status}; certified to ${(number(estimate.gap) * 1e3).toExponential(0)} mm` : "";
+  at("points").textContent = estimate ? counted(estimate.data_points, "data point") : "–";
+  at("pushes").textContent = estimate ? `of ${estimate.pushes} ${estimate.pushes === 1 ? "push" : "pushes"}` : "";
+}
+
+function textOf(reasons) {
+  return reasons.map((reason) => reason.text).join("; ");
+}
+
+// Text that is read out: only if it changes
+function write(id, text) {
+  if (at(id).textContent !== text) at(id).textContent = text;
+}
+
+function unit(id, text, what) {
+  const name = document.createElement("span");
+  name.className = "unit";
+  name.textContent = ` ${what}`;
+  at(id).replaceChildren(text, ...(text === "–" ? [] : [name]));
+}
+
+const addressOf = ({ key, src }) => src ?? `${key}?token=${encodeURIComponent(token)}`;
+
+// Load the pictures before they are asked for: when the run ends, nobody serves them any more
+let keeping = false;
+async function keepPictures() {
+  if (keeping) return;
+  keeping = true;
+  try {
+    for (let next; (next = run.pictures.find(({ src }) => !src)); ) {
+      const answered = await fetch(addressOf(next));
+      next.src = answered.ok ? URL.createObjectURL(await answered.blob()) : addressOf(next);
+    }
+  } catch {
+    // the connection is lost: the next news begins again
+  }
+  keeping = false;
+}
+
+function drawCamera(moment, compared) {
+  const tracker = story["node/tracker"], live = !moment && picture;
+  const kept = live ? undefined : run.pictureAt(moment), address = live ? picture : kept && addressOf(kept);
+  at("camera").hidden = connection === "over" && !run.pictures.length;
+  if (address && at("overlay").getAttribute("src") !== address && !live) at("overlay").src = address;
+  at("overlay").hidden = !address;
+  at("overlay").classList.toggle("old", Boolean(live) && performance.now() - pictureAt > STALE_MS);
+  at("no_image").hidden = Boolean(address);
+  const then = compared && run.pictureAt(compared);
+  at("pinned_frame").hidden = !then;
+  if (then && at("pinned_image").getAttribute("src") !== addressOf(then)) at("pinned_image").src = addressOf(then);
+  const unseen = !moment && tracker && tracker.level !== "ok";
+  let said = !tracker ? "" : unseen ? `✗ ${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
+  if (moment) said = kept ? `Taken ${plain(Math.abs(kept.t - moment.t), 1)} s ${kept.t > moment.t ? "after" : "before"} this moment` : "";
+  if (then) said += `${said && "; "}right: the moment compared with`;
+  write("seen", said);
+  at("seen").classList.toggle("problem", Boolean(unseen));
+}
+
+const lines = new Map(); // of the table, by push
+
+function drawTable() {
+  const rows = run.pushes;
+  at("no_rows").hidden = rows.length > 0;
+  for (const [push, line] of lines) {
+    if (story[`push/${push}`]) continue;
+    line.remove();
+    lines.delete(push);
+  }
+  rows.forEach((row, index) => {
+    let line = lines.get(row.push);
+    if (!line) {
+      line = document.createElement("tr");
+      line.dataset.push = row.push;
+      for (const label of ["push", "data points", "p_CF x [mm]", "p_CF y [mm]", "μ_c 90 %", "fit error [mm]", "verdict", ""]) {
+        const cell = line.insertCell();
+        if (label) cell.dataset.label = label;
+      }
+      const button = document.createElement("button");
+      button.addEventListener("click", () => {
+        const now = story[`push/${row.push}`], what = now.excluded || rejectionOf(now) ? "keep" : "exclude";
+        ask(`${what}/${row.push}`, `${what} push ${run.numberOf(row.push)}`);
+      });
+      line.lastChild.append(button);
+      at("rows").insertBefore(line, at("rows").children[index] ?? null);
+      lines.set(row.push, line);
+    }
+    const { after } = row, [verdict, bad] = judged(row);
+    const texts = [run.numberOf(row.push), row.moments.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
+    texts.forEach((text, column) => { if (line.cells[column].textContent !== String(text)) line.cells[column].textContent = text; });
+    line.cells[6].className = bad ? "bad" : "";
+    const out = row.excluded || Boolean(rejectionOf(row)), button = line.lastChild.firstChild;
+    line.className = out ? "out" : "";
+    button.textContent = out ? "Keep" : "Exclude";
+    button.ariaLabel = `${button.textContent} push ${run.numberOf(row.push)}`;
+    button.disabled = connection !== "live" || !row.moments.length;
+    button.hidden = connection === "over";
+  });
+}
+
+// Why the estimator leaves a push out by itself, as the last estimate says; undefined if it does not
+function rejectionOf(row) {
+  return row.excluded ? undefined : story.estimate?.rejected?.find((one) => one.push === row.push);
+}
+
+function judged(row) {
+  if (row.excluded) return [row.aborted ? "aborted, left out" : "excluded", row.aborted];
+  const rejected = rejectionOf(row);
+  if (rejected) return [`✗ left out: ${rejected.reason.text}`, true];
+  if (row.aborted) return ["✗ aborted", true];
+  if (!row.moments.length) return ["no data point yet", false];
+  return ["✓ counts", false];
+}
+
+function drawNodes() {
+  const sums = story["node/estimator"]?.values ?? {};
+  const kinds = ["poses", "pusher states", "wrenches", "observations", "pushes"].filter((kind) => sums[kind]);
+  at("ledger").textContent = kinds.map((kind) => `${kind}: ${sums[kind]}`).join("; ");
+  const signs = { ok: "✓", warning: "!", error: "✗", stale: "?" };
+  const list = at("nodes");
+  at("health").hidden = connection === "over"; // a bag tells of no node
+  for (const name of Object.keys(story).filter((key) => key.startsWith("node/")).sort()) {
+    const { level, message, values } = story[name];
+    let details = list.querySelector(`[data-node="${name}"]`);
+    if (!details) {
+      details = document.createElement("details");
+      details.dataset.node = name;
+      details.innerHTML = '<summary><span class="level"></span><span class="node"></span><span class="message"></span></summary><dl></dl>';
+      list.insertBefore(details, [...list.children].find((other) => other.dataset.node > name) ?? null);
+    }
+    details.className = level;
+    details.querySelector(".level").textContent = signs[level];
+    details.querySelector(".level").ariaLabel = level;
+    details.querySelector(".node").textContent = name.slice("node/".length);
+    details.querySelector(".message").textContent = message;
+    if (details.open) {
+      details.querySelector("dl").replaceChildren(...Object.entries(values).flatMap(([key, value]) => [worded("dt", key), worded("dd", value)]));
+    }
+  }
+  for (const kept of [...list.children]) if (!story[kept.dataset.node]) kept.remove();
+}
+
+function worded(tag, text) {
+  const element = document.createElement(tag);
+  element.textContent = text;
+  return element;
+}
+
+at("moment").addEventListener("input", ({ target }) => choose(Number(target.value)));
+at("moment").addEventListener("keydown", (event) => {
+  if (event.key !== "PageUp" && event.key !== "PageDown") return;
+  event.preventDefault();
+  leap(event.key === "PageUp" ? -1 : 1);
+});
+for (const kind of ["pointerdown", "pointermove"]) {
+  at("line").addEventListener(kind, (event) => {
+    if (!event.buttons || !toLine) return;
+    const x = event.clientX - at("line").getBoundingClientRect().left, [left, right] = [0, run.moments.length].map(toLine);
+    choose(Math.max(0, Math.round(((x - left) / (right - left)) * run.moments.length)));
+  });
+}
+at("earlier").addEventListener("click", () => leap(-1));
+at("later").addEventListener("click", () => leap(1));
+at("to_now").addEventListener("click", () => choose(Infinity));
+at("compare").addEventListener("click", () => {
+  pinned = pinned === null ? (shown() ?? run.moments.at(-1)).n : null;
+  redraw();
+});
+addEventListener("resize", redraw);
+for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
+document.addEventListener("keydown", (event) => {
+  if (event.code !== "Space" || at("stop").disabled || connection === "over") return; // whatever has the focus
+  event.preventDefault();
+  if (!event.repeat) ask("stop");
+});
+document.addEventListener("keyup", (event) => {
+  if (event.code === "Space" && !at("stop").disabled && connection !== "over") event.preventDefault(); // a button acts when the key is let go
+});
+at("nodes").addEventListener("toggle", redraw, true);
+const told = at("story");
+if (told) {
+  connection = "over";
+  run.take({ all: JSON.parse(told.textContent) });
+  story = run.story;
+  redraw();
+} else {
+  setInterval(redraw, 1000); // an image grows old without news
+  connect();
+}

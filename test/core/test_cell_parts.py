@@ -1,0 +1,49 @@
+"""The drawings and the printable parts of docs/hardware.md."""
+
+import math
+import pathlib
+import sys
+
+import pytest
+
+DOCS = pathlib.Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture
+def cell_parts(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    import cell_parts
+
+    yield cell_parts
+    del sys.modules["cell_parts"]
+
+
+def test_the_drawings_are_those_of_the_script(cell_parts):
+    for name, draw in cell_parts.DRAWINGS.items():
+        assert (DOCS / name).read_text(encoding="utf-8") == draw(), "python docs/cell_parts.py --drawings writes them anew"
+
+
+def test_the_parts_can_be_printed(cell_parts, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("mapbox_earcut")
+    cell_parts.main([str(tmp_path)])
+    parts = {name: trimesh.load(tmp_path / f"{name}.stl") for name in ("tip", "plate", "foot")}
+    for name, mesh in parts.items():
+        assert mesh.is_watertight, name
+        assert mesh.is_winding_consistent, name
+        assert mesh.body_count == 1, name
+    wide, deep = cell_parts.PLATE
+    holes = len(cell_parts.HOLES) * math.pi * (cell_parts.HOLE / 2) ** 2
+    assert parts["plate"].volume == pytest.approx((wide * deep - holes) * cell_parts.PLATE_HEIGHT, rel=1e-3)
+    assert parts["plate"].extents.tolist() == pytest.approx([wide, deep, cell_parts.PLATE_HEIGHT])
+    tube = math.pi * (cell_parts.TIP_RADIUS**2 - (cell_parts.TIP_BORE / 2) ** 2) * cell_parts.TIP_LENGTH
+    assert parts["tip"].volume == pytest.approx(tube, rel=0.01)
+    assert parts["foot"].extents[2] == pytest.approx(cell_parts.FOOT_HEIGHT + cell_parts.PLATE_HEIGHT - 1)
+
+
+def test_a_peg_fits_its_hole(cell_parts):
+    assert 0.1 < cell_parts.HOLE - cell_parts.PEG < 0.5
+    wide, deep = cell_parts.PLATE
+    assert all(
+        abs(x) + cell_parts.FOOT_RADIUS < wide / 2 and abs(y) + cell_parts.FOOT_RADIUS < deep / 2 for x, y in cell_parts.HOLES
+    )
