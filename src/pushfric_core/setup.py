@@ -2,6 +2,16 @@ import pathlib
 from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
+
+try:
+    from Cython import __version__ as version
+except ImportError:
+    version = "0"
+
+CYTHON = tuple(int(number) for number in version.split(".")[:2])
+SHARES = (3, 1)
+"""Since this version of Cython, modules can share what it adds."""
 
 DESCRIPTION = """\
 Where the support friction of a pushed object lies, its centre of friction, and the friction at the contact, from pushes: the
@@ -18,16 +28,15 @@ DIRECTIVES = {
 }
 
 
+SHARED = "pushfric_core._cyutility"
+"""What Cython adds for arrays, once for all compiled modules: half of what there is to compile, and none of it in a loop."""
+
+
 def compiled() -> list[Extension]:
     """The inner loops: modules with types in a .pxd. Without Cython 3 or a compiler they stay Python: the same bits, a hundred
     times slower.
     """
-    try:
-        from Cython import __version__
-        from Cython.Build import cythonize
-    except ImportError:
-        return []
-    if int(__version__.partition(".")[0]) < 3:
+    if CYTHON < (3,):
         return []
     loops = [
         Extension(
@@ -38,7 +47,21 @@ def compiled() -> list[Extension]:
         )
         for types in sorted(pathlib.Path("pushfric_core").rglob("*.pxd"))
     ]
-    return cythonize(loops, build_dir="build", quiet=True, compiler_directives=DIRECTIVES)
+    shared = Extension(SHARED, [f"{SHARED.replace('.', '/')}.c"], extra_compile_args=["-O1", "-g0"], optional=True)
+    return loops + [shared] * (CYTHON >= SHARES)
+
+
+class BuildExtensions(build_ext):
+    """Makes C of the modules when they are built, not whenever somebody asks this file for something else, as colcon does."""
+
+    def build_extensions(self) -> None:
+        from Cython.Build import cythonize
+
+        sharing = {"shared_utility_qualified_name": SHARED} if CYTHON >= SHARES else {}
+        made = cythonize(self.extensions, build_dir="build", quiet=True, compiler_directives=DIRECTIVES, **sharing)
+        for extension, in_c in zip(self.extensions, made, strict=True):
+            extension.sources = in_c.sources
+        super().build_extensions()
 
 
 setup(
@@ -55,6 +78,7 @@ setup(
     license="Apache-2.0",
     packages=find_packages(),
     ext_modules=compiled(),
+    cmdclass={"build_ext": BuildExtensions},
     package_data={
         "pushfric_core": ["py.typed"],
         "": ["*.pxd", "*.html.j2"],

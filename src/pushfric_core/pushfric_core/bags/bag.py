@@ -33,7 +33,6 @@ from pushfric_core.bags.mcap_records import HELD_LIMIT, Channel, Schema
 from pushfric_core.bags.offered_qos import profiles_from
 from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, embedded_metadata, read_metadata
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.wording import counted
 
 PathLike = str | os.PathLike[str]
@@ -519,7 +518,7 @@ def _topic(file: pathlib.Path, channel: Channel, schema: Schema | None) -> Topic
     if schema is None:
         raise InvalidInput(f"{where} has no type, expected that of a ROS 2 message")
     try:
-        profiles = profiles_from(load_yaml(channel.metadata.get("offered_qos_profiles", "")))
+        profiles = profiles_from(channel.metadata.get("offered_qos_profiles", ""))
     except ValueError as error:
         raise InvalidInput(f"{where} has QoS profiles that are not those of rosbag2: {error}") from error
     return Topic(channel.topic, schema.name, profiles, channel.metadata.get("topic_type_hash", ""), 0, schema.definition)

@@ -139,6 +139,9 @@ def in_order(parts: Iterable[tuple[int, int, Callable[[], Iterator[Item]]]]) -> 
         if opened:
             _, rank, number, item, items = opened[0]
             yield item
+            if len(opened) == 1 and not waiting:
+                yield from items
+                return
             for following in items:
                 heapq.heapreplace(opened, (following.log_time_ns, rank, number, following, items))
                 break

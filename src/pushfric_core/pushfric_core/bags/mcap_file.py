@@ -510,7 +510,8 @@ class McapFile:
     def _sorted(self, stream: BinaryIO, piece: Piece, wanted: Callable[[int], bool], last: Standing) -> Iterator[Message]:
         """The messages of a piece in order of log time, up to a standing."""
         standings = [STANDINGS[value] for value in self.standings[piece.entries.start : piece.entries.stop].tolist()]
-        if all(standing > last for standing in set(standings)):
+        channels = set(self.entries.channels[piece.entries.start : piece.entries.stop])
+        if all(standing > last for standing in set(standings)) or not any(map(wanted, channels)):
             return
         times = self.entries.log_times[piece.entries.start : piece.entries.stop]
         try:

@@ -1,8 +1,11 @@
 """The qualities of service that a publisher offered, as bags store them."""
 
-from collections.abc import Callable, Iterable, Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from pushfric_core.files.bounded_yaml import load_yaml
 
 INFINITE_NS = 2**63 - 1
 """A duration without limit, as the middleware represents it [ns]."""
@@ -80,8 +83,10 @@ class OfferedQos:
         return cls(depth=depth, **values)
 
 
-def profiles_from(entries: Iterable[Mapping[str, Any]] | None) -> tuple[OfferedQos, ...]:
-    """The profiles of a topic; raises ValueError as `OfferedQos.from_entry` does."""
+@functools.lru_cache(maxsize=100)
+def profiles_from(text: str) -> tuple[OfferedQos, ...]:
+    """The profiles of a topic, in YAML; raises ValueError as `OfferedQos.from_entry` does. Most topics have the same ones."""
+    entries: Any = load_yaml(text)
     if not isinstance(entries, list | None):
         raise ValueError(f"expected a list of QoS profiles, got {str(entries)[:80]}")
     return tuple(OfferedQos.from_entry(entry) for entry in entries or ())

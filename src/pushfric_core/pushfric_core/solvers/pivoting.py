@@ -253,12 +253,19 @@ def locate(state: State, tolerance: float) -> bool:
     error = state.residual
     for i in range(n):
         error[i] = 0.0
-        for j in range(n):
-            error[i] += state.a[j, state.active[i]] * x[j]
-    error[0] -= 1.0
     for j in range(n):
-        for i in range(n):
-            x[j] -= state.inverse[j, i] * error[i]
+        if x[j] != 0:
+            for i in range(n):
+                error[i] += state.a[j, state.active[i]] * x[j]
+    error[0] -= 1.0
+    size = 0
+    for i in range(n):
+        if error[i] != 0:
+            state.nonzero[size] = i
+            size += 1
+    for j in range(n):
+        for p in range(size):
+            x[j] -= state.inverse[j, state.nonzero[p]] * error[state.nonzero[p]]
         if abs(x[j]) < ZERO:
             x[j] = 0.0
     evaluate(state, x, state.value)
@@ -505,15 +512,17 @@ def exchange(state: State, i: int, entering: int) -> None:
         row[p] = 0.0
     for j in range(n):
         factor = a[j, entering]
-        for p in range(n):
-            row[p] += factor * inverse[j, p]
+        if factor != 0:
+            for p in range(n):
+                row[p] += factor * inverse[j, p]
     pivot = row[i]
     row[i] = 0.0
     for j in range(n):
         column = inverse[j, i] / pivot
-        for p in range(n):
-            inverse[j, p] -= column * row[p]
-        inverse[j, i] = column
+        if column != 0:  # most weights are zero, and stay so
+            for p in range(n):
+                inverse[j, p] -= column * row[p]
+            inverse[j, i] = column
 
 
 def perturb(state: State, shift: float) -> None:
@@ -751,8 +760,9 @@ def bounds(state: State, weights: int) -> tuple[float, float, float]:
         for i in range(n):
             correction[i] = 0.0
         for j in range(n):
-            for i in range(n):
-                correction[i] -= total[j] * state.inverse[j, i]
+            if total[j] != 0:
+                for i in range(n):
+                    correction[i] -= total[j] * state.inverse[j, i]
         for i in range(n):
             y[i] += correction[i]
         add_active(state, correction, total)
@@ -776,10 +786,14 @@ def bounds(state: State, weights: int) -> tuple[float, float, float]:
 
 def add_active(state: State, multipliers: Array, total: Array) -> None:
     """total += multipliers B"""
-    for i in range(len(multipliers)):
-        if multipliers[i] != 0:
-            for j in range(len(total)):
-                total[j] += multipliers[i] * state.a[j, state.active[i]]
+    n = len(total)
+    for i in range(n):
+        k = state.active[i]
+        if 0 < k <= n:  # x_j >= 0 has a single coefficient
+            total[k - 1] += multipliers[i]
+        elif multipliers[i] != 0:
+            for j in range(n):
+                total[j] += multipliers[i] * state.a[j, k]
 
 
 def largest_scale(state: State, objective: float) -> float:

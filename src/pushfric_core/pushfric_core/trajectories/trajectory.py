@@ -112,7 +112,8 @@ class PusherSample(NamedTuple):
     @property
     def tip(self) -> Array:
         """The centre of the tip (2,), table frame [m]."""
-        return np.asarray(self.line.origin) + self.position * np.asarray(self.line.direction)
+        (x, y), (along_x, along_y) = self.line.origin, self.line.direction
+        return np.array((x + self.position * along_x, y + self.position * along_y))
 
 
 class _Frame(NamedTuple):
