@@ -15,7 +15,7 @@ from pushfric_core.geometry.outline import Touch
 from pushfric_core.mechanics.simulation import pushed_motion
 from pushfric_core.paper.trials import estimated
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.uncertainty.contact_friction import Kind, percentile
+from pushfric_core.uncertainty.contact_friction import Kind, Tip, percentile, tip_at
 from pushfric_core.uncertainty.force_ratios import sliding
 
 FEET = four_feet()
@@ -93,9 +93,9 @@ def test_real_forces_give_what_the_slips_of_other_pushes_give(mit_pushes):
         model = load_object(str(mit_pushes / f"{path.name.removesuffix('.tip.csv').rpartition('_')[2]}.yaml"))
         forces = read_observations(mit_pushes / path.name.replace(".tip", ""), model.outline)
         _, by_slip = estimated(read_observations(path, model.outline), model.support_points, EstimatorConfig())
-        _, by_force = estimated(forces, model.support_points, EstimatorConfig(terms=("moment", "force")))
-        assert by_force.mu_c.low <= percentile(ratios(forces), 0.9) + 1e-9
-        if by_force.mu_c.value is not None:
-            apart.append(abs(by_force.mu_c.value - by_slip.mu_c.value))
+        found = Tip(*np.array([tip_at(one) for one in forces]).T).by_ratio
+        if found is not None:
+            assert found[1] <= found[0] <= percentile(ratios(forces), 0.9)
+            apart.append(abs(found[0] - by_slip.mu_c.value))
     assert len(apart) >= 9
-    assert np.median(apart) <= 0.02
+    assert np.median(apart) <= 0.03

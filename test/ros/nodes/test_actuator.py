@@ -251,6 +251,31 @@ def test_a_push_in_simulated_time(ros, tmp_path):
     assert late[len(late) // 2] <= 0.0004 + 1e-6  # one step of the clock
 
 
+def test_no_state_is_older_than_the_one_before(ros):
+    """What the node says of itself at its end is later than the answer of a slow controller that is still on its way."""
+    now = [1000.0]
+    clock = ros.node("clock")
+    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
+    with SimulatedGrbl(lambda: now[0]) as controller, FaultyLine(controller.port) as line:
+        line.delay_to_host = 0.05
+
+        def tick() -> None:
+            now[0] += 1 / 50
+            clock_out.publish(Clock(clock=Time(nanoseconds=round(now[0] * 1e9)).to_msg()))
+
+        cell = Cell(ros, line.port, use_sim_time=True, real_time_factor=5.0)
+        clock.create_timer(1 / 250, tick)
+        cell.ready()
+        for _ in range(10):
+            asked, told = now[0], len(cell.states)
+            ros.wait_for(lambda asked=asked: now[0] > asked + 0.07, what="a few steps of the clock")
+            ended = cell.node.wind_up()
+            ros.wait_for(lambda told=told: len(cell.states) > told + 1, what="later states")
+        assert ended
+    stamps = [Time.from_msg(state.header.stamp).nanoseconds for state in cell.states]
+    assert stamps == sorted(stamps)
+
+
 def test_pushes_follow_each_other(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     for end in (0.02, 0.04):

@@ -341,7 +341,7 @@ def test_a_short_request_does_not_wait_for_long_ones(ros):
     cell = Cell(ros, longest=60.0)
     cell.estimate()
     client = cell.client("predict_push")
-    long = [client.call_async(many_pushes(10_000)[1]) for _ in range(3)]
+    long = [client.call_async(many_pushes(10_000)[1]) for _ in range(12)]
     ros.wait_for(lambda: cell.planner._turns.waiting == len(long), what="the long requests")
     short = client.call_async(push_request())
     ros.wait_for(lambda: short.done() or all(one.done() for one in long), what="the short answer")

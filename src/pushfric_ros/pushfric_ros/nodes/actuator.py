@@ -133,6 +133,7 @@ class ActuatorNode(LifecycleNode):
         self._push: UnderWay | None = None  # until its client is told
         self._diagnostics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._state_out = self._diagnostics.advertise(PusherState, "pusher_state", RELIABLE)
+        self._newest_stamp = 0  # of the states that were published [ns]
         self._told_fault: PusherFault | None = None
         self._polled, self._gap = clock(), 0.0  # when the pusher was last polled; how long before that
         self._fault_out = self._diagnostics.advertise(String, "pusher_fault", LATCHED)
@@ -532,7 +533,12 @@ class ActuatorNode(LifecycleNode):
 
     def _publish(self, report: PusherReport) -> None:
         mode = self._shown(report.mode)
-        stamp = self.get_clock().now().nanoseconds if report.stamp is None else report.stamp
+        now = self.get_clock().now().nanoseconds
+        stamp = now if report.stamp is None else report.stamp
+        if self._newest_stamp <= now:  # the clock has not gone back
+            # the answer to an earlier request may come after a state of a pusher that could not be asked: it still rested then
+            stamp = max(stamp, self._newest_stamp)
+        self._newest_stamp = stamp
         (x, y), (along_x, along_y), radius = self._line
         msg = PusherState(
             mode=getattr(PusherState, f"MODE_{mode.name}"),
