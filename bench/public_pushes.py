@@ -180,17 +180,10 @@ class Line(NamedTuple):
 
 
 def line_of(stroke: Stroke, outline: Outline) -> Line | None:
-    """None if the stroke does not begin at the outline.
-
-    The tip touches when a stroke begins. What lies between it and the outline is an error of the poses, so it is left out.
-    """
-    place = transform(inverse(stroke.before), stroke.tip_before)
-    _, (foot,), (distance,) = nearest_edges(outline, np.array((place,)))
-    outwards = -1.0 if outline.polygon.contains(Point(place)) else 1.0
-    gap = outwards * distance - stroke.tip_radius
-    if abs(gap) > LARGEST_START_GAP:
+    """None if the stroke does not begin at the outline, or passes by."""
+    shift = _to_outline(stroke, outline)
+    if np.hypot(*shift) > LARGEST_START_GAP:
         return None
-    shift = rotation(stroke.before.theta) @ np.subtract(foot, place) * (outwards * gap / max(distance, LEAST_DIVISOR))
     way = np.subtract(stroke.tip_after, stroke.tip_before)
     length = float(np.linalg.norm(way))
     origin, direction = stroke.tip_before + shift - BACK * way / length, way / length
@@ -199,6 +192,20 @@ def line_of(stroke: Stroke, outline: Outline) -> Line | None:
     if touch is None or touch.distance >= BACK + length:
         return None
     return Line(stroke.before, line, min(touch.distance, BACK), BACK + length)
+
+
+def _to_outline(stroke: Stroke, outline: Outline) -> Array:
+    """From the tip to where it touches when the stroke begins (2,) [m]: what lies between is an error of the poses.
+
+    The thin tip of a stroke that was made from an observation touches halfway, and is left where it is.
+    """
+    if not stroke.tip_radius:
+        return np.zeros(2)
+    place = transform(inverse(stroke.before), stroke.tip_before)
+    _, (foot,), (distance,) = nearest_edges(outline, np.array((place,)))
+    outwards = -1.0 if outline.polygon.contains(Point(place)) else 1.0
+    gap = outwards * distance - stroke.tip_radius
+    return rotation(stroke.before.theta) @ np.subtract(foot, place) * (outwards * gap / max(distance, LEAST_DIVISOR))
 
 
 def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
