@@ -1,6 +1,6 @@
 """The drawings of hardware.md, and the parts to print: `python docs/cell_parts.py FOLDER` writes the parts as STL, in mm.
 
-It needs trimesh and mapbox_earcut. `--drawings` writes the drawings anew, beside this file.
+It needs trimesh and mapbox_earcut. `--drawings` rewrites the drawings beside this file.
 """
 
 import math

@@ -20,7 +20,7 @@ def cell_parts(monkeypatch):
 
 def test_the_drawings_are_those_of_the_script(cell_parts):
     for name, draw in cell_parts.DRAWINGS.items():
-        assert (DOCS / name).read_text(encoding="utf-8") == draw(), "python docs/cell_parts.py --drawings writes them anew"
+        assert (DOCS / name).read_text(encoding="utf-8") == draw(), "python docs/cell_parts.py --drawings rewrites them"
 
 
 def test_the_parts_can_be_printed(cell_parts, tmp_path):

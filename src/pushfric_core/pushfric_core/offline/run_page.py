@@ -21,7 +21,7 @@ from pushfric_core.bags.run_record import PLAN, TYPES
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import last, taken
-from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, FrictionReport
+from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
 from pushfric_core.mechanics.prediction import friction_model, prediction_errors
@@ -29,7 +29,7 @@ from pushfric_core.offline.estimation import Estimation
 from pushfric_core.report.figures import summary_figure
 from pushfric_core.report.page import Cell, Section, Table, number, page
 from pushfric_core.report.report import to_json
-from pushfric_core.report.story import RUN_PAGE, Change, Story
+from pushfric_core.report.story import RUN_PAGE, Change, Story, with_histogram
 from pushfric_core.trajectories.ledger import REASONS
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.vision.keyframes import KEYFRAMES
@@ -150,8 +150,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
         tell(change)
     go_on(math.inf)
     tell(story.on_settings(estimation.settings.to_text()))
-    histogram = {"bin_width": BIN_WIDTH, "counts": FrictionReport.of(estimation.result).counts}
-    return told | {"estimate": estimation.figures() | {"histogram": histogram}}, pictures
+    return told | {"estimate": with_histogram(estimation.figures(), FrictionReport.of(estimation.result))}, pictures
 
 
 def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str, Any]]:

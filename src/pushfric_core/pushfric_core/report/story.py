@@ -26,7 +26,7 @@ import numpy as np
 from pushfric_core.bags.constants import constants
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.errors import PushfricError
-from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport
+from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, FrictionReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.geometry.support import Support
@@ -94,7 +94,7 @@ class Story:
         """The estimate, and the moment that its newest data point belongs to; None: estimation starts again."""
         if report is None:
             return self._without_data()
-        told = report.to_dict() | {"histogram": {"bin_width": BIN_WIDTH, "counts": list(report.friction.counts)}}
+        told = with_histogram(report.to_dict(), report.friction)
         kept = _rounded({key: told[key] for key in (*AFTER, "histogram") if key in told})
         _remember(self._after, report.stamp, kept)
         self._recent.append(report)
@@ -237,6 +237,11 @@ class Story:
             self._start = stamp
         self._now = max(self._now, stamp)
         return round((stamp - (self._start or stamp)) * 1e-9, 3)
+
+
+def with_histogram(figures: Change, friction: FrictionReport) -> Change:
+    """The figures of an estimate, as the command line's JSON names them, with the histogram of the bounds on mu_c."""
+    return figures | {"histogram": {"bin_width": BIN_WIDTH, "counts": list(friction.counts)}}
 
 
 def _model_of(report: EstimateReport) -> FrictionModel | None:
