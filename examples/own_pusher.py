@@ -37,9 +37,10 @@ DEAD_MAN = 0.2
 
 
 class Slide(threading.Thread):
-    """What would be hardware: a datagram "target speed stamp" is a command, and the answer is "position speed stamp".
+    """What would be hardware: a datagram "target,speed,stamp" is a command, and the answer is "position,speed,stamp".
 
-    The target may be "stop", or empty to ask only. A command is good for DEAD_MAN; a driver that lives repeats it.
+    The target may be "stop", or empty to ask only; the stamp may be empty. A command is good for DEAD_MAN; a driver that lives
+    repeats it.
     """
 
     def __init__(self, path: str) -> None:
@@ -160,7 +161,7 @@ class SlideDriver:
     def stop(self) -> None:
         if self.busy and self._report is not None:
             self._command, self._moves = None, True  # until an answer says that it rests
-            self._send("stop,,0")
+            self._send("stop,,")
 
     def ask(self, stamp: int) -> None:
         self._asked = stamp
@@ -177,7 +178,7 @@ class SlideDriver:
             raise NotConnected(f"the slide at {self._device} says nothing")
         wanted = self._asked if self._asked is not None else stamp
         command = "," if self._command is None else f"{self._command[0]!r},{self._command[1]!r}"
-        self._send(f"{command},{0 if wanted is None else wanted}")
+        self._send(f"{command},{'' if wanted is None else wanted}")
         self._asked = None
         return fresh
 
@@ -197,7 +198,7 @@ class SlideDriver:
                 self.doubt = "it moved when it was found"
             if self._command is not None and float(position) == self._command[0]:
                 self._command = None
-            self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp))
+            self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp) if stamp else None)
             self._report = fresh = self._report._replace(mode=self.mode)
         return fresh
 

@@ -147,7 +147,7 @@ class PusherReport(NamedTuple):
     position: float  # along the stroke [m]
     speed: float  # [m/s], negative on the way back
     mode: Mode
-    stamp: int | None  # what ask() or poll() was given when this report was requested or came unasked
+    stamp: int | None  # what ask() or poll() was given when this report was requested or came unasked; None: about now
 
 
 class Limits(NamedTuple):

@@ -85,10 +85,15 @@ class Person(contextlib.AbstractContextManager["Person"]):
 
     @contextlib.contextmanager
     def repeating(self, topic: str, message: Any, qos: Any) -> Iterator[None]:
-        """Publish a message again and again, while this person waits for anything."""
+        """Publish a message again and again, while this person waits for anything.
+
+        Raises:
+            NoAnswer: nobody listens to the topic.
+        """
         out = self._node.create_publisher(type(message), topic, qos)
         timer = self._node.create_timer(0.05, lambda: out.publish(message))
         try:
+            self._wait(out.get_subscription_count, f"nobody listens to {out.topic_name}")
             yield
         finally:
             self._node.destroy_timer(timer)
