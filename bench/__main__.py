@@ -18,6 +18,7 @@ from rich.table import Table
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
 from bench import (
+    costs,
     footprint,
     growth,
     pipeline,
@@ -74,6 +75,7 @@ class Section(NamedTuple):
 
 
 ALONE = {
+    "costs": [Section.of("costs", costs)],
     "footprint": [Section.of("footprint", footprint)],
     "growth": [Section.of("growth", growth)],
     "view": [Section.of("view", view_cost)],
@@ -138,6 +140,14 @@ def bench(
             "--footprint", help="Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
         ),
     ] = False,
+    costs_only: Annotated[
+        bool,
+        typer.Option(
+            "--costs",
+            help="Measure only where the milliseconds and the megabytes go, and write the tables of docs/graph.md and"
+            " docs/estimator.md: 2 minutes.",
+        ),
+    ] = False,
     growing: Annotated[
         bool,
         typer.Option(
@@ -200,7 +210,7 @@ def bench(
     if public:
         plot.parent.mkdir(exist_ok=True)
         return _run([Section.of("public_pushes", public_pushes.PublicPushes(public, plot))], json)
-    alone = {"footprint": footprint_only, "growth": growing, "view": view_only, "planning": planning_only}
+    alone = {"costs": costs_only, "footprint": footprint_only, "growth": growing, "view": view_only, "planning": planning_only}
     for name, asked in alone.items():
         if asked:
             real = [Section.of("real_strokes", simulators.Real(real_strokes))] if real_strokes is not None else []

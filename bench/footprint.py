@@ -75,7 +75,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
     progress("estimate")
     estimate_cpu = _cpu([ROOT / "pushfric", "estimate", DEMO_BAG])
     progress("memory of the demo")
-    demo = _demo()
+    started = demo()
     codes: dict[str, int] = {}
     ends = {}
     for name, busy in (("alone", False), ("together", False), ("together_busy", True)):
@@ -83,10 +83,10 @@ def measure(progress: Callable[[str], None]) -> Figures:
         ends[name], ended = _end(("estimator",) if name == "alone" else (), busy)
         codes |= {f"{node}, {name}": code for node, code in ended.items() if code}
     return {
-        **demo,
+        **started,
         "help_cpu_s": help_cpu,
         "estimate_cpu_s": estimate_cpu,
-        "end_s": demo["end_s"] | ends,
+        "end_s": started["end_s"] | ends,
         "end_codes": codes,
     }
 
@@ -115,13 +115,17 @@ def _cpu(arguments: list[str | pathlib.Path]) -> float:
     return float(np.median(seconds[1:]))
 
 
-def _demo() -> Figures:
-    """Start the demo several times; run the last one until its memory is known, with a bare node next to it."""
+def demo(rounds: int = ROUNDS) -> Figures:
+    """Start the demo several times; run the last one until its memory is known, with a bare node next to it.
+
+    Returns:
+        "memory_mib", "bare_memory_mib", "bare_start_cpu_s", "first_pose_s" and "end_s" of a bare node, as `measure`.
+    """
     with ExitStack() as stack:
         bare = stack.enter_context(running([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
         bare.stdout.readline()
         bare_start = _cpu_of(bare.pid)
-        first_poses = [_started_demo(0.0)[0] for _ in range(ROUNDS - 1)]
+        first_poses = [_started_demo(0.0)[0] for _ in range(rounds - 1)]
         first_pose, samples = _started_demo(WATCHED)
         bare_memory = memory(bare.pid) / 1024
         bare_end, _ = _interrupt({"bare": bare})
@@ -146,19 +150,19 @@ def _started_demo(watched: float) -> tuple[float, list[dict[str, float]]]:
         )
         started = time.time_ns()
         arguments = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", f"{folder}/bag"]
-        demo = stack.enter_context(running(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
+        run = stack.enter_context(running(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
         deadline = time.monotonic() + EVENT_TIMEOUT
         while time.monotonic() < deadline:
             here.spin_once(0.1)
-            if demo.poll() is not None:
-                raise RuntimeError(f"the demo ended early:\n{demo.stderr.read()}")
+            if run.poll() is not None:
+                raise RuntimeError(f"the demo ended early:\n{run.stderr.read()}")
             if poses:
                 deadline = min(deadline, time.monotonic() + watched) if not samples else deadline
-                samples.append(_memory_of_family(demo.pid))
+                samples.append(_memory_of_family(run.pid))
         if not samples:
             raise RuntimeError(f"no pose within {EVENT_TIMEOUT:g} s")
-        demo.send_signal(signal.SIGINT)
-        demo.communicate(timeout=EVENT_TIMEOUT)
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=EVENT_TIMEOUT)
     return (poses[0] - started) / 1e9, samples
 
 

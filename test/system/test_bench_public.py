@@ -5,6 +5,8 @@ import pathlib
 import numpy as np
 import pytest
 
+from pushfric_core import EstimatorConfig
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
@@ -87,3 +89,17 @@ def test_an_option_may_take_several_folders():
     given = ["--quick", "--public", "a", "b", "--json=-", "c"]
     assert _each_named(given) == ["--quick", "--public", "a", "--public", "b", "--json=-", "c"]
     assert _each_named(["--json=-"]) == ["--json=-"]
+
+
+def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):
+    """With all pushes, where what friction does otherwise than Coulomb's is most of the error."""
+    from bench.public_pushes import _center, sets_in
+    from pushfric_core.paper.trials import estimated
+
+    sets = [one for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
+    found = []
+    for one in sets:
+        data = [observation for observation in one.observations if observation is not None]
+        found.append(_center(estimated(data, one.model.support_points, EstimatorConfig())[1], one.label)["held"])
+    assert len(found) == 16
+    assert 13 <= sum(found) <= 15

@@ -35,7 +35,18 @@ from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
 from pushfric_core.uncertainty.model_comparison import Comparison, compare
 from pushfric_core.uncertainty.outlier_rejection import REASONS, OutlierRejection, Rejected
-from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, NOISELESS, Excitation, Spread, effects, is_due, rise, spread
+from pushfric_core.uncertainty.spread import (
+    DIRECTIONS,
+    ELLIPSE,
+    NOISELESS,
+    Excitation,
+    Scatter,
+    Spread,
+    is_due,
+    rise,
+    scatter,
+    spread,
+)
 from pushfric_core.wording import counted, observations_of
 
 TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
@@ -448,11 +459,10 @@ class Estimator:
             places = np.empty(self._next, dtype=np.int64)
             places[np.fromiter(self._observations, dtype=np.int64, count=count)] = np.arange(count)
             group_pushes = self._contacts.tip.push.astype(np.int64)
-            factors = effects(rows, places[program.row_groups()], group_pushes, extremes, solution.scale, delta)
+            errors = scatter(rows, places[program.row_groups()], group_pushes, extremes, solution.scale, delta)
         else:  # the set is that of the optima
-            factors = np.full(4, 1 / ELLIPSE)
-        freedom = max(1, min(count - int(np.count_nonzero(solution.w > 1e-9)) + 1, pushes - 1))
-        return spread(self.support_points, solution.w, extremes, reach, factors, freedom, count)
+            errors = Scatter(np.full(4, 1 / ELLIPSE))
+        return spread(self.support_points, solution.w, extremes, reach, errors, pushes, count)
 
     def _empty_program(self) -> Program:
         config = self.config

@@ -1,0 +1,120 @@
+"""Where the milliseconds and the megabytes go: it measures them and writes the tables of docs/graph.md and docs/estimator.md.
+
+What is said of an estimate is measured by leaving it out: estimators with more and more of it take the same observations in
+turn, so that a disturbance affects all alike.
+"""
+
+import pathlib
+import time
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import serialize_message
+
+from bench import footprint, pipeline
+from pushfric_core import load
+from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.files.object_file import load_object
+from pushfric_ros.messages.conversions import estimate_to_msg
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+STEPS = 3
+
+ROUNDS = 7
+"""Number of times that all observations are taken."""
+
+LADDER = {
+    "program: w, p_CF and the certificate": EstimatorConfig(screening=False, confidence=False),
+    "outlier rejection and the check for a change": EstimatorConfig(confidence=False),
+    "spread: ellipse of p_CF, intervals of w": EstimatorConfig(),
+}
+"""What each estimator does in addition to the one before."""
+
+Figures = dict[str, Any]
+
+
+def measure(progress: Callable[[str], None]) -> Figures:
+    """Measure, and write the tables.
+
+    Returns:
+        "observation_ms": median CPU time of each part of the work for one observation of the demo's bag. "latency_ms": of the
+        live graph, median of each part of the way from the image to the estimate, and its 99th percentile. "memory_mib": of
+        each process of the demo, and of a bare rclpy node.
+    """
+    progress("an observation")
+    observation = _observation()
+    progress("image to estimate")
+    listener = pipeline.LatencyListener()
+    pipeline.run(listener, pipeline.CAMERA_RATE)
+    latency = listener.latency()
+    progress("memory of the demo")
+    demo = footprint.demo(1)
+    memory = dict(sorted(demo["memory_mib"].items(), key=lambda one: one[1], reverse=True))
+    together = memory.pop("total")
+    figures = {
+        "observation_ms": {**observation, "together": sum(observation.values())},
+        "latency_ms": {
+            "tracker: image to pose": latency["pose_p50_ms"],
+            "waiting for the next state of the pusher": latency["pusher_p50_ms"],
+            "estimator: the way of the pose, the observation, the estimate": latency["rest_p50_ms"],
+            "together, median": latency["p50_ms"],
+            "together, 99 of 100 within": latency["p99_ms"],
+        },
+        "memory_mib": {**memory, "together": together, "a bare rclpy node": demo["bare_memory_mib"]},
+    }
+    _write(ROOT / "docs/estimator.md", "observation", ("for one observation", "ms of CPU"), figures["observation_ms"], ".2f")
+    _write(ROOT / "docs/graph.md", "latency", ("from the image to the estimate", "ms"), figures["latency_ms"], ".1f")
+    _write(ROOT / "docs/graph.md", "memory", ("process", "MiB"), figures["memory_mib"], ".0f")
+    return figures
+
+
+def _observation() -> Figures:
+    """Median CPU time of each part of the work for one observation [ms]."""
+    observations = load(footprint.DEMO_BAG)
+    support_points = load_object(footprint.OBJECT).support_points
+    spent: dict[str, list[float]] = {part: [] for part in (*LADDER, "verdict", "mu_c", "message", "serialised")}
+    for _ in range(ROUNDS):
+        estimators = [(part, Estimator(support_points, config)) for part, config in LADDER.items()]
+        for one in observations:
+            before = 0.0
+            for part, estimator in estimators:
+                estimate, took = _timed(estimator.add, one)
+                spent[part].append(took - before)
+                before = took
+            _, judging = estimators[-1]
+            verdict, took = _timed(judging.verdict, estimate)
+            spent["verdict"].append(took)
+            friction, took = _timed(FrictionReport.of, estimate)
+            spent["mu_c"].append(took)
+            report = partial(EstimateReport.of, estimate, footprint.OBJECT, verdict=verdict, friction=friction)
+            msg, took = _timed(lambda report: estimate_to_msg(report()), report)
+            spent["message"].append(took)
+            spent["serialised"].append(_timed(serialize_message, msg)[1])
+    return {part: 1e3 * float(np.median(seconds)) for part, seconds in spent.items()}
+
+
+def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
+    """What it returns, and the CPU time that it takes [s]."""
+    begin = time.process_time()
+    found = work(*arguments)
+    return found, time.process_time() - begin
+
+
+def _write(document: pathlib.Path, name: str, head: tuple[str, str], rows: Mapping[str, float], form: str) -> None:
+    """Put a table in the place of the one between the document's marks of this name."""
+    text = document.read_text(encoding="utf-8")
+    begin, end = f"<!-- bench --costs: {name} -->\n", "<!-- end -->\n"
+    before, found, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
+    if not (found and closed):
+        raise ValueError(f"{document}: expected the lines {begin.strip()} and {end.strip()}")
+    document.write_text(before + begin + "".join(_table(head, rows, form)) + end + after, encoding="utf-8")
+
+
+def _table(head: tuple[str, str], rows: Mapping[str, float], form: str) -> Iterable[str]:
+    yield f"| {head[0]} | {head[1]} |\n|---|---|\n"
+    for name, figure in rows.items():
+        yield f"| {name} | {figure:{form}} |\n"
