@@ -130,7 +130,7 @@ def is_required(field: Any) -> bool:
 def plain(config: Any) -> dict[str, Any]:
     """A config's values as node parameters have them: lists for tuples, texts for enums, and AUTO for None.
 
-    An empty list is left out, because ROS cannot tell its type.
+    An empty list is left out, because ROS cannot find its type.
     """
     values = {field.name: plain_value(getattr(config, field.name)) for field in dataclasses.fields(config)}
     return {name: value for name, value in values.items() if value != []}

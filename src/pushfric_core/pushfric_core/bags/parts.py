@@ -148,10 +148,10 @@ def compared(parts: Sequence[Covered], metadata: BagMetadata | None) -> list[Dou
         else:
             continue
         doubts.append(Doubt(f"{METADATA} says that {part.path.name} {what}", (part.path,)))
-    told = Counter(part.library for part in parts if part.library)
-    for library, count in told.most_common()[1:]:
+    libraries = Counter(part.library for part in parts if part.library)
+    for library, count in libraries.most_common()[1:]:
         others = tuple(part.path for part in parts if part.library == library)
-        usual = told.most_common(1)[0][0]
+        usual = libraries.most_common(1)[0][0]
         doubts.append(Doubt(f"{count} of {len(parts)} parts written by {library[:80]!r}, not {usual[:80]!r}", others))
     lists = [(part.path, [file.name for file in part.embedded.files]) for part in parts if part.embedded is not None]
     longest = max((names for _, names in lists), key=len, default=[])

@@ -42,7 +42,7 @@ def undoing(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextlib.contextmanager
 def telling_what_is_left(left: Callable[[], str]) -> Iterator[None]:
-    """If Ctrl-C, or a no to a question, ends what is done within, tell the operator what that leaves: what `left` says."""
+    """If Ctrl-C, or a no to a question, ends what is done within, print what that leaves: what `left` says."""
     import typer  # late: Ctrl-C is held back from the first instruction on, not only when this has been loaded
 
     try:

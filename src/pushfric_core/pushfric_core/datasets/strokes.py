@@ -118,8 +118,8 @@ def read_strokes(path: pathlib.Path) -> list[Stroke]:
     strokes = []
     for row in rows:
         x0, y0, th0, x1, y1, th1, *tips = row.numbers(COLUMNS)
-        told = Pose(*row.numbers(PREDICTED)) if predicted else None
-        stroke = Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), told)
+        end = Pose(*row.numbers(PREDICTED)) if predicted else None
+        stroke = Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), end)
         if parts:
             stroke = stroke._replace(run=int(row.number(RUN)), tip_radius=row.number(TIP_RADIUS))
         strokes.append(stroke)

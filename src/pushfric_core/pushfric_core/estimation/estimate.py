@@ -48,7 +48,7 @@ class Estimate:
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
         conflicts: data points whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
-        spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not tell.
+        spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not determine it.
         lack: why the pushes do not show the spread; None if they vary enough.
         tip: what was seen and measured of the pusher's tip at each contact.
         moment_error: mean moment error of a data point [m, unit force]; None if the fit has other terms or another loss.

@@ -377,8 +377,8 @@ class Estimator:
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         data_points, pushes = len(self._observations), len(self._pushes)
         lack = self._excitation.lack(pushes)
-        told = self._open and lack is None and solution.status is Status.OPTIMAL
-        if told and (self._spread_of != data_points if at_rest else is_due(data_points, self._spread_of)):
+        known = self._open and lack is None and solution.status is Status.OPTIMAL
+        if known and (self._spread_of != data_points if at_rest else is_due(data_points, self._spread_of)):
             self._last_spread, self._spread_of = self._spread(solution), data_points
         return Estimate(
             self.support_points,
@@ -389,7 +389,7 @@ class Estimator:
             self._contacts.forces,
             conflicts,
             self._center is not None,
-            self._last_spread if told else None,
+            self._last_spread if known else None,
             lack,
             self._contacts.tip,
             solution.objective / data_points if self._moments_alone and data_points else None,

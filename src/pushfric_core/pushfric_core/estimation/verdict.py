@@ -63,13 +63,13 @@ INERTIA = 0.3
 """Pushes are too fast if the object's speed could give inertia this share of friction."""
 
 HASTY = 0.06
-"""If motions are off by less than this [rad], neither half-planes that are crossed tell anything, nor velocities without a
+"""If motions are off by less than this [rad], neither half-planes that are crossed say anything, nor velocities without a
 duration, which may be in any unit of time."""
 
 GRAVITY = 9.81  # [m/s^2]
 FRICTION = 0.3  # a usual coefficient of support friction
 CERTAIN = 1e6
-"""Odds beyond these are told as such."""
+"""Larger odds are reported as more than this."""
 
 OPPOSED_PUSHES = 3
 """... and fewer pushes than this may be bad ones, which the fit tolerates."""

@@ -100,7 +100,7 @@ class SupportFile(Strict):
 
 
 class HypothesisFile(Strict):
-    """One hypothesis to be told apart from others (section 5.2)."""
+    """A hypothesis for recognition (section 5.2)."""
 
     name: Annotated[str, pydantic.Field(min_length=1)]
     center_of_friction: Point | None = None  # [m]
@@ -156,7 +156,7 @@ class ObjectModel:
     outline: Outline
     support_points: Array  # (n, 2) hypothesised support points [m]
     height: float  # of the outline the camera sees, over the table [m]
-    hypotheses: tuple[Hypothesis, ...]  # to be told apart; often empty
+    hypotheses: tuple[Hypothesis, ...]  # for recognition; often empty
     file: ObjectFile  # the file it was made from
 
 

@@ -83,5 +83,5 @@ def _observation(row: Row, outline: Outline) -> Observation:
     except (ValueError, PushfricError) as error:
         raise InvalidInput(f"{where}: {as_named_here(error, NAMES)}") from error
     nearest = outline.nearest(observation.contact_point)
-    # a contact that was measured tells where the tip was
+    # a measured contact says where the tip was
     return observation if nearest.edge is None else replace(observation, depth=-nearest.distance)

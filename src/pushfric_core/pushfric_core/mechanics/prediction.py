@@ -360,8 +360,8 @@ def friction_model(estimate: Estimate) -> FrictionModel:
     docs/planning.md has the evidence.
 
     Where the tip's velocity is known, mu_c is shifted to the mean of what its interval holds, weighed in the same way: few
-    slips, or bounds alone, tell it badly, but a tip that would slide with a lower one moves the object another way. Elsewhere,
-    if mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
+    slips, or bounds alone, hardly determine it, but a tip that would slide with a lower one moves the object another way.
+    Elsewhere, if mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
 
     Args:
         estimate: from at least one observation; the observations that it holds are those that judge the samples.

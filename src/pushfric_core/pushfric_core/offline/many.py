@@ -85,7 +85,7 @@ def estimate_many(
 def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
     """Where the model of each input goes, in the folder of the results; the name follows from the input's path alone.
 
-    Where several inputs would have one name, as a bag and a CSV next to it, a few digits of the path tell them apart.
+    Where several inputs would have one name, as a bag and a CSV next to it, a few digits of the path distinguish them.
     """
     named = {path: _name_of(path) for path in inputs}
     times = Counter(named.values())

@@ -440,9 +440,9 @@ def _test_pushes(observations: list[Observation]) -> tuple[Numbers, dict[str, li
 
 
 def rods() -> tuple[Numbers, dict[str, Any]]:
-    """Figure 12: two rods that frictionless pushes along their length cannot tell apart. Nothing in it is random.
+    """Figure 12: two rods that frictionless pushes along their length cannot distinguish. Nothing in it is random.
 
-    The rods have length 2. The numbers also say how well a pusher with friction could tell them apart.
+    The rods have length 2. The numbers also say how well a pusher with friction could distinguish them.
 
     Returns:
         The numbers, and for each rod the section and the reachable wrenches that the figure shows.

@@ -125,7 +125,7 @@ class _Frame(NamedTuple):
     tip: Array  # (2,) where it was, table frame [m]
     speed: float  # of the tip along its line [m/s]
     doubt: float  # the reports leave that open by this much [m/s]
-    steady: bool  # whether the reports before and after tell the same speed
+    steady: bool  # whether the reports before and after have the same speed
     free: bool  # whether the reports before and after differ in their lines
 
 
@@ -591,8 +591,8 @@ class Trajectory:
             tip = rotation(-pose.theta) @ (last - first) / duration
         else:
             touch = self._touch(line, pose)
-            told = ([frame.speed for frame in frames], [frame.doubt for frame in frames])
-            travel, doubt = (self._mean_travel(frames, speeds) for speeds in told)
+            speeds = ([frame.speed for frame in frames], [frame.doubt for frame in frames])
+            travel, doubt = (self._mean_travel(frames, some) for some in speeds)
             if doubt <= UNSURE * travel:
                 tip = travel / duration * rotation(-pose.theta) @ np.asarray(line.direction)
         if touch is None:

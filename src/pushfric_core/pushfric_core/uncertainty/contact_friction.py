@@ -180,7 +180,7 @@ class Tip:
 
     @cached_property
     def by_ratio(self) -> tuple[float, float, float] | None:
-        """mu_c and its interval from the forces of contacts of which nobody saw whether they slide; None: these do not tell."""
+        """mu_c and its interval from forces alone, at contacts not seen to slide or stick; None if they do not determine it."""
         rows = np.flatnonzero(np.isnan(self.directions) & np.isfinite(self.sensed))
         found = sliding(self.sensed[rows]) if len(np.unique(self.push[rows])) >= FEWEST_SLIPS else None
         return None if found is None else _median(found.sizes, found.probability, self.push[rows[found.probability > 0.5]])

@@ -32,7 +32,7 @@ EFFECTIVE = 2.0
 """All data points of a push together count as this many: they share errors."""
 
 BELIEVED, CHANGED = 6.0, 4.0
-"""A mistake, and a change of the object, are told if they are e to this times as likely as none, 400 and 50 times ..."""
+"""A mistake, and a change of the object, are reported if they are e to this times as likely as none, 400 and 50 times ..."""
 
 POOR = 0.12
 """... or merely likelier, if without a mistake motions are off by more than this [rad], which good runs never are."""
@@ -53,7 +53,7 @@ BLUNT = 0.05
 """Within this share of the support's size about the centre of rotation, friction turns gradually from one way to the other."""
 
 LEAST_SLOPE = 0.15
-"""Slopes of the moment, in units of the support's size, count as this at least: where it hardly depends on the motion, it tells
+"""Slopes of the moment, in units of the support's size, count as this at least: where it hardly depends on the motion, it says
 little."""
 
 EVEN = 0.02
@@ -129,8 +129,8 @@ def compare(points: Array, observations: Sequence[Observation]) -> Comparison:
     found = _explained(run)
     compared = [one._replace(gain=one.gain - same.evidence) for one in found]
     sure = same.scale <= POOR
-    told = [one for one in compared if one.gain > sure * (BELIEVED if one.since is None else CHANGED)]
-    return Comparison(_unlike(sorted(told, key=lambda one: -one.gain)), same.scale)
+    reported = [one for one in compared if one.gain > sure * (BELIEVED if one.since is None else CHANGED)]
+    return Comparison(_unlike(sorted(reported, key=lambda one: -one.gain)), same.scale)
 
 
 def _unlike(explanations: Iterable[Explanation]) -> tuple[Explanation, ...]:

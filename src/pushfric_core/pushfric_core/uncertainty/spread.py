@@ -57,7 +57,7 @@ FEWEST_PLACES = 3
 """Pushes at fewer places all carry the same information."""
 
 FINENESS = 20
-"""Places are told apart to this fraction of the distance that separates them, so that only a limited number are kept."""
+"""Places are distinguished to this fraction of the distance that separates them, so that only a limited number are kept."""
 
 ONE_SIDE = 30
 """Contacts whose normals lie within this angle of one another are on the same side [degrees]."""
@@ -194,7 +194,7 @@ def _ellipse(variances: Array) -> Array:
 
 
 class Excitation:
-    """Whether the pushes come from enough places and sides to tell p_CF at all; the order of the pushes does not matter.
+    """Whether the pushes come from enough places and sides to determine p_CF; the order of the pushes does not matter.
 
     Args:
         size: of the support [m].

@@ -14,7 +14,7 @@ class Source(Protocol):
         """Name of each topic -> its type (package/msg/Type) and its quality of service, one of `messages.qos.QUALITIES`."""
 
     def body(self, topic: str, msg: Any) -> Body | None:
-        """The body in a message of a topic; None if it tells nothing new about it.
+        """The body in a message of a topic; None if it says nothing new about it.
 
         Raises:
             ValueError: the message is not valid.

@@ -119,10 +119,10 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
 
 def _describe(start: Start, asked: Introspection) -> Description:
     kind = node_class(start.name)
-    told = {label: asked.ask(kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
-    found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in told.items()}
+    answers = {label: asked.ask(kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
+    found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in answers.items()}
     every = sorted({endpoint for label in found for endpoint in found[label]}, key=lambda one: (ROLES.index(one.role), one))
-    plain = told[""]
+    plain = answers[""]
     endpoints = {one._replace(name=one.name.replace("~", plain.name)): _when(one, found) for one in every}
     declared = [one for one in plain.settings if not one.name.startswith("qos_overrides.")]  # of topics of the bag
     return Description(plain.name, " ".join((inspect.getdoc(kind) or "").split()), endpoints, declared)

@@ -96,8 +96,8 @@ def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
         shown = dataclasses.replace(file.view, host=LOOPBACK, port=0)
         cell = graph.cell(file, str(pathlib.Path(folder) / "bag"))
         for spec in graph.with_planner(graph.with_view(cell, file.object, shown), file.planner):
-            told = asked.ask(node_class(spec.name), _harmless(spec, pathlib.Path(folder)))
-            endpoints = {*asked.every_node, *told.endpoints}
+            answer = asked.ask(node_class(spec.name), _harmless(spec, pathlib.Path(folder)))
+            endpoints = {*asked.every_node, *answer.endpoints}
             if any(endpoint.name == "~/change_state" for endpoint in endpoints):  # only the middleware knows of this topic
                 endpoints.add(Endpoint("publishes", "~/transition_event", "lifecycle_msgs/msg/TransitionEvent", "topic"))
             wanted = [_permission(namespace, spec.name, *_kind(endpoint)) for endpoint in endpoints]

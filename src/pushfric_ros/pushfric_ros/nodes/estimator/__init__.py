@@ -278,7 +278,7 @@ class EstimatorNode(Node):
             if self._resumption is not None:
                 if used:
                     self._online.learn(observation)
-                if (observation.push_id, observation.stamp) not in self._resumption.told:
+                if (observation.push_id, observation.stamp) not in self._resumption.published:
                     self._tell(observation)
                 continue
             used = used and self._online.take(observation)

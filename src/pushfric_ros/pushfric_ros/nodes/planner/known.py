@@ -1,4 +1,4 @@
-"""What a planner node knows of an object: the last model that it was told."""
+"""What a planner node knows of an object: the last model that it received."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ class Known:
     wrong: bool = False  # it is not known because the message makes no sense
 
     @classmethod
-    def told(cls, msg: FrictionModelMsg) -> "Known":
+    def of(cls, msg: FrictionModelMsg) -> "Known":
         """What a message says."""
         basis = msg.basis
         if not basis.has_model:
