@@ -22,7 +22,7 @@ STRONGEST = 1e4
 """No force is larger [N]."""
 
 LONGEST = 600.0
-"""No data point takes longer [s]."""
+"""No observation takes longer [s]."""
 
 OTHER_UNITS = {
     "m": {"millimetres": 1e-3, "centimetres": 1e-2},

@@ -36,12 +36,12 @@ class Resumption:
     Args:
         bag: its folder; it need not exist yet.
         namespace: of the cell.
-        inputs: relative names of the topics that data points are made from.
+        inputs: relative names of the topics that observations are made from.
     Attributes:
         start: the last message of earlier estimators about what they estimate, and since when; None if there was none.
         settings: the last settings that they published; None if they published none.
         continuation: the new estimator's number, which it is to publish.
-        published: (push id, stamp [ns]) of the data points in the bag.
+        published: (push id, stamp [ns]) of the observations in the bag.
     Raises:
         OSError: the bag cannot be read.
         ValueError: the bag, or a message in it, is not what it should be.

@@ -325,7 +325,7 @@ class PlannerConfig:
 
 
 class DataPointSource(enum.Enum):
-    """Where the estimator's data points come from."""
+    """Where the estimator's observations come from."""
 
     POSES = "poses"
     OBSERVATIONS = "observations"
@@ -343,7 +343,7 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class EstimatorNodeConfig:
-    """Where the data points come from. From the graph."""
+    """Where the observations come from. From the graph."""
 
     source: DataPointSource = setting(
         DataPointSource.POSES, "poses: observations from object_pose and pusher_state; observations: from that topic"

@@ -1,4 +1,4 @@
-"""Shared by the commands `predict`, `stable` and `export`: a model from a file, or from the data points of a bag or a CSV."""
+"""Shared by the commands `predict`, `stable` and `export`: a model from a file, or from the observations of a bag or a CSV."""
 
 import pathlib
 from collections.abc import Callable
@@ -20,13 +20,13 @@ ModelArgument = Annotated[
 def known(
     source: pathlib.Path, object_name: str, namespace: str | None, warn: Callable[[str], None]
 ) -> tuple[ModelFile, ObjectModel]:
-    """The model in a file with its object, or estimated from the data points of a bag or a CSV with the recorded settings.
+    """The model in a file with its object, or estimated from the observations of a bag or a CSV with the recorded settings.
 
     Args:
         source: the file or the bag.
         object_name: name or file of the object; empty for a model, which has its own.
         namespace: of the cell; None: a bag has only one.
-        warn: gets a line for each message or data point that is refused.
+        warn: gets a line for each message or observation that is refused.
     Raises:
         InvalidInput: the source cannot be read, or it does not say which object was pushed.
     """

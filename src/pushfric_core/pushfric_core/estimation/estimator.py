@@ -48,7 +48,7 @@ TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
 """The built-in terms, in the order of their rows."""
 
 FORCE_TERMS = ("force", "force_angle")
-"""The terms that need a measured force; a data point without one adds no row for them."""
+"""The terms that need a measured force; an observation without one adds no row for them."""
 
 ABLE = "auto: with the solver simplex and the loss l1, which it needs"
 """When a setting that is None is on, as its description says it."""
@@ -463,7 +463,7 @@ class Estimator:
 
 
 class _Contacts:
-    """The contact forces of the present data points, in arrays with room to grow; arrays that were returned never change."""
+    """The contact forces of the present observations, in arrays with room to grow; arrays that were returned never change."""
 
     def __init__(self, n: int) -> None:
         self._count = 0

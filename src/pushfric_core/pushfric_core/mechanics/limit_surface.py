@@ -386,7 +386,7 @@ class Separation(NamedTuple):
 
     @property
     def distinguishable(self) -> bool:
-        """Whether one data point of that push is enough; M of them are enough if the deviations exceed 3 / sqrt(M)."""
+        """Whether one observation of that push is enough; M of them are enough if the deviations exceed 3 / sqrt(M)."""
         return self.deviations > DISTINGUISHABLE
 
 

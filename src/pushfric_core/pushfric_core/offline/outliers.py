@@ -44,7 +44,7 @@ def differing(points: npt.ArrayLike, errors: Sequence[float], mu_c: Sequence[flo
 
     Args:
         points: (M, 2) centres of friction [m].
-        errors: fit error for each data point.
+        errors: fit error for each observation.
         mu_c: contact friction coefficients; None for one that is only bounded.
     Returns:
         For each estimate a list of reasons in words; all are empty if there are too few estimates.

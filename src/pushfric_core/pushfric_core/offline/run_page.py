@@ -57,7 +57,7 @@ def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace
     """The page of an estimate: that of a live run, with all of it inside, and what only its end can tell.
 
     Args:
-        estimation: with the estimates after each data point.
+        estimation: with the estimates after each observation.
         file: where the page will lie; its link to the recorded data counts from there. None: nowhere.
         namespace: of the cell; None: a bag has only one.
     """

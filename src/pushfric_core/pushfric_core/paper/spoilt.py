@@ -36,7 +36,7 @@ Numbers = dict[str, Any]
 def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, Numbers]]:
     """What outlier rejection says of runs with a bad push of each kind and with none, and of loads that are moved; by noise.
 
-    `found` says whether no data point that the fault changed is in the estimate, or whether the change was seen; `harmless`
+    `found` says whether no observation that the fault changed is in the estimate, or whether the change was seen; `harmless`
     whether the fault changed none, because those that it would have changed were never made; `lost` how many of the `good`
     pushes were left out; and `changed` whether an object that stayed the same was said to be another one.
     """

@@ -113,7 +113,7 @@ def moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Genera
 
 
 def estimated(data: Iterable[Observation], points: Array, config: EstimatorConfig) -> tuple[Estimator, Estimate]:
-    """The estimator after all data points, and its estimate."""
+    """The estimator after all observations, and its estimate."""
     estimator = Estimator(points, config)
     for observation in data:
         with contextlib.suppress(PushfricError):  # the estimator refuses this observation, as in a live run

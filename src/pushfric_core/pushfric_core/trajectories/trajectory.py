@@ -8,7 +8,7 @@ A tip that keeps to one straight line, as a stage's does, meets the outline wher
 arm's does, reports another line each time; then the contact is the point of the outline nearest to the tip, whose place at a
 frame lies between two reports.
 
-A data point is the mean of one motion. So its window has no frame from before the contact was seen to move, and none in which
+An observation is the mean of one motion. So its window has no frame from before the contact was seen to move, and none in which
 the tip may have been at rest or on its way to another speed. A tip that moves freely also keeps its direction there. The poses
 show when the push of the object begins, because a busy machine puts late stamps on what the pusher reports, and reports little.
 For the same reason, the velocity of a tip on its line is made of the speeds that it reports, and not of its places.

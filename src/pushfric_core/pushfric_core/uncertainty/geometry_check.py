@@ -5,7 +5,7 @@ large, too small or shifted, and a wrong radius of the tip. The contact moves wi
 truth lies d further along the edge, in the direction of t, seems to move by omega d too much along n; this shows a line that is
 off sideways, and contacts whose frame is shifted.
 
-All are fitted by least squares. The data points of a push share errors, so the uncertainty comes from leaving out each push in
+All are fitted by least squares. The observations of a push share errors, so the uncertainty comes from leaving out each push in
 turn (the jackknife for clusters: Cameron and Miller, "A practitioner's guide to cluster-robust inference", 2015).
 """
 
@@ -53,7 +53,7 @@ class GeometryFault(NamedTuple):
 
 
 class ContactCheck:
-    """Looks at contacts and tips of data points as they arrive; the cost of a look does not grow with their number."""
+    """Looks at contacts and tips of observations as they arrive; the cost of a look does not grow with their number."""
 
     def __init__(self) -> None:
         self._depths: dict[int, tuple[Array, float]] = {}  # of each push the normal, and the least depth that it shows [m]
@@ -64,7 +64,7 @@ class ContactCheck:
         self._frame = _ClusteredFit(2, 3)  # contacts shifted by (x, y)
 
     def add(self, observation: Observation) -> None:
-        """Take a data point."""
+        """Take an observation."""
         normal, push = np.asarray(observation.contact_normal), observation.push_id
         if observation.depth is not None:
             self._add_depth(push, normal, observation.depth)
@@ -81,7 +81,7 @@ class ContactCheck:
         self._frame.add(push, np.array((*(turn * tangent(normal)), approach)), mismatch)
 
     def _add_depth(self, push: int, normal: Array, depth: float) -> None:
-        """A push is as deep as all its data points: single ones seem deeper where reports of the pusher have late stamps."""
+        """A push is as deep as all its observations: single ones seem deeper where reports of the pusher have late stamps."""
         if push not in self._depths:
             self._depths[push] = normal, depth
             self._depth.add(push, np.ones(1), depth)

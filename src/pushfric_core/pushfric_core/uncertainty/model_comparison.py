@@ -1,11 +1,11 @@
 """What is likeliest wrong with the data of a run: every mistake is undone, and how well friction explains the rest is compared.
 
-The motion of a data point is a point on a sphere: the direction of (v at the middle of the support points, rms arm * omega). At
-a contact, friction allows the motions on which its moment about the contact vanishes (eq. 4), a curve on that sphere. So a
-hypothesis gives a density: the distance from its curve has a Student distribution, whose scale is fitted to the run; a push
-is, with a small probability, unlike all others; and the map that undoes the mistake counts with the area that it stretches.
-The w of each hypothesis is fitted by reweighted least squares, and each parameter that is fitted costs half the logarithm of
-the number of data points (Schwarz, "Estimating the dimension of a model", 1978). docs/derivation.md has the equations.
+The motion of an observation is a point on a sphere: the direction of (v at the middle of the support points, rms arm * omega).
+At a contact, friction allows the motions on which its moment about the contact vanishes (eq. 4), a curve on that sphere. So a
+hypothesis gives a density: the distance from its curve has a Student distribution, whose scale is fitted to the run; a push is,
+with a small probability, unlike all others; and the map that undoes the mistake counts with the area that it stretches. The w
+of each hypothesis is fitted by reweighted least squares, and each parameter that is fitted costs half the logarithm of the
+number of observations (Schwarz, "Estimating the dimension of a model", 1978). docs/derivation.md has the equations.
 """
 
 import copy
@@ -26,10 +26,10 @@ FEWEST = 6
 """With fewer pushes, nothing is compared: any mistake leaves some w that explains them."""
 
 MOST = 100
-"""Of more data points, this many, evenly drawn, are compared."""
+"""Of more observations, this many, evenly drawn, are compared."""
 
 EFFECTIVE = 2.0
-"""All data points of a push together count as this many: they share errors."""
+"""All observations of a push together count as this many: they share errors."""
 
 BELIEVED, CHANGED = 6.0, 4.0
 """A mistake, and a change of the object, are reported if they are e to this times as likely as none, 400 and 50 times ..."""
@@ -244,7 +244,7 @@ def _explained(run: "_Run") -> Iterable[Explanation]:
 
 
 class _Run:
-    """The data of a run, as arrays of N data points."""
+    """The data of a run, as arrays of N observations."""
 
     def __init__(self, points: Array, observations: Sequence[Observation]) -> None:
         chosen = [
@@ -451,7 +451,7 @@ class _Curves:
         self._outward = np.maximum(self.speeds / np.maximum(np.linalg.norm(velocities, axis=1), 1e-12), 0.0)
 
     def of(self, chosen: npt.NDArray[np.bool_]) -> "_Curves":
-        """Those of some data points."""
+        """Those of some observations."""
         other = copy.copy(self)
         for name in ("_directions", "_normals", "_weights", "_fx", "_fy", "_moments", "_outward", "speeds"):
             setattr(other, name, getattr(self, name)[chosen])

@@ -46,7 +46,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
         return [*said, f"the bag {bag} gives no estimate: {error}"]
     said += reading.ledger.doubts
     estimator = settings.new_estimator(model.support_points)
-    # the node has reported the data points that it refused
+    # the node has reported the observations that it refused
     counts = (0, 0)
     for estimate in taken(estimator.add, reading.observations, lambda _: None):
         counts = estimate.data_points, estimate.pushes

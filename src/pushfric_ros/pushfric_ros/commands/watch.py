@@ -70,7 +70,7 @@ def watch(
         namespace: namespace of all nodes.
         what: what is going on, in words.
         live: with a table that is redrawn in place; otherwise a line for each push.
-        replayed: the data points in the bag, if one is played.
+        replayed: the observations in the bag, if one is played.
         unfinished: called with the push of the plan to go on with, if the run ends before the plan does.
         prompts: without the table, print what the run waits for; the table shows it anyway.
         recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
@@ -202,7 +202,7 @@ class Monitor:
 
     @property
     def complete(self) -> int:
-        """Number of data points that the whole estimate rests on; -1 if there is no estimate, or a part rests on fewer."""
+        """Number of observations that the whole estimate rests on; -1 if there is no estimate, or a part rests on fewer."""
         if self.estimate is None or sum(self.estimate.contact_friction.histogram) != self.estimate.data_points:
             return -1
         return self.estimate.data_points
