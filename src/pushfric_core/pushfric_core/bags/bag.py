@@ -167,7 +167,7 @@ class Bag:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What does not add up, one line each; empty if the bag is whole."""
+        """Contradictions, one line each; empty if the bag is whole."""
         return () if self.damage is None else (self.what_is_missing(with_places=False), *self.damage.contradictions)
 
     def what_is_missing(self, with_places: bool = True) -> str:

@@ -1,4 +1,4 @@
-"""What was recorded, a bag or a CSV of observations: its settings, its observations, and an account of its messages."""
+"""A recording, a bag or a CSV of observations: its settings, its observations, and an account of its messages."""
 
 import functools
 import os

@@ -1,4 +1,4 @@
-"""What a node that was killed and started again takes from the run's bag, and, an estimator, what it takes from the topics.
+"""Resume after a crash: replay the bag up to the first live message, then switch to the topics.
 
 A message that was published before the new estimator's subscriptions were matched is in the bag, at the latest after the
 recorder's next flush; a later one comes by topic. So the bag is read until it holds, for each input, the first message that

@@ -1,4 +1,4 @@
-"""Ctrl-C: what it leaves is said; while there is nothing to undo, it ends the process at once and quietly."""
+"""Ctrl-C: a command says what it leaves; with nothing to undo, the process ends at once and quietly."""
 
 import contextlib
 import functools

@@ -23,14 +23,14 @@ STROKES, DATA_POINTS = ".strokes.csv", ".tip.csv"
 
 COLUMNS = ("x0", "y0", "th0", "x1", "y1", "th1", "tipx0", "tipy0", "tipx1", "tipy1")
 PREDICTED = ("zhou_x1", "zhou_y1", "zhou_th1")
-"""Where a model of others predicts the end."""
+"""Columns of the end that another model predicts."""
 
 RUN, TIP_RADIUS = "run", "tip_radius"
 """Number of the push of which a stroke is a part, and radius of the tip [m]; without these columns, each stroke is a push, and
 the radius that of `mitpush`."""
 
 USUAL_RADIUS = 0.00475
-"""Of the tip of `mitpush` [m]."""
+"""Radius of the tip of `mitpush` [m]."""
 
 SUPPORTS = 55
 """Support points are spaced so that about this many lie on an object."""

@@ -148,7 +148,7 @@ def read_log(path: pathlib.Path) -> list[Observation]:
 
 
 class _Push(NamedTuple):
-    """What a log says about a push, in metres."""
+    """A push in a log, in metres."""
 
     before: Pose  # of the object, in the robot's frame
     after: Pose

@@ -406,7 +406,7 @@ class Estimator:
         return not self._rejects or self._compared == len(self._seen)
 
     def _compare(self) -> Comparison:
-        """What may be wrong with the observations, also with those of rejected pushes."""
+        """Likely mistakes in the observations, those of rejected pushes included."""
         if not self.compared:
             self._last_comparison, self._compared = compare(self.support_points, self._seen), len(self._seen)
         return self._last_comparison
@@ -429,7 +429,7 @@ class Estimator:
         self._unchecked.append(observation)
 
     def _spread(self, solution: Optimum) -> Spread | None:
-        """What the data leave open; None if the extremes of the set were not found."""
+        """The uncertainty; None if the extremes of the set were not found."""
         count, pushes, n = len(self._observations), len(self._pushes), len(self.support_points)
         program = cast(LevelSets, self._program)
         rows = program.rows()

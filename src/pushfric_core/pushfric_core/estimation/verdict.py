@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
 
 MOST = 0.5
-"""What holds for more than this share of the observations is not an outlier but a mistake in the input."""
+"""A symptom in more than this share of the observations is not an outlier but a mistake in the input."""
 
 RECEDING = 0.1
 """A contact recedes if it moves outward with more than this share of its speed; less is noise."""
@@ -191,7 +191,7 @@ class InputCheck:
         return Verdict(tuple(lack), change=change, notes=tuple(misplaced))
 
     def _mistakes(self, misfit: float) -> list[Reason]:
-        """What the observations themselves show; by the misfit [rad], some of it is believed."""
+        """Mistakes that the observations themselves show; the misfit [rad] decides which of them count."""
         found = []
         wrong_motion = False  # against which forces would seem turned
         if self._behind > MOST * self._count or self._inverted > MANY_RECEDE * self._count:
@@ -246,7 +246,7 @@ class InputCheck:
         return self._doubts(estimate) or ([] if fits else self._opposed(estimate))
 
     def _doubts(self, estimate: "Estimate") -> list[Reason]:
-        """What the fit shows."""
+        """Mistakes that the fit shows."""
         error, misfit = estimate.moment_error, estimate.comparison.misfit
         what = "check the units and frames of contact, twist and outline, and the support points"
         if error is not None and error > POOR_FIT * self._radius:

@@ -25,7 +25,7 @@ START_TOPIC = "estimation_start"
 
 @dataclass(frozen=True)
 class PushesConfig:
-    """What is known about single pushes."""
+    """Knowledge about single pushes."""
 
     exclude_pushes: tuple[int, ...] = setting((), "pushes that are excluded from the start")
     slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")

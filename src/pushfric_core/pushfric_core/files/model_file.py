@@ -71,7 +71,7 @@ class DataPointFile(Strict):
 
 
 class PosteriorFile(Strict):
-    """What the observations say if the support may be an area, feet anywhere, or both."""
+    """The posterior, for a support that may be an area, feet anywhere, or both."""
 
     w: Annotated[list[Share], pydantic.Field(min_length=1)]
     center_of_friction: Point  # p_CF [m]

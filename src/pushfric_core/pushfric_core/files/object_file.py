@@ -1,4 +1,4 @@
-"""What is known about an object before it is pushed: outline and hypothesised supports, from a YAML file or Table 1."""
+"""An object before it is pushed: outline and hypothesised supports, from a YAML file or Table 1."""
 
 import math
 import os
@@ -22,7 +22,7 @@ from pushfric_core.plausible import FARTHEST, LARGEST, check_within, other_unit
 
 
 def within(most: float, unit: str) -> Any:
-    """What pydantic calls to refuse a number beyond a bound."""
+    """Pydantic's check that a number is within its bounds."""
 
     def check(value: float) -> float:
         check_within("the number", (value,), most, unit)
@@ -289,7 +289,7 @@ EXPECTED = {
     "too_long": "a list of at most {max_length}",
     "string_too_short": "a text that is not empty",
 }
-"""What pydantic's types of errors mean to the author of the file."""
+"""Pydantic's types of errors, in words for the author of the file."""
 
 
 def complaint(error: pydantic.ValidationError) -> str:

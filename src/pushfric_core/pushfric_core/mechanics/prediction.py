@@ -1,4 +1,4 @@
-"""What an estimate predicts: where a push takes the object, which pushes hold it, and how far each answer can be trusted."""
+"""Predictions of an estimate: where a push takes the object, which pushes hold it, and how far each answer can be trusted."""
 
 from __future__ import annotations
 

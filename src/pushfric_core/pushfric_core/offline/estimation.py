@@ -25,7 +25,7 @@ from pushfric_core.trajectories.observation import Observation
 
 @dataclass(frozen=True)
 class Choices:
-    """What the caller chose, the same for every input."""
+    """The caller's choices, the same for every input."""
 
     object_name: str = ""  # name of the object, or path of its YAML; empty: the one next to the bag
     grid: tuple[int, int] | None = None

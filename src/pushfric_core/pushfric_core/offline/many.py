@@ -26,7 +26,7 @@ RESULTS, MODELS = "results.jsonl", "models"
 """Names in the folder of the results."""
 
 Line = dict[str, Any]
-"""What is known of an input: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`; at
+"""Keys of an input's result: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`; at
 last `checksum`."""
 
 

@@ -53,7 +53,7 @@ PLACEMENT = 0.001
 
 
 class Conduct(NamedTuple):
-    """What the paper does not say about the pushes of an object; chosen so that the numbers as a whole match the reference."""
+    """Details of the pushes that the paper leaves out; chosen so that the numbers as a whole match the reference."""
 
     closer: float = 1.0  # contacts lie at this fraction of their evenly spaced distance from the middle of the edge
     longest_turn: float = math.inf  # a push ends early once the object has turned this far [rad]

@@ -25,7 +25,7 @@ BEFORE, AFTER = 10, 3
 """Pushes before a change of the object, and after it."""
 
 SHIFTS = (0.008, 0.004)
-"""By how much a load that is moved shifts p_CF [m]."""
+"""Shift of p_CF by a load that is moved [m]."""
 
 LEAST_WEIGHT = 0.02
 """Share of its weight that each support keeps when the load is moved."""
@@ -169,4 +169,4 @@ SPOILT: dict[str, Callable[[Frames, np.random.Generator], Frames]] = {
     "jump": _jump,
     "lost contact": _lost_contact,
 }
-"""What may go wrong in a push, as the camera sees it."""
+"""Faults of a push, as the camera sees them."""

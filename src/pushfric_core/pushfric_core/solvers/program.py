@@ -56,7 +56,7 @@ class Loss(StrEnum):
 
 
 class Solver(StrEnum):
-    """What solves the linear program.
+    """The solvers of the linear program.
 
     Example:
         >>> from pushfric_core import EstimatorConfig, Solver

@@ -51,7 +51,7 @@ REASONS = {
     ABORTED: "it did not reach its end",
     NO_OBSERVATION: "it gave no observation",
 }
-"""What each account means."""
+"""Meaning of each account."""
 
 LOST = frozenset((AHEAD, OUT_OF_ORDER, REFUSED, FOREIGN, UNCONFIRMED))
 """Accounts that stay empty in a sound run. A message in one of them is a doubt."""

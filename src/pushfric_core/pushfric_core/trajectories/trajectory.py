@@ -430,7 +430,7 @@ class Trajectory:
             self._distance += (distance - self._distance) / self._apart
 
     def _wait(self, pose: Pose) -> None:
-        """In this pose, the object rests, as far as one knows, until its contact has been seen to move."""
+        """The pose in which the object is taken to rest until its contact is seen to move."""
         self._resting, self._rest, self._pushed = 1, pose, False
 
     def _has_pushed(self, pose: Pose, touch: Touch) -> bool:

@@ -114,7 +114,7 @@ def percentile(bounds: Array, share: float) -> float:
 
 
 class Kind(StrEnum):
-    """What mu_c rests on."""
+    """The evidence for mu_c."""
 
     BOUND = "bound"  # lower bounds alone
     SLIP = "slip"  # pushes that were seen to slide
@@ -133,7 +133,7 @@ class Slip(StrEnum):
 @comparable
 @dataclass(frozen=True)
 class Tip:
-    """What was seen and measured of the tip at m contacts; NaN if nothing was."""
+    """Motion and force of the tip at m contacts; NaN if unknown."""
 
     slip: Array  # (m,) its velocity along t relative to the object, over its speed
     mismatch: Array  # (m,) the same along n, where it cannot move: an error

@@ -1,4 +1,4 @@
-"""Whether outline, tip and line lie where they are said to: by how much contacts are off, with what certainty.
+"""Whether outline, tip and line lie where the files say: how far contacts are off, and how certain that is.
 
 Two measurements show an error. The depth of the tip in the outline is zero if both are right; it shows an outline that is too
 large, too small or shifted, and a wrong radius of the tip. The contact moves with the tip across the edge, so a contact that in
@@ -95,7 +95,7 @@ class ContactCheck:
             self._shift.change(push, normal, before, least)
 
     def found(self) -> list[GeometryFault]:
-        """What is off beyond doubt."""
+        """The errors beyond doubt."""
         along, across = self._off_along(), self._off_across()
         if along is not None and across is not None and across.size < along.size:
             across = None  # where the object turns, a tip that is off sideways is a little inside the outline, too

@@ -1,4 +1,4 @@
-"""What is likeliest wrong with the data of a run: every mistake is undone, and how well friction explains the rest is compared.
+"""The likeliest mistake in the data of a run: each mistake is undone, and the evidence for the result is compared.
 
 The motion of an observation is a point on a sphere: the direction of (v at the middle of the support points, rms arm * omega).
 At a contact, friction allows the motions on which its moment about the contact vanishes (eq. 4), a curve on that sphere. So a
@@ -26,7 +26,7 @@ FEWEST = 6
 """With fewer pushes, nothing is compared: any mistake leaves some w that explains them."""
 
 MOST = 100
-"""Of more observations, this many, evenly drawn, are compared."""
+"""At most this many observations, evenly drawn, are compared."""
 
 EFFECTIVE = 2.0
 """All observations of a push together count as this many: they share errors."""
@@ -38,7 +38,7 @@ POOR = 0.12
 """... or merely likelier, if without a mistake motions are off by more than this [rad], which good runs never are."""
 
 FREEDOM = 3
-"""Of the Student distribution of distances from the curve."""
+"""Degrees of freedom of the Student distribution of distances from the curve."""
 
 BAD = 0.03
 """Probability of a push unlike all others, whose motion may be any."""
@@ -60,7 +60,7 @@ EVEN = 0.02
 """Weight of even weights in a fit, as a share of that of the data: it keeps the fit defined."""
 
 STEPS, MORE_STEPS = 4, 2
-"""Of the reweighted least squares: from even weights, and from those of a similar fit."""
+"""Steps of the reweighted least squares: from even weights, and from those of a similar fit."""
 
 TURNS = 4
 """Number of times that unknowns and weights are found in turns."""
@@ -78,7 +78,7 @@ LARGER = 0.75
 """Support points that span less than this share of the contacts leave a part of the object out."""
 
 STEP = 1e-4
-"""Of a numerical slope."""
+"""Step of a numerical slope."""
 
 STIFF = 1e-4
 """Keeps a step defined, and changes of the weights small."""

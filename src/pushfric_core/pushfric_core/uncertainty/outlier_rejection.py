@@ -29,7 +29,7 @@ from pushfric_core.uncertainty.contact_friction import tip_at
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 
 FEWEST_COMPARED = 6
-"""With fewer pushes, none is said to be unlike the others."""
+"""With fewer pushes, none is rejected."""
 
 NORMAL = 1.4826
 """The standard deviation of a normal distribution over the median of its absolute values."""
@@ -41,7 +41,7 @@ FEW = 4
 """With k pushes, limits are (1 + FEW / k) / (1 + FEW / 14) times as wide: fewer pushes show less well what is usual."""
 
 LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
-"""What is usual counts as this share of the tip's speed at least: an error of a finite step, not of the camera."""
+"""Lower bound on the typical value, as a fraction of tip speed; below it, finite differences dominate camera noise."""
 
 CONTRADICTS = 8.0
 """A push whose moment is wrong by this many times the scale of the errors contradicts the others."""

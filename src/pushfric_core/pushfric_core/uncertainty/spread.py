@@ -1,4 +1,4 @@
-"""How far the estimate can be trusted: what the data leave open, as a set of w, and how p_CF scatters in it.
+"""The uncertainty of an estimate: the set of w that fit the data about as well, and how p_CF scatters in it.
 
 The set {w: F(w) <= F* + k b} holds what fits the data about as well as the optimum. b = F* / (M - d) is the scale of the
 errors; M is the number of observations, and d the number of weights above zero, less one. For errors of a Laplace
@@ -84,7 +84,7 @@ def ellipse_radius(covariance: Array) -> float:
 @comparable
 @dataclass(frozen=True)
 class Spread:
-    """What the data leave open.
+    """The uncertainty of an estimate.
 
     Attributes:
         extremes: (8, n) the w of the set that lie farthest along DIRECTIONS.

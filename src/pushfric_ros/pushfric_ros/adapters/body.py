@@ -1,4 +1,4 @@
-"""Where a tracked body is found: the messages of other systems, one module for each kind."""
+"""Tracked bodies in the messages of other systems, one module for each kind."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol

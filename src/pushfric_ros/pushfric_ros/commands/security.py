@@ -54,7 +54,7 @@ PERSON = (
     ("calls", "service", "experiment/end"),
     ("calls", "service", "estimator/reset"),
 )
-"""What the command line may do: watch, stop and reset, but not push."""
+"""Permissions of the command line: watch, stop and reset, but not push."""
 
 app = Application()
 
@@ -84,7 +84,7 @@ def security(
 
 
 def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
-    """What each node of a cell may do, by its enclave: exactly what it does with the settings of the cell's file.
+    """Permissions of each node of a cell, by its enclave: exactly what it does with the settings of the cell's file.
 
     Raises:
         InvalidInput: a node refuses its settings.

@@ -48,7 +48,7 @@ KEYS_OF = {
     PlanProgress.PHASE_ALARM: "[r] reset  [e] end the run",
     PlanProgress.PHASE_CHOOSING: "[p] repeat the push  [s] skip it  [e] end the run",
 }
-"""What the keys do while the plan is in a phase."""
+"""Actions of the keys in each phase of the plan."""
 
 
 def watch(
@@ -251,7 +251,7 @@ class Monitor:
         return Group(table, self._progress, Text(self._message), *[Text(hint, style="dim")] * bool(hint))
 
     def _hint(self, phase: int) -> str:
-        """What the keys do now; empty without a terminal to press them in."""
+        """The present actions of the keys; empty without a terminal to press them in."""
         return KEYS_OF.get(phase, "") if self.keys is not None and self.keys.work else ""
 
     def _take_keys(self) -> None:

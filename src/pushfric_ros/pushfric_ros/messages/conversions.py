@@ -110,7 +110,7 @@ KIND_FROM_MSG = {number: kind for kind, number in KIND_TO_MSG.items()}
 CODE_FROM_MSG = {getattr(ReasonMsg, code.name): code for code in ReasonCode}
 
 MODEL_TOPIC = "friction_model"
-"""Where the estimator publishes what planner nodes need."""
+"""Topic of the friction model that planner nodes need."""
 
 NOWHERE = (math.nan, math.nan)
 
@@ -274,7 +274,7 @@ def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int,
 def friction_model_to_msg(
     object_name: str, outline: Outline, estimate: Estimate | None, model: FrictionModel | None, verdict: Verdict
 ) -> FrictionModelMsg:
-    """What predictions need, as a message.
+    """A friction model, as a message.
 
     Args:
         object_name: name of the object.

@@ -73,7 +73,7 @@ HINDRANCES = {
 
 
 class Choice(enum.Enum):
-    """What a person wants of a push: the names of the services, and why the push was given up."""
+    """A person's decision on a push: the names of the services, and why the push was given up."""
 
     REPEAT = "a person wants it repeated"
     SKIP = "a person skipped it"
@@ -497,7 +497,7 @@ class ExperimentNode(Node):
         return f"another cell named {self.get_namespace()} is running on this ROS domain: end it, or rename one of the two"
 
     def _misplaced(self, wanted: Pose) -> str | None:
-        """What is wrong with the placement; None once the object lies still in its place."""
+        """The fault of the placement; None once the object lies still in its place."""
         if not self._poses or self._unseen:
             self._progress.in_place = False
             why = self._no_pose.text

@@ -67,7 +67,7 @@ HANDOVER_PERIOD = 0.2
 """While a restarted estimator catches up from the bag: time between two reads of the bag, in wall time [s]."""
 
 QUIET = 0.5
-"""What takes long is published when the estimate has not changed for this time, in wall time [s]."""
+"""Slow results are published when the estimate has not changed for this time, in wall time [s]."""
 
 SAMPLING_PERIOD = 0.01
 """Time between two slices of the posterior's sampling, in wall time [s]: what comes meanwhile waits for one of them at most."""
@@ -453,7 +453,7 @@ class EstimatorNode(Node):
             self._progress_out.publish(msg)
 
     def _ledger(self) -> Ledger:
-        """What has become of every message so far."""
+        """The account of every message so far."""
         ledger = self._maker.ledger()
         for kind, number in self._refused_messages.items():
             ledger.accounts[kind].enter(REFUSED, number)

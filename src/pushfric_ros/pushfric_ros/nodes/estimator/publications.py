@@ -1,4 +1,4 @@
-"""What the estimator node publishes of its results: each is latched, so that a late subscriber gets the last one."""
+"""The estimator node's publications: each is latched, so that a late subscriber gets the last one."""
 
 from collections.abc import Collection
 

@@ -1,4 +1,4 @@
-"""What a planner node knows of an object: the last model that it received."""
+"""A planner node's knowledge of an object: the last model that it received."""
 
 import math
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ class Known:
 
     @classmethod
     def of(cls, msg: FrictionModelMsg) -> "Known":
-        """What a message says."""
+        """The model in a message."""
         basis = msg.basis
         if not basis.has_model:
             reasons = "; ".join(reason.text for reason in basis.reasons)
