@@ -29,7 +29,7 @@ from pushfric_core.program.constraints import (
 )
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
-from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Solver, Status, largest_fit_error
+from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Solver, Status, largest_fit_error
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
@@ -224,7 +224,7 @@ class Estimator:
 
     def _begin(self) -> None:
         """Without any observation."""
-        self._program = self._empty_program()
+        self._program = empty_program(len(self.support_points), self.config.loss, self.config.solver, self.config.with_scale)
         self._observations: dict[int, Observation] = {}  # by the number of its rows in the program
         self._listed: list[Observation] = []  # the same; estimates hold on to it, so observations are only ever appended
         self._pushes: Counter[int] = Counter()
@@ -453,10 +453,6 @@ class Estimator:
             factors = np.full(4, 1 / ELLIPSE)
         freedom = max(1, min(count - int(np.count_nonzero(solution.w > 1e-9)) + 1, pushes - 1))
         return spread(self.support_points, solution.w, extremes, reach, factors, freedom, count)
-
-    def _empty_program(self) -> Program:
-        config = self.config
-        return empty_program(len(self.support_points), config.loss, config.solver, config.with_scale)
 
     def _solve(self) -> Optimum:
         return self._program.solve() if self.config.tie_break is False else self._program.nearest_uniform()

@@ -43,9 +43,6 @@ ACROSS_CONE = 65
 WRENCHES = 1000
 """Number of points of the surface to which the ellipsoid is fitted."""
 
-DISTINGUISHABLE = 3.0
-"""Two motions can be distinguished if they differ by more than this many standard deviations of the noise."""
-
 
 @comparable
 class Facet(NamedTuple):
@@ -378,16 +375,11 @@ class Measurement(NamedTuple):
 
 
 class Separation(NamedTuple):
-    """The push whose motion best distinguishes two objects."""
+    """The push whose motion best distinguishes two objects: M observations of it are enough beyond 3 / sqrt(M) deviations."""
 
     deviations: float  # distance from its motion to the nearest one of the other object, in standard deviations
     contact: int  # index of the contact
     twist: Twist  # its motion, of unit dissipation
-
-    @property
-    def distinguishable(self) -> bool:
-        """Whether one observation of that push is enough; M of them are enough if the deviations exceed 3 / sqrt(M)."""
-        return self.deviations > DISTINGUISHABLE
 
 
 def separation(

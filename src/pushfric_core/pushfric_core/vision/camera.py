@@ -143,10 +143,6 @@ class Camera(Lens):
         x, y = center
         return cls(width, height, K, np.array(distortion), K @ ((1.0, 0.0, -x), (0.0, -1.0, y), (0.0, 0.0, distance)))
 
-    def at_height(self, height: float) -> Array:
-        """Homography (3, 3) from the plane z = `height` [m] over the table to undistorted pixels."""
-        return np.asarray(self.K @ self._plane(height).T)
-
     def project(self, points: npt.ArrayLike, height: float = 0.0) -> Array:
         """Distorted pixels (n, 2) of table points (n, 2) [m] at `height` [m] over the table."""
         plane = self._plane(height)
