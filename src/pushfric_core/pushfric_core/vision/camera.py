@@ -231,7 +231,7 @@ def load_camera(path: str | pathlib.Path) -> Camera:
     return _loaded(path, camera)
 
 
-def save_camera(camera: Lens, path: str | pathlib.Path, name: str = "camera") -> None:
+def save_camera(camera: Lens, path: str | pathlib.Path) -> None:
     """Write a lens or a camera so that `load_lens` or `load_camera` reads it; camera_info_manager reads the lens of either.
 
     Raises:
@@ -241,7 +241,7 @@ def save_camera(camera: Lens, path: str | pathlib.Path, name: str = "camera") ->
     fields = {
         "image_width": camera.width,
         "image_height": camera.height,
-        "camera_name": name,
+        "camera_name": "camera",
         "camera_matrix": {"rows": 3, "cols": 3, "data": info["k"]},
         "distortion_model": info["distortion_model"],
         "distortion_coefficients": {"rows": 1, "cols": len(info["d"]), "data": info["d"]},
