@@ -27,13 +27,12 @@ EVIDENCE = DOCUMENT.with_suffix(".json")
 HEAD = """\
 # What faults do to a run
 
-Written by `./pushfric faults` from [reliability.json](reliability.json), which has every try with the message that it
-printed; do not edit.
+Written by `./pushfric faults` from [reliability.json](reliability.json), which has every try with its message;
+do not edit.
 
-Each fault is caused in a running cell, with real processes, a simulated camera and a simulated controller. In every
-case, no process may be left, no traceback printed, the bag must be readable or refused in one line, and a run that ends
-with 0 must have the same estimate as its bag. Other faults: those of the pusher in [safety.md](safety.md), those of
-files in [files.md](files.md).
+Each fault is caused in a running cell of real processes with a simulated camera and controller. In every case, no process may
+be left, no traceback printed, the bag must be readable or refused in one line, and a run that ends with 0 must have the
+estimate of its bag. Faults of the pusher are in [safety.md](safety.md).
 
 """
 

@@ -566,7 +566,7 @@ def _model_message() -> FrictionModel:
 
 @functools.cache
 def _known() -> Known:
-    known = Known.told(_model_message())
+    known = Known.of(_model_message())
     assert known.model is not None
     return known
 
@@ -579,7 +579,7 @@ def _answer(data: bytes, _: pathlib.Path) -> None:
     except RuntimeError:  # the middleware's: such a message never reaches a node
         return
     if number == len(QUESTIONS):
-        known = Known.told(request)
+        known = Known.of(request)
         assert (known.model is None) == bool(known.why_not and not request.basis.has_model)
     else:
         # a stroke of a hundred metres over the object takes its time, which ends it in the node

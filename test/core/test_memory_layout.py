@@ -238,7 +238,6 @@ ROWS = {
     "planar.frozen": (planar.frozen, {"values": TWISTS}),
     "planar.cross": (planar.cross, {"a": CONTACTS, "b": VELOCITIES}),
     "planar.left_of": (planar.left_of, {"vectors": CONTACTS}),
-    "planar.moment_about": (lambda point: planar.moment_about(WRENCH, point), {"point": CONTACTS[0]}),
     "planar.transform": (lambda points: planar.transform(Pose(0.1, 0.2, 0.3), points), {"points": CONTACTS}),
     "planar.velocity_at": (lambda points: planar.velocity_at(TWIST, points), {"points": CONTACTS}),
     "quasi_static.motions": (quasi_static.motions, FRICTION | CONTACT | {"tip_velocities": VELOCITIES}),

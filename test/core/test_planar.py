@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pushfric_core.geometry import planar
-from pushfric_core.geometry.planar import Pose, Twist, Wrench
+from pushfric_core.geometry.planar import Pose, Twist
 
 
 def random_pose(rng):
@@ -46,22 +46,6 @@ def test_log_takes_the_shorter_way_round():
 
 def test_velocity_of_a_point_right_of_the_origin_under_rotation_points_up():
     assert np.allclose(planar.velocity_at(Twist(0, 0, 2), (3, 0)), (0, 6))
-
-
-def test_the_center_of_rotation_does_not_move(rng):
-    twist = Twist(*rng.normal(size=3))
-    assert np.allclose(planar.velocity_at(twist, planar.center_of_rotation(twist)), 0)
-
-
-def test_a_translation_has_its_center_of_rotation_at_infinity():
-    assert np.isinf(planar.center_of_rotation(Twist(1, 0, 0))).all()
-
-
-def test_power_does_not_depend_on_the_point_of_reference(rng):
-    twist, wrench, point = Twist(*rng.normal(size=3)), Wrench(*rng.normal(size=3)), rng.normal(size=2)
-    at_origin = wrench.fx * twist.vx + wrench.fy * twist.vy + wrench.m * twist.omega
-    velocity = planar.velocity_at(twist, point)
-    assert at_origin == pytest.approx(velocity @ wrench[:2] + planar.moment_about(wrench, point) * twist.omega)
 
 
 def test_wrap_keeps_the_direction():

@@ -1,4 +1,4 @@
-"""What no cell has: bounds on numbers from outside, and the unit in which a number beyond its bound would make sense."""
+"""Bounds on numbers from outside that no cell exceeds, and the unit in which a number beyond its bound would make sense."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -22,7 +22,7 @@ STRONGEST = 1e4
 """No force is larger [N]."""
 
 LONGEST = 600.0
-"""No data point takes longer [s]."""
+"""No observation takes longer [s]."""
 
 OTHER_UNITS = {
     "m": {"millimetres": 1e-3, "centimetres": 1e-2},
@@ -32,7 +32,7 @@ OTHER_UNITS = {
     "s": {"milliseconds": 1e-3, "nanoseconds": 1e-9},
     "N": {"millinewtons": 1e-3},
 }
-"""What people write instead of a unit, as a multiple of it."""
+"""Units often written instead of another, as multiples of it."""
 
 
 def check_within(what: str, values: Iterable[float], most: float, unit: str) -> None:

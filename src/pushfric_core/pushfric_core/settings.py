@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from pushfric_core.plausible import other_unit
 
 AUTO = "auto"
-"""What people write if a setting is None, that is, to be found by the program."""
+"""Spelling of a setting that is None: the program finds its value."""
 
 REQUIRED: Any = dataclasses.MISSING
 """Takes the place of the default of a setting without one."""
@@ -66,7 +66,7 @@ def _check_range(field: Any, name: str, value: Any) -> None:
 
 
 def out_of_range(field: Any, name: str, value: object, number: float) -> str:
-    """What is wrong with a value, one of whose numbers is out of range, and the unit in which it would not be."""
+    """The objection to a value with a number out of range, and the unit in which it would be in range."""
     low, high = field.metadata.get("low"), field.metadata.get("high")
     least, most = -math.inf if low is None else low, math.inf if high is None else high
     unit = unit_in(field.metadata["description"])
@@ -130,7 +130,7 @@ def is_required(field: Any) -> bool:
 def plain(config: Any) -> dict[str, Any]:
     """A config's values as node parameters have them: lists for tuples, texts for enums, and AUTO for None.
 
-    An empty list is left out, because ROS cannot tell its type.
+    An empty list is left out, because ROS cannot find its type.
     """
     values = {field.name: plain_value(getattr(config, field.name)) for field in dataclasses.fields(config)}
     return {name: value for name, value in values.items() if value != []}
@@ -225,7 +225,7 @@ def is_optional(hint: Any) -> bool:
 
 
 def written(hint: Any) -> Any:
-    """Of a union, the type that can be written in a file: neither None nor a class of one's own objects."""
+    """The type in a union that can be written in a file: neither None nor a class of own objects."""
     return next((kind for kind in typing.get_args(hint) if kind in _SINGULAR), hint)
 
 

@@ -15,7 +15,7 @@ def counted(number: int, one: str, several: str = "") -> str:
 
 
 def data_of(data_points: int, pushes: int) -> str:
-    """What an estimate rests on: 81 data points of 14 pushes."""
+    """What an estimate rests on: 81 observations of 14 pushes."""
     return f"{counted(data_points, 'data point')} of {counted(pushes, 'push', 'pushes')}"
 
 

@@ -29,8 +29,8 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     plans = [f"delrin_rect_right/{plan}" for plan in (*PLANS, "one_place")] + ["ring/all", "ring/places"]
     assert set(cells) == {f"{plan}/{noise}" for plan in plans for noise in trials.NOISES}
     for name, cell in cells.items():
-        assert cell["told"] == (0 if "one_place" in name else 1), name
-        assert ("sampled_median" in cell) == (cell["told"] == 1)
+        assert cell["given"] == (0 if "one_place" in name else 1), name
+        assert ("sampled_median" in cell) == (cell["given"] == 1)
     assert cells["delrin_rect_right/all/FEET"]["error_median"] < 1.0  # mm
     screened = summary["screened"]
     cases = {*spoilt.SPOILT, "none", "shift of 8 mm", "shift of 4 mm"}
@@ -63,9 +63,9 @@ def test_more_random_pushes_than_chosen_ones_are_unlikely_by_chance():
 
 
 def test_a_summary_counts_only_what_was_told():
-    told = {"error": 0.001, "told": True, "held": True, "radius": 0.0015, "middle": 0.0008}
-    cell = study._summary([told, {"error": 0.003, "told": False}])
-    assert (cell["runs"], cell["told"], cell["held"]) == (2, 1, 1.0)
+    given = {"error": 0.001, "given": True, "held": True, "radius": 0.0015, "middle": 0.0008}
+    cell = study._summary([given, {"error": 0.003, "given": False}])
+    assert (cell["runs"], cell["given"], cell["held"]) == (2, 1, 1.0)
     assert cell["error_median"] == pytest.approx(2.0)
     assert (cell["middle_to_optimum"], cell["radius_to_errors"]) == (pytest.approx(0.8), pytest.approx(1.5))
     assert np.isfinite(cell["error_p90"])

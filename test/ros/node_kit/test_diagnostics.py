@@ -65,7 +65,7 @@ def test_rates_and_latency_count_from_the_last_report(ros, node, watched, monkey
 
 def test_lost_messages_are_counted(ros, watched, monkeypatch):
     subscription = watched.subscribe(Point, "points", lambda _: None, RELIABLE)
-    (handler,) = (handler for handler in subscription.event_handlers if handler.callback.__name__ == "told")
+    (handler,) = (handler for handler in subscription.event_handlers if handler.callback.__name__ == "reported")
     for count in (2, 3):
         handler.callback(SimpleNamespace(total_count_change=count))
     assert watched.lost == 5

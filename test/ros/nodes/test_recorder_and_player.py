@@ -264,7 +264,7 @@ def test_missing_numbers_of_a_single_publisher_are_losses():
 
 def test_a_loss_that_the_middleware_reports_counts_once():
     losses = Losses(RELIABLE)
-    losses.told(SimpleNamespace(total_count_change=3))
+    losses.reported(SimpleNamespace(total_count_change=3))
     losses.count(1, lambda: 1)
     losses.count(3, lambda: 1)
     assert losses.messages == 3
@@ -273,7 +273,7 @@ def test_a_loss_that_the_middleware_reports_counts_once():
 def test_of_a_latched_topic_nothing_is_lost():
     """Its publisher keeps only the newest message, and drops the others by design."""
     losses = Losses(LATCHED)
-    losses.told(SimpleNamespace(total_count_change=3))
+    losses.reported(SimpleNamespace(total_count_change=3))
     losses.count(1, lambda: 1)
     losses.count(70, lambda: 1)
     assert losses.messages == 0
@@ -281,7 +281,7 @@ def test_of_a_latched_topic_nothing_is_lost():
 
 def test_a_loss_that_nobody_promised_to_prevent_is_said_and_no_fault(ros, tmp_path, capfd):
     node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)
-    node._receptions["/cell/text"].losses.told(SimpleNamespace(total_count_change=3))
+    node._receptions["/cell/text"].losses.reported(SimpleNamespace(total_count_change=3))
     node.destroy_node()
     assert capfd.readouterr().err == (
         f"warning: {tmp_path}/bag: messages were lost before they could be recorded: 3 of /cell/text\n"

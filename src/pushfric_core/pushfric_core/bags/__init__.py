@@ -1,1 +1,1 @@
-"""Bags: writing, checking, reading and recovering them, and the data points in them."""
+"""Bags: writing, checking, reading and recovering them, and the observations in them."""

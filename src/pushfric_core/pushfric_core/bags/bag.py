@@ -167,7 +167,7 @@ class Bag:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What does not add up, one line each; empty if the bag is whole."""
+        """Contradictions, one line each; empty if the bag is whole."""
         return () if self.damage is None else (self.what_is_missing(with_places=False), *self.damage.contradictions)
 
     def what_is_missing(self, with_places: bool = True) -> str:
@@ -448,7 +448,9 @@ class _McapBagFile:
                     self.first_numbers[channel.topic] = int(first)
             else:
                 self.standings[np.asarray(file.entries.channels) == number] = Standing.UNKNOWN
-        self._marks = {number: _mark(channel) for number, channel in file.channels.items()}
+        self._marks = {
+            number: " ".join(channel.metadata.get(UNCONFIRMED, "").split())[:200] for number, channel in file.channels.items()
+        }
         texts = [texts.get("serialized_metadata", "") for name, texts in file.metadata if name == "rosbag2"]
         self.embedded = embedded_metadata(path.parent, texts[-1]) if texts else None
         self.doubts: list[str] = []
@@ -491,10 +493,6 @@ def _mark_surplus(files: Sequence[StoredFile], said: Mapping[str, int] | None) -
     for file in files:
         surplus = [number for number, topic in file.topics.items() if held[topic.name] > said.get(topic.name, 0)]
         file.standings[np.isin(file.entries.channels, surplus) & (file.standings == Standing.SOUND)] = Standing.UNCHECKED
-
-
-def _mark(channel: Channel) -> str:
-    return " ".join(channel.metadata.get(UNCONFIRMED, "").split())[:200]
 
 
 def _spans(file: StoredFile, chosen: "np.ndarray[Any, np.dtype[np.bool_]]") -> Iterator[tuple[str, Span]]:

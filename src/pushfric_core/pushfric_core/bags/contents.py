@@ -1,4 +1,4 @@
-"""What a bag holds: messages, topics, and a summary of them."""
+"""The contents of a bag: messages, topics, and a summary of them."""
 
 import enum
 import heapq
@@ -16,7 +16,7 @@ FIRST_NUMBER = "pushfric_first_number"
 that the messages of another one stand out."""
 
 BEFORE = "pushfric_before_recovery"
-"""In a bag's custom data: what was lost before the bag was recovered."""
+"""Key of a bag's custom data: losses before the bag was recovered."""
 
 
 class Definition(NamedTuple):

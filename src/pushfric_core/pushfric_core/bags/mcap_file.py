@@ -152,7 +152,7 @@ class Piece(NamedTuple):
 
     @property
     def size(self) -> int:
-        """What is held in memory while it is read [bytes]."""
+        """Memory held while it is read [bytes]."""
         return self.end - self.begin if self.head is None else self.head.size
 
 

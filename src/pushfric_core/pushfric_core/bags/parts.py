@@ -42,7 +42,7 @@ class Parts(NamedTuple):
 
 
 class Covered(NamedTuple):
-    """What one part contains."""
+    """The contents of a part."""
 
     path: pathlib.Path
     messages: int
@@ -107,7 +107,7 @@ def parts_of(path: pathlib.Path, metadata: BagMetadata | None) -> Parts:
 
 
 def _numbers(files: Sequence[pathlib.Path]) -> list[Doubt]:
-    """What is wrong with the numbers of files, which begin with 0."""
+    """Errors in the numbers of files, which begin with 0."""
     found = [number for file in files if (number := number_of(file)) is not None]
     if not found:
         return [Doubt(f"{len(files)} files without numbers: {_named(files)}", tuple(files))] if len(files) > 1 else []
@@ -134,7 +134,7 @@ def _named(files: Sequence[pathlib.Path]) -> str:
 
 
 def compared(parts: Sequence[Covered], metadata: BagMetadata | None) -> list[Doubt]:
-    """What does not add up between what the parts contain, in order of their numbers, and the metadata."""
+    """Contradictions between the contents of the parts, in order of their numbers, and the metadata."""
     doubts = []
     for part in parts:
         said = None if metadata is None else metadata.by_file.get(part.path.name)
@@ -148,10 +148,10 @@ def compared(parts: Sequence[Covered], metadata: BagMetadata | None) -> list[Dou
         else:
             continue
         doubts.append(Doubt(f"{METADATA} says that {part.path.name} {what}", (part.path,)))
-    told = Counter(part.library for part in parts if part.library)
-    for library, count in told.most_common()[1:]:
+    libraries = Counter(part.library for part in parts if part.library)
+    for library, count in libraries.most_common()[1:]:
         others = tuple(part.path for part in parts if part.library == library)
-        usual = told.most_common(1)[0][0]
+        usual = libraries.most_common(1)[0][0]
         doubts.append(Doubt(f"{count} of {len(parts)} parts written by {library[:80]!r}, not {usual[:80]!r}", others))
     lists = [(part.path, [file.name for file in part.embedded.files]) for part in parts if part.embedded is not None]
     longest = max((names for _, names in lists), key=len, default=[])

@@ -1,4 +1,4 @@
-"""What was recorded, a bag or a CSV of observations: its settings, its observations, and an account of its messages."""
+"""A recording, a bag or a CSV of observations: its settings, its observations, and an account of its messages."""
 
 import functools
 import os
@@ -64,7 +64,7 @@ BAG_FILES = (METADATA, "*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
 
 
 class ObservationSource(NamedTuple):
-    """The source of a bag's data points."""
+    """The source of a bag's observations."""
 
     kind: str  # poses or observations: the estimator node's parameter `source`
     namespace: str  # of the cell that was recorded
@@ -72,7 +72,7 @@ class ObservationSource(NamedTuple):
 
 
 def check_source(path: pathlib.Path) -> None:
-    """Check that a path leads to something that may contain data points.
+    """Check that a path leads to something that may contain observations.
 
     Raises:
         InvalidInput: there is no such file, or it is a folder of several bags, one of which must be named.
@@ -293,7 +293,7 @@ class Reading:
     """What a CSV file or a bag gives, and the account of it.
 
     Attributes:
-        observations: the data points, in order, without those of excluded pushes.
+        observations: the observations, in order, without those of excluded pushes.
         ledger: what became of every message, and what does not add up.
     """
 
@@ -303,7 +303,7 @@ class Reading:
         self._found, self._excluded, self._record = found, excluded, record
 
     def settle(self, estimator: Estimator) -> None:
-        """Enter what an estimator has made of the data points."""
+        """Enter what an estimator has made of the observations."""
         record = self._record
         self.ledger.settle(
             Counter(one.push_id for one in self._found),
@@ -324,7 +324,7 @@ def _account(
     record: RunRecord,
     warn: Warn,
 ) -> list[Observation]:
-    """The data points of a bag; the ledger and the record take what becomes of its messages."""
+    """The observations of a bag; the ledger and the record take what becomes of its messages."""
     made = _from_poses if source.kind == "poses" else _recorded
     found = list(made(bag, source, outline, settings.trajectory, ledger, record, warn))
     _enter_unread(bag, source, ledger)

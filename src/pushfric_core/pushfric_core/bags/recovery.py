@@ -55,7 +55,7 @@ def recover(path: PathLike, out: PathLike, unconfirmed: bool = True) -> Bag:
 
 
 def _lost(damaged: Bag, unconfirmed: bool) -> list[str]:
-    """What of a bag cannot be saved, in words."""
+    """The parts of a bag that cannot be saved, in words."""
     if damaged.damage is None:
         return []
     found = ["an unknown number of messages was lost"] if damaged.damage.missing is None else []

@@ -1,4 +1,4 @@
-"""What a node that was killed and started again takes from the run's bag, and, an estimator, what it takes from the topics.
+"""Resume after a crash: replay the bag up to the first live message, then switch to the topics.
 
 A message that was published before the new estimator's subscriptions were matched is in the bag, at the latest after the
 recorder's next flush; a later one comes by topic. So the bag is read until it holds, for each input, the first message that
@@ -36,12 +36,12 @@ class Resumption:
     Args:
         bag: its folder; it need not exist yet.
         namespace: of the cell.
-        inputs: relative names of the topics that data points are made from.
+        inputs: relative names of the topics that observations are made from.
     Attributes:
         start: the last message of earlier estimators about what they estimate, and since when; None if there was none.
         settings: the last settings that they published; None if they published none.
         continuation: the new estimator's number, which it is to publish.
-        told: (push id, stamp [ns]) of the data points in the bag.
+        published: (push id, stamp [ns]) of the observations in the bag.
     Raises:
         OSError: the bag cannot be read.
         ValueError: the bag, or a message in it, is not what it should be.
@@ -54,7 +54,7 @@ class Resumption:
         self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
         self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
         self._held: list[Input] = []
-        self.told: set[tuple[int, int]] = set()
+        self.published: set[tuple[int, int]] = set()
         self.start: Any = None
         self.settings: EstimatorSettings | None = None
         self.continuation = time.time_ns()
@@ -100,7 +100,7 @@ class Resumption:
             elif name == SETTINGS_TOPIC:
                 self.settings = EstimatorSettings.from_text(msg.data)
             elif name == "observation":
-                self.told.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
+                self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
             elif name in self._inputs:
                 self._recorded[name] = stamp_from_msg(msg.header.stamp)
                 found.append(Input(name, msg, message.log_time_ns))

@@ -23,7 +23,7 @@ FILE_LIMIT = 10_000
 
 
 class FileMetadata(NamedTuple):
-    """What is said of one file."""
+    """The entry of a file."""
 
     messages: int
     start_ns: int

@@ -1,4 +1,4 @@
-"""What a run recorded about itself, its plan, its observations and its last estimate; and whether the bag bears it out."""
+"""The record of a run (plan, observations, last estimate), and whether the bag agrees with it."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar

@@ -104,10 +104,10 @@ def force_sample_from_msg(msg: Any) -> ForceSample:
 
 
 def observation_from_msg(msg: Any) -> Observation:
-    """A data point.
+    """An observation.
 
     Raises:
-        ValueError, UninformativePush: the message is not a data point, as for `Observation`.
+        ValueError, UninformativePush: the message is not an observation, as for `Observation`.
     """
     at, turn = msg.pose.position, msg.pose.orientation
     seen = _known(at.x, at.y, turn.x, turn.y, turn.z, turn.w) is not None

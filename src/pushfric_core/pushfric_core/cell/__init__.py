@@ -1,1 +1,1 @@
-"""A cell: its file, the settings of its nodes, the drivers that it chooses, and how tracked bodies are mounted."""
+"""A cell: its file, the settings of its nodes, its drivers, and how tracked bodies are mounted."""

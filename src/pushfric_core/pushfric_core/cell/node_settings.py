@@ -19,7 +19,7 @@ LOOPBACK = "127.0.0.1"
 """Only this machine reaches it."""
 
 VIEW_PORT = 8088
-"""Of the live view, unless another is asked for."""
+"""Default port of the live view."""
 
 
 class Discovery(enum.Enum):
@@ -30,15 +30,15 @@ class Discovery(enum.Enum):
 
 
 NAMESPACE = "/cell"
+"""Default namespace of a cell."""
 
 QUALITIES = ("sensor_data", "reliable", "latched")
 """The qualities of service that a publisher of the cell may have."""
-"""Of a cell, unless it is given another."""
 
 
 @dataclass(frozen=True)
 class FrameConfig:
-    """What the frames of a cell are called."""
+    """Names of the frames of a cell."""
 
     frame_prefix: str = setting(
         AUTO, f"put before the names of the frames, such as left/; {AUTO}: nothing in {NAMESPACE}, otherwise the namespace"
@@ -57,7 +57,7 @@ class FrameConfig:
 
 @dataclass(frozen=True)
 class ObjectConfig:
-    """What is pushed."""
+    """The pushed object."""
 
     object: str = setting(REQUIRED, "name of an object of Table 1, or path of an object YAML", path=True)
 
@@ -109,7 +109,7 @@ class TipConfig:
 
 @dataclass(frozen=True)
 class TipNodeConfig:
-    """What a node that follows a tip goes on from. From the graph."""
+    """The bag from which a restarted tip source goes on. From the graph."""
 
     bag: str = setting("", "folder of the run's bag, from which a restarted node continues the numbers of pushes; empty: none")
 
@@ -130,7 +130,7 @@ class ExperimentConfig:
 
 @dataclass(frozen=True)
 class PlanConfig:
-    """What is pushed where, and when the object counts as placed. Section `plan`."""
+    """The push plan, and when the object counts as placed. Section `plan`."""
 
     plan: str = setting(
         "",
@@ -181,7 +181,7 @@ class KnownTopic(NamedTuple):
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """What is recorded in addition to the cell's topics. Section `recorder`."""
+    """Recordings in addition to the cell's topics. Section `recorder`."""
 
     topics: tuple[str, ...] = setting(
         (), f"more topics, each 'name package/msg/Type qos' with qos one of {', '.join(QUALITIES)}"
@@ -204,7 +204,7 @@ class RecorderConfig:
 
 
 REPORT_FILE = "report.html"
-"""In a bag's folder: the result of the run, as a page."""
+"""File in a bag's folder: the result of the run, as a page."""
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(frozen=True)
 class PlayerConfig:
-    """What is played, and how fast. From the command line."""
+    """The bag to play, and how fast. From the command line."""
 
     bag: str = setting(REQUIRED, "folder of the bag, or one of its files")
     rate: float = setting(1.0, "multiple of the recorded speed", 0.01, 1000.0)
@@ -325,7 +325,7 @@ class PlannerConfig:
 
 
 class DataPointSource(enum.Enum):
-    """Where the estimator's data points come from."""
+    """Where the estimator's observations come from."""
 
     POSES = "poses"
     OBSERVATIONS = "observations"
@@ -343,7 +343,7 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class EstimatorNodeConfig:
-    """Where the data points come from. From the graph."""
+    """Where the observations come from. From the graph."""
 
     source: DataPointSource = setting(
         DataPointSource.POSES, "poses: observations from object_pose and pusher_state; observations: from that topic"

@@ -59,7 +59,7 @@ def chosen_tracker(configs: Sequence[Any]) -> Any:
 
 
 AUTOMATIC = ("fiducial", "contour")
-"""What AUTO chooses from, in this order: an object with markers is found by its markers."""
+"""Choices of AUTO, in this order: an object with markers is found by its markers."""
 
 _WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source"}
 """For each group, the setting that chooses from it."""

@@ -27,7 +27,7 @@ RANGES = {
     r"x>=(-?[\d.]+)": r"\1 or more",
     r"x<=(-?[\d.]+)": r"at most \1",
 }
-"""What typer appends to the help of an option -> the same in words."""
+"""Typer's additions to the help of an option -> the same in words."""
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # typer does not export it
 """A command line that names no known command or option, or gives a value of the wrong kind."""
@@ -57,7 +57,7 @@ class Application(typer.Typer):
 
 
 def _metavar(parameter: inspect.Parameter, argument: bool) -> str | None:
-    """What stands for the value of a parameter; None for a choice, whose values are shown."""
+    """The metavar of a parameter; None for a choice, whose values are shown."""
     if argument:
         return parameter.name.upper()
     kinds = typing.get_args(parameter.annotation)[0]

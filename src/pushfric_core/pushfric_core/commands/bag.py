@@ -82,7 +82,7 @@ def verify(
 
 
 def _doubts(bag: Bag) -> list[str]:
-    """What does not add up between the messages of a bag, one line each."""
+    """Contradictions between the messages of a bag, one line each."""
     doubts = []
     for cell in cells(bag):
         try:

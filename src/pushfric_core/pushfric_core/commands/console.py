@@ -1,4 +1,4 @@
-"""What every command says on stderr: warnings, and the one line of a failure."""
+"""The lines that every command prints on stderr: warnings, and the one line of a failure."""
 
 import sys
 from typing import NoReturn

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.console import console
 from pushfric_core.commands.options import CellOption, ObjectOption
 from pushfric_core.commands.planning import ModelArgument, known
 from pushfric_core.errors import InvalidInput
@@ -37,7 +37,7 @@ def export(
     namespace: CellOption = None,
 ) -> None:
     """Slow motions depend neither on the mass nor on the table's friction. The files say which of them is assumed."""
-    file, pushed = known(model, object_name, namespace, warn)
+    file, pushed = known(model, object_name, namespace)
     friction = file.friction()
     if samples is not None and len(friction.w) == 1:
         raise InvalidInput(f"{model}: has no ensemble to draw {samples} models from; leave out --samples")

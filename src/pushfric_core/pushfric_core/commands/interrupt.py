@@ -1,4 +1,4 @@
-"""Ctrl-C: what it leaves is said; while there is nothing to undo, it ends the process at once and quietly."""
+"""Ctrl-C: a command says what it leaves; with nothing to undo, the process ends at once and quietly."""
 
 import contextlib
 import functools
@@ -42,7 +42,7 @@ def undoing(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextlib.contextmanager
 def telling_what_is_left(left: Callable[[], str]) -> Iterator[None]:
-    """If Ctrl-C, or a no to a question, ends what is done within, tell the operator what that leaves: what `left` says."""
+    """If Ctrl-C, or a no to a question, ends what is done within, print what that leaves: what `left` says."""
     import typer  # late: Ctrl-C is held back from the first instruction on, not only when this has been loaded
 
     try:

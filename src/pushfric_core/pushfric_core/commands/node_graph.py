@@ -1,4 +1,4 @@
-"""What these commands borrow from a package with a node graph: its entry points of the group `pushfric.node_graph`."""
+"""The entry points of a package with a node graph that these commands use (group `pushfric.node_graph`)."""
 
 import importlib.metadata
 from typing import Any

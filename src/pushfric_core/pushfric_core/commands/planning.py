@@ -1,11 +1,11 @@
-"""Shared by the commands `predict`, `stable` and `export`: a model from a file, or from the data points of a bag or a CSV."""
+"""Shared by the commands `predict`, `stable` and `export`: a model from a file, or from the observations of a bag or a CSV."""
 
 import pathlib
-from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
+from pushfric_core.commands.console import warn
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.model_file import SUFFIXES, ModelFile, load_model
 from pushfric_core.files.object_file import ObjectModel
@@ -17,16 +17,13 @@ ModelArgument = Annotated[
 ]
 
 
-def known(
-    source: pathlib.Path, object_name: str, namespace: str | None, warn: Callable[[str], None]
-) -> tuple[ModelFile, ObjectModel]:
-    """The model in a file with its object, or estimated from the data points of a bag or a CSV with the recorded settings.
+def known(source: pathlib.Path, object_name: str, namespace: str | None) -> tuple[ModelFile, ObjectModel]:
+    """The model in a file with its object, or estimated from the observations of a bag or a CSV with the recorded settings.
 
     Args:
         source: the file or the bag.
         object_name: name or file of the object; empty for a model, which has its own.
         namespace: of the cell; None: a bag has only one.
-        warn: gets a line for each message or data point that is refused.
     Raises:
         InvalidInput: the source cannot be read, or it does not say which object was pushed.
     """

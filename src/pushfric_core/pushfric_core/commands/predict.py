@@ -2,19 +2,18 @@
 
 import math
 import pathlib
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption
 from pushfric_core.commands.planning import ModelArgument, known
+from pushfric_core.commands.result import answer
 from pushfric_core.files.pushes_file import MOVED, read_point_pushes
 from pushfric_core.mechanics.prediction import predict as predicted
-from pushfric_core.report.report import to_json
 
 app = Application()
 
@@ -28,7 +27,7 @@ def predict(
     json: JsonOption = None,
 ) -> None:
     """The spread is an angle: 90 % of measured twists lie within it of the predicted one."""
-    file, pushed = known(model, object_name, namespace, warn)
+    file, pushed = known(model, object_name, namespace)
     found = predicted(file.friction(), *read_point_pushes(pushes, pushed.outline))
     rows = [
         {
@@ -40,13 +39,11 @@ def predict(
         }
         for push in range(len(found.modes))
     ]
-    write_json(to_json(rows), json)
-    if json == STDOUT:
-        return
-    output = Console(highlight=False, markup=False, soft_wrap=True)
+    answer(rows, json, _lines(rows))
+
+
+def _lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     for number, row in enumerate(rows, 1):
         vx, vy, omega = row["twist"]
         spread = math.degrees(row["spread"])
-        output.print(
-            f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; 90 % within {spread:.1f} degrees"
-        )
+        yield f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; 90 % within {spread:.1f} degrees"

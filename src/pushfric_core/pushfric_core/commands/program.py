@@ -18,7 +18,7 @@ EXIT_OUTPUT_LOST = 1
 
 
 class OutputLost(Exception):
-    """What was printed could not be written: the disk is full, or its reader has gone."""
+    """Output could not be written: the disk is full, or its reader has gone."""
 
 
 class _Stream(io.TextIOWrapper):

@@ -1,16 +1,17 @@
 """The command `recognize`."""
 
 import pathlib
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, GridOption, Input, ObjectOption, PartialFlag, SupportPointsOption
+from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation import batch
@@ -18,7 +19,7 @@ from pushfric_core.estimation.recognition import Recognizer
 from pushfric_core.files.model_file import library
 from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.inputs import object_of, with_support
-from pushfric_core.report.report import recognition_report, to_json
+from pushfric_core.report.report import recognition_report
 
 
 def recognize(
@@ -50,19 +51,16 @@ def recognize(
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")
-    _print(recognition_report(ranking), json)
+    figures = recognition_report(ranking)
+    answer(figures, json, _lines(figures))
 
 
 app = Application()
 app.command()(with_settings(recognize, without=("tie_break",)))
 
 
-def _print(figures: dict[str, Any], json: str | None) -> None:
-    write_json(to_json(figures), json)
-    if json == STDOUT:
-        return
-    output = Console(highlight=False, markup=False, soft_wrap=True)
+def _lines(figures: dict[str, Any]) -> Iterator[str]:
     for hypothesis in figures["hypotheses"]:
         fit = f"fit {hypothesis['fit_error']:.4g}, ratio {hypothesis['ratio']:.3f}"
-        output.print(f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}")
-    output.print(f"best: {figures['best'] or 'none is feasible'}")
+        yield f"{hypothesis['name']}: {fit if hypothesis['feasible'] else 'infeasible'}"
+    yield f"best: {figures['best'] or 'none is feasible'}"

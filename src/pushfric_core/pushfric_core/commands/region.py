@@ -1,16 +1,17 @@
 """The command `region`."""
 
 import pathlib
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console, warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option_as_recorded
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
@@ -21,7 +22,6 @@ from pushfric_core.files.plan_file import save_plan
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.offline.inputs import object_of
 from pushfric_core.report.region import narrowed, region_report
-from pushfric_core.report.report import to_json
 from pushfric_core.wording import counted, data_of
 
 app = Application()
@@ -67,23 +67,19 @@ def region(
         save_plan([push for push, _ in planned], plan)
     figures = region_report(half_planes.region(), next_pushes(half_planes))
     figures |= {"object": model.name, "data_points": len(data), "pushes": len({one.push_id for one in data})}
-    _print(figures, json)
+    answer(figures, json, _lines(figures))
     if plan is not None:
         area = f"{planned[-1].expected_area * 1e4:.3g} cm^2"
         console.print(f"plan: {plan}, {counted(len(planned), 'push', 'pushes')}; expected to leave {area}", markup=False)
 
 
-def _print(figures: dict[str, Any], json: str | None) -> None:
-    write_json(to_json(figures), json)
-    if json == STDOUT:
-        return
+def _lines(figures: dict[str, Any]) -> Iterator[str]:
     x, y = (1e3 * value for value in figures["center_of_friction"])
     size = f"{figures['area'] * 1e4:.3g} cm^2"
     contradicted = f"collapsed: the data points contradict each other, by {figures['violation'] * 1e3:.2f} mm in all"
-    output = Console(highlight=False, markup=False, soft_wrap=True)
-    output.print(f"region {contradicted if figures['collapsed'] else size}")
-    output.print(f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}")
+    yield f"region {contradicted if figures['collapsed'] else size}"
+    yield f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}"
     for push in figures["next_pushes"]:
         where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
-        output.print(f"next   {where}: expected to leave {push['expected_area'] * 1e4:.3g} cm^2")
-    output.print(f"from   {data_of(figures['data_points'], figures['pushes'])}")
+        yield f"next   {where}: expected to leave {push['expected_area'] * 1e4:.3g} cm^2"
+    yield f"from   {data_of(figures['data_points'], figures['pushes'])}"

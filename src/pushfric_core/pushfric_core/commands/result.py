@@ -1,8 +1,7 @@
-"""An estimate as text or as JSON, and the ledger as text."""
+"""Results as JSON or in lines for people: any result, an estimate, and the ledger."""
 
+from collections.abc import Iterable, Iterator
 from typing import Any
-
-from rich.console import Console
 
 from pushfric_core.commands.console import console
 from pushfric_core.commands.json_option import STDOUT, write_json
@@ -14,6 +13,22 @@ from pushfric_core.trajectories.ledger import Ledger
 from pushfric_core.wording import data_of
 
 
+def answer(result: Any, where: str | None, lines: Iterable[str]) -> None:
+    """Write a result as JSON, if asked to, and print it in lines for people, unless the JSON goes to stdout.
+
+    Args:
+        result: as `to_json` takes it.
+        where: value of the option.
+        lines: made only if they are printed.
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    write_json(to_json(result), where)
+    if where != STDOUT:
+        for line in lines:
+            print(line)
+
+
 def print_result(figures: dict[str, Any], json: str | None, loss: Loss) -> None:
     """Print an estimate.
 
@@ -22,27 +37,23 @@ def print_result(figures: dict[str, Any], json: str | None, loss: Loss) -> None:
         json: value of the option `--json`.
         loss: of the estimator; it determines the unit of the fit error.
     """
-    write_json(to_json(figures), json)
-    if json == STDOUT:
-        return
-    mu = figures["mu_c"]
-    output = Console(highlight=False, soft_wrap=True)
-    output.print(center_line(figures))
+    answer(figures, json, _lines(figures, loss))
+
+
+def _lines(figures: dict[str, Any], loss: Loss) -> Iterator[str]:
+    yield center_line(figures)
     if "posterior" in figures:
-        output.print(posterior_line(figures))
-    output.print(contact_friction_line(figures))
+        yield posterior_line(figures)
+    yield contact_friction_line(figures)
     if "total_friction" in figures:
-        output.print(f"total  {figures['total_friction']:.3f} N of support friction")
-    squares = loss is Loss.L2
-    scale, unit = (1e6, "mm^2") if squares else (1e3, "mm")
-    output.print(
-        f"fit    {figures['objective'] * scale:.4f} {unit}, {figures['status']}, gap {figures['gap'] * scale:.1e} {unit}"
-    )
-    if "slips" in mu:
-        output.print("slip   " + ", ".join(f"{state} {count}" for state, count in mu["slips"].items()))
-    output.print(f"from   {data_of(figures['data_points'], figures['pushes'])}")
+        yield f"total  {figures['total_friction']:.3f} N of support friction"
+    scale, unit = (1e6, "mm^2") if loss is Loss.L2 else (1e3, "mm")
+    yield f"fit    {figures['objective'] * scale:.4f} {unit}, {figures['status']}, gap {figures['gap'] * scale:.1e} {unit}"
+    if "slips" in figures["mu_c"]:
+        yield "slip   " + ", ".join(f"{state} {count}" for state, count in figures["mu_c"]["slips"].items())
+    yield f"from   {data_of(figures['data_points'], figures['pushes'])}"
     for one in figures["rejected"]:
-        output.print(f"       push {one['push']} is left out: {one['reason']['text']}")
+        yield f"       push {one['push']} is left out: {one['reason']['text']}"
 
 
 def print_ledger(ledger: Ledger) -> None:

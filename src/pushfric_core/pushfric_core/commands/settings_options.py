@@ -70,7 +70,7 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
 
 
 def _option(field: Any, hint: Any) -> Any:
-    """What typer needs to know about a field."""
+    """A field as a parameter of typer."""
     name = field.name.replace("_", "-")
     default = AUTO if field.default is None else field.default
     kind: Any = str

@@ -4,16 +4,14 @@ import pathlib
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption
 from pushfric_core.commands.planning import ModelArgument, known
+from pushfric_core.commands.result import answer
 from pushfric_core.files.pushes_file import TURNED, read_edge_pushes
 from pushfric_core.mechanics.prediction import stability
-from pushfric_core.report.report import to_json
 
 app = Application()
 
@@ -27,16 +25,14 @@ def stable(
     json: JsonOption = None,
 ) -> None:
     """The margin is the least wrench that would make the object slip, as a share of the support friction."""
-    file, pushed = known(model, object_name, namespace, warn)
+    file, pushed = known(model, object_name, namespace)
     found = stability(file.friction(), *read_edge_pushes(pushes, pushed.outline))
     rows = [
         {"stable": bool(holds), "margin": float(margin), "probability": float(probability)}
         for holds, margin, probability in zip(*found, strict=True)
     ]
-    write_json(to_json(rows), json)
-    if json == STDOUT:
-        return
-    output = Console(highlight=False, markup=False, soft_wrap=True)
-    for number, row in enumerate(rows, 1):
-        says = "holds" if row["stable"] else "slips"
-        output.print(f"{number}: {says}, margin {row['margin']:.4f} of the support friction")
+    lines = (
+        f"{number}: {'holds' if row['stable'] else 'slips'}, margin {row['margin']:.4f} of the support friction"
+        for number, row in enumerate(rows, 1)
+    )
+    answer(rows, json, lines)

@@ -4,23 +4,23 @@ import csv
 import io
 import math
 import pathlib
+from collections.abc import Iterator
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import CameraConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.json_option import JsonOption
+from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import CAMERA_FILE
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.offline.inputs import object_of
 from pushfric_core.offline.tracking import Retracked, calibration_beside, image_topic, track_again
-from pushfric_core.report.report import to_json
 from pushfric_core.vision.camera import load_camera
 from pushfric_core.vision.sighting import TrackerDriver
 from pushfric_core.vision.tracker_settings import ContourConfig
@@ -65,9 +65,7 @@ def track(
         raise InvalidInput(f"{source}: no image on {found.topic}")
     if out is not None:
         _write(found, out)
-    write_json(to_json(_summary(found)), json)
-    if json != STDOUT:
-        _print(found)
+    answer(_summary(found), json, _lines(found))
     if found.count(now=False, before=True):
         raise typer.Exit(1)
 
@@ -87,25 +85,21 @@ def _summary(found: Retracked) -> dict[str, object]:
     }
 
 
-def _print(found: Retracked) -> None:
-    show = Console().print
+def _lines(found: Retracked) -> Iterator[str]:
     seen = sum(one.pose is not None for one in found.images)
-    show(f"{found.topic}: the object is seen in {seen} of {counted(len(found.images), 'image')}", markup=False)
+    yield f"{found.topic}: the object is seen in {seen} of {counted(len(found.images), 'image')}"
     off = np.array([one.off for one in found.images if one.off is not None]).reshape(-1, 2)
     if len(off):
         (middle, turned), (most, most_turned) = np.median(off, axis=0), off.max(axis=0)
-        show(
-            f"{counted(len(off), 'pose')} compared with the recorded: {1e3 * middle:.3f} mm and"
-            f" {math.degrees(turned):.3f} degrees apart (median), {1e3 * most:.3f} mm and {math.degrees(most_turned):.3f}"
-            " degrees at most",
-            markup=False,
-        )
+        apart = f"{1e3 * middle:.3f} mm and {math.degrees(turned):.3f} degrees apart (median)"
+        most_apart = f"{1e3 * most:.3f} mm and {math.degrees(most_turned):.3f} degrees at most"
+        yield f"{counted(len(off), 'pose')} compared with the recorded: {apart}, {most_apart}"
     for now, before, words in ((True, False, "shows the object now, without a recorded pose"),
                                (False, True, "no longer shows the object")):  # fmt: skip
         if number := found.count(now=now, before=before):
-            show(f"{counted(number, 'image')}: {words}", markup=False)
+            yield f"{counted(number, 'image')}: {words}"
     for reason, number in found.reasons.most_common():
-        show(f"  {number} x {reason}", markup=False)
+        yield f"  {number} x {reason}"
 
 
 def _write(found: Retracked, out: pathlib.Path) -> None:

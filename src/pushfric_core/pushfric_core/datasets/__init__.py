@@ -1,1 +1,1 @@
-"""Public data sets of real pushes: their own formats, as bags or as CSV files."""
+"""Public data sets of real pushes, read from their own formats."""

@@ -1,7 +1,7 @@
 """Import of real pushes: a block pushed along a line by a controller, MIT MCube Lab, from the user's own copy of cpush.
 
 A file is a run: one long push on the -x face of a block of 90 mm, with the poses of the block and of the tip. Each is cut into
-strokes, and each stroke that keeps to the face is a data point.
+strokes, and each stroke that keeps to the face is an observation.
 """
 
 import json

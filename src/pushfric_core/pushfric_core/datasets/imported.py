@@ -1,4 +1,4 @@
-"""What an import wrote, and where."""
+"""The files that an import wrote."""
 
 import pathlib
 from typing import NamedTuple

@@ -102,7 +102,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
 
 
 def read_file(path: pathlib.Path, outline: Outline) -> tuple[list[Stroke], list[Observation]]:
-    """The strokes of a file, and the pairs of force and motion as data points.
+    """The strokes of a file, and the pairs of force and motion as observations.
 
     Raises:
         InvalidInput: the file is not of this data set.
@@ -183,7 +183,7 @@ def _stroke(record: Any) -> Stroke:
 
 
 def _pairs(wrenches: Array, twists: Array, outline: Outline) -> Iterator[Observation]:
-    """The data points whose force enters the outline; push_id is the row, because no one knows which belong to one push."""
+    """The observations whose force enters the outline; push_id is the row, because no one knows which belong to one push."""
     vertices = outline.vertices
     length = float(np.mean(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)))
     for row, ((fx, fy, m), (vx, vy, turn)) in enumerate(zip(wrenches.tolist(), twists.tolist(), strict=True)):

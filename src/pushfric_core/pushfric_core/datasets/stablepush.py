@@ -66,8 +66,8 @@ def _pushes(rows: Array) -> TwoFingerPushes:
 def import_stable_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     """Write, for each object, a bag of the pushes that were stable, with its object's YAML file and PUSHES next to it.
 
-    A stable push is a data point whose contact is an interval: between the two fingers. An unstable one is not a data point:
-    the contact was lost, or moved along the edge by more than its width.
+    A stable push is an observation whose contact is an interval: between the two fingers. An unstable one is not an
+    observation: the contact was lost, or moved along the edge by more than its width.
 
     Args:
         source: stable_pushes.csv.

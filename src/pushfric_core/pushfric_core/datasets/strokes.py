@@ -1,4 +1,4 @@
-"""Strokes of which only the begin and the end are known: as CSV files, and as data points.
+"""Strokes of which only the begin and the end are known: as CSV files, and as observations.
 
 A folder of sets has, for each SURFACE_OBJECT, SURFACE_OBJECT.strokes.csv and SURFACE_OBJECT.tip.csv (`save_set`), perhaps
 SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.yaml.
@@ -23,20 +23,20 @@ STROKES, DATA_POINTS = ".strokes.csv", ".tip.csv"
 
 COLUMNS = ("x0", "y0", "th0", "x1", "y1", "th1", "tipx0", "tipy0", "tipx1", "tipy1")
 PREDICTED = ("zhou_x1", "zhou_y1", "zhou_th1")
-"""Where a model of others predicts the end."""
+"""Columns of the end that another model predicts."""
 
 RUN, TIP_RADIUS = "run", "tip_radius"
 """Number of the push of which a stroke is a part, and radius of the tip [m]; without these columns, each stroke is a push, and
 the radius that of `mitpush`."""
 
 USUAL_RADIUS = 0.00475
-"""Of the tip of `mitpush` [m]."""
+"""Radius of the tip of `mitpush` [m]."""
 
 SUPPORTS = 55
 """Support points are spaced so that about this many lie on an object."""
 
 LARGEST_TURN = math.radians(35)
-"""A stroke that turns the object further is no data point: the contact moves too much."""
+"""A stroke that turns the object further is no observation: the contact moves too much."""
 
 LEAST_WAY = 0.003
 """... and one that moves its origin less [m]."""
@@ -62,7 +62,7 @@ class Stroke(NamedTuple):
     tip_radius: float = USUAL_RADIUS  # [m]
 
     def data_point(self, outline: Outline, push_id: int) -> Observation | None:
-        """The screw of the whole stroke, with the contact halfway; None if that would not be a data point."""
+        """The screw of the whole stroke, with the contact halfway; None if that would not be an observation."""
         motion = planar.log(compose(inverse(self.before), self.after))
         halfway = compose(self.before, exp(motion, 0.5))
         middle = np.add(self.tip_before, self.tip_after) / 2
@@ -118,8 +118,8 @@ def read_strokes(path: pathlib.Path) -> list[Stroke]:
     strokes = []
     for row in rows:
         x0, y0, th0, x1, y1, th1, *tips = row.numbers(COLUMNS)
-        told = Pose(*row.numbers(PREDICTED)) if predicted else None
-        stroke = Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), told)
+        end = Pose(*row.numbers(PREDICTED)) if predicted else None
+        stroke = Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), end)
         if parts:
             stroke = stroke._replace(run=int(row.number(RUN)), tip_radius=row.number(TIP_RADIUS))
         strokes.append(stroke)
@@ -143,7 +143,7 @@ def _row(stroke: Stroke) -> list[float]:
 
 
 def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, out: pathlib.Path) -> int:
-    """Write the strokes of a set and those of them that are data points into a folder; return the number of the latter.
+    """Write the strokes of a set and those of them that are observations into a folder; return the number of the latter.
 
     Raises:
         InvalidInput: a file cannot be written.
@@ -155,5 +155,5 @@ def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, out: pathli
 
 
 def data_points(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:
-    """The data point of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
+    """The observation of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
     return [one.data_point(outline, number if one.run is None else one.run) for number, one in enumerate(strokes)]

@@ -2,7 +2,7 @@
 
 J. Zhou, R. Paolini, J. A. Bagnell, M. T. Mason, "A convex polynomial force-motion model for planar sliding: identification and
 application", ICRA 2016. A log holds, for each push, the object's pose before and after, the readings of a force sensor and the
-poses of the tool; so each push gives one data point: its finite motion, with the contact in the middle of it.
+poses of the tool; so each push gives one observation: its finite motion, with the contact in the middle of it.
 """
 
 import gzip
@@ -94,7 +94,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
 
 
 def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
-    """The data points of push_points.csv, log by log. The file has no times, so each push counts as one second.
+    """The observations of push_points.csv, log by log. The file has no times, so each push counts as one second.
 
     Raises:
         InvalidInput: a column or a number is missing.
@@ -123,7 +123,7 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
 
 
 def read_log(path: pathlib.Path) -> list[Observation]:
-    """The data points of a log: one for each push whose finger met an edge.
+    """The observations of a log: one for each push whose finger met an edge.
 
     Raises:
         InvalidInput: the file is not a log, or ends early.
@@ -148,7 +148,7 @@ def read_log(path: pathlib.Path) -> list[Observation]:
 
 
 class _Push(NamedTuple):
-    """What a log says about a push, in metres."""
+    """A push in a log, in metres."""
 
     before: Pose  # of the object, in the robot's frame
     after: Pose
@@ -186,7 +186,7 @@ def _heading(quaternion: Array) -> float:
 
 
 def _observation(index: int, push: _Push, outline: Outline) -> Observation | None:
-    """The data point of a push; None without a finger at an edge, a motion or a force during the contact."""
+    """The observation of a push; None without a finger at an edge, a motion or a force during the contact."""
     motion = planar.log(compose(inverse(push.before), push.after))
     forces = push.forces[:, 1:] - push.forces[0, 1:]
     size = np.hypot(*forces.T)

@@ -42,16 +42,16 @@ class Estimate:
     Attributes:
         support_points: (n, 2) [m], object frame.
         solution: w with its objective and certificate: the fit error [m, unit force]; with the loss l2 [m^2, unit force^2].
-        data_points: number of data points used.
+        data_points: number of observations used.
         pushes: number of pushes that they came from.
-        stamp: of the newest data point [ns]; 0 if unknown.
+        stamp: of the newest observation [ns]; 0 if unknown.
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
-        conflicts: data points whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
+        conflicts: observations whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
-        spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not tell.
+        spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not determine it.
         lack: why the pushes do not show the spread; None if they vary enough.
         tip: what was seen and measured of the pusher's tip at each contact.
-        moment_error: mean moment error of a data point [m, unit force]; None if the fit has other terms or another loss.
+        moment_error: mean moment error of an observation [m, unit force]; None if the fit has other terms or another loss.
         observations: those that it rests on; in order of arrival, except that those of a push that came back are the last.
         rejected: the pushes that are left out because they are unlike the others, each with the reason.
         change: of the object; None as long as it seems to be the same.

@@ -1,4 +1,4 @@
-"""Everything that is said of an estimate, the same whether it is live, replayed or offline: as one record, and its JSON."""
+"""An estimate as it is reported, the same live, replayed and offline: as one record, and its JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -29,7 +29,7 @@ from pushfric_core.program.constraints import (
 )
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
-from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Program, Solver, Status, largest_fit_error
+from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Solver, Status, largest_fit_error
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
@@ -59,7 +59,7 @@ TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
 """The built-in terms, in the order of their rows."""
 
 FORCE_TERMS = ("force", "force_angle")
-"""The terms that need a measured force; a data point without one adds no row for them."""
+"""The terms that need a measured force; an observation without one adds no row for them."""
 
 ABLE = "auto: with the solver simplex and the loss l1, which it needs"
 """When a setting that is None is on, as its description says it."""
@@ -235,7 +235,7 @@ class Estimator:
 
     def _begin(self) -> None:
         """Without any observation."""
-        self._program = self._empty_program()
+        self._program = empty_program(len(self.support_points), self.config.loss, self.config.solver, self.config.with_scale)
         self._observations: dict[int, Observation] = {}  # by the number of its rows in the program
         self._listed: list[Observation] = []  # the same; estimates hold on to it, so observations are only ever appended
         self._pushes: Counter[int] = Counter()
@@ -388,8 +388,8 @@ class Estimator:
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         data_points, pushes = len(self._observations), len(self._pushes)
         lack = self._excitation.lack(pushes)
-        told = self._open and lack is None and solution.status is Status.OPTIMAL
-        if told and (self._spread_of != data_points if at_rest else is_due(data_points, self._spread_of)):
+        known = self._open and lack is None and solution.status is Status.OPTIMAL
+        if known and (self._spread_of != data_points if at_rest else is_due(data_points, self._spread_of)):
             self._last_spread, self._spread_of = self._spread(solution), data_points
         return Estimate(
             self.support_points,
@@ -400,7 +400,7 @@ class Estimator:
             self._contacts.forces,
             conflicts,
             self._center is not None,
-            self._last_spread if told else None,
+            self._last_spread if known else None,
             lack,
             self._contacts.tip,
             solution.objective / data_points if self._moments_alone and data_points else None,
@@ -417,7 +417,7 @@ class Estimator:
         return not self._rejects or self._compared == len(self._seen)
 
     def _compare(self) -> Comparison:
-        """What may be wrong with the observations, also with those of rejected pushes."""
+        """Likely mistakes in the observations, those of rejected pushes included."""
         if not self.compared:
             self._last_comparison, self._compared = compare(self.support_points, self._seen), len(self._seen)
         return self._last_comparison
@@ -440,7 +440,7 @@ class Estimator:
         self._unchecked.append(observation)
 
     def _spread(self, solution: Optimum) -> Spread | None:
-        """What the data leave open; None if the extremes of the set were not found."""
+        """The uncertainty; None if the extremes of the set were not found."""
         count, pushes, n = len(self._observations), len(self._pushes), len(self.support_points)
         program = cast(LevelSets, self._program)
         rows = program.rows()
@@ -464,16 +464,12 @@ class Estimator:
             errors = Scatter(np.full(4, 1 / ELLIPSE))
         return spread(self.support_points, solution.w, extremes, reach, errors, pushes, count)
 
-    def _empty_program(self) -> Program:
-        config = self.config
-        return empty_program(len(self.support_points), config.loss, config.solver, config.with_scale)
-
     def _solve(self) -> Optimum:
         return self._program.solve() if self.config.tie_break is False else self._program.nearest_uniform()
 
 
 class _Contacts:
-    """The contact forces of the present data points, in arrays with room to grow; arrays that were returned never change."""
+    """The contact forces of the present observations, in arrays with room to grow; arrays that were returned never change."""
 
     def __init__(self, n: int) -> None:
         self._count = 0

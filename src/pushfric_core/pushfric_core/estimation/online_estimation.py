@@ -19,14 +19,14 @@ Refuse = Callable[[str, PushfricError], None]
 
 
 class OnlineEstimation:
-    """Takes data points in steps, so that each result can be published before the next one is computed.
+    """Takes observations in steps, so that each result can be published before the next one is computed.
 
     Args:
         outline: of the object.
-        estimator: without data points.
+        estimator: without observations.
         margin: by how much the half-planes of the region are widened [m].
-        recognizer: without data points; None if there are no hypotheses about the object.
-        refuse: called with what cannot be used of a data point, and why; the results stay as they were.
+        recognizer: without observations; None if there are no hypotheses about the object.
+        refuse: called with what cannot be used of an observation, and why; the results stay as they were.
     Attributes:
         estimate: the last one; None without observations.
         ranking: of the hypotheses; None before the first one.
@@ -46,17 +46,17 @@ class OnlineEstimation:
 
     @property
     def observations(self) -> Observations:
-        """The data points that the estimate rests on."""
+        """The observations that the estimate rests on."""
         return self._estimator.observations
 
     @property
     def newest(self) -> Observation | None:
-        """The newest data point, even if its push is rejected; None without any."""
+        """The newest observation, even if its push is rejected; None without any."""
         return self._estimator.newest
 
     @property
     def compared(self) -> bool:
-        """Whether the estimate's comparison of what may be wrong rests on all data points."""
+        """Whether the estimate's comparison of what may be wrong rests on all observations."""
         return self._estimator.compared
 
     @property
@@ -69,13 +69,13 @@ class OnlineEstimation:
         return Verdict() if self.estimate is None else self._estimator.verdict(self.estimate)
 
     def learn(self, observation: Observation) -> None:
-        """Take a data point in one go, in all respects."""
+        """Take an observation in one go, in all respects."""
         if self.take(observation):
             self.narrow(observation)
             self.recognize(observation)
 
     def take(self, observation: Observation) -> bool:
-        """Estimate w again, with one more data point; return whether it could be used."""
+        """Estimate w again, with one more observation; return whether it could be used."""
         try:
             self.estimate = self._estimator.add(observation)
         except PushfricError as error:
@@ -84,7 +84,7 @@ class OnlineEstimation:
         return True
 
     def narrow(self, observation: Observation) -> None:
-        """Narrow the region down with a data point that was taken; start over if the pushes that are left out have changed."""
+        """Narrow the region down with an observation that was taken; start over if other pushes are left out."""
         rejected = self._rejected()
         if rejected != self._left_out:
             self._narrow_again()
@@ -92,8 +92,7 @@ class OnlineEstimation:
             self._cut(observation)
 
     def recognize(self, observation: Observation) -> bool:
-        """Rank the hypotheses again, with a data point that was taken, by the pushes that the estimate rests on; return whether
-        the ranking is a new one."""
+        """Rank the hypotheses again, with a new observation, by the estimate's pushes; return whether the ranking is new."""
         before = self.ranking
         if observation.push_id not in self._rank_again() | self._rejected():
             self._rank(observation)
@@ -105,10 +104,10 @@ class OnlineEstimation:
             self.estimate = self._estimator.estimate()
 
     def exclude(self, push_id: int) -> Estimate:
-        """Take all data points of a push out of everything; return what is left, perhaps without any data points.
+        """Take all observations of a push out of everything; return what is left, perhaps without any observations.
 
         Raises:
-            ValueError: there is no data point of that push.
+            ValueError: there is no observation of that push.
         """
         left = self._estimator.exclude(push_id)
         self.estimate = left if left.data_points else None
@@ -165,7 +164,7 @@ class OnlineEstimation:
             self._refuse("observation, for recognition,", error)
 
     def _unrank(self, push_id: int) -> None:
-        # recognition may have refused all data points of that push
+        # recognition may have refused all observations of that push
         if self._recognizer is not None and any(one.push_id == push_id for one in self._recognizer.observations):
             self.ranking = self._recognizer.exclude(push_id)
 

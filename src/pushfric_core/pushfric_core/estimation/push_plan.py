@@ -94,7 +94,7 @@ def number_of(push_id: int, count: int) -> str:
 
 
 def purpose_of(outline: Outline, push: PlannedPush, chosen: bool) -> str:
-    """What a push is for, in a sentence for people.
+    """The purpose of a push, in a sentence for people.
 
     Args:
         outline: of the object.

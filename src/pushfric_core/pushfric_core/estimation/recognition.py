@@ -1,4 +1,4 @@
-"""Recognition: which of several hypotheses about an object explains the data points best (section 5.2)."""
+"""Recognition: which of several hypotheses about an object explains the observations best (section 5.2)."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def _estimator(hypothesis: Hypothesis, config: EstimatorConfig) -> Estimator:
     if hypothesis.weights is None:
         return Estimator(hypothesis.support_points, config, hypothesis.center_of_friction)
     support = Support(hypothesis.support_points, hypothesis.weights)
-    # eq. 7 narrows down w; but if w is known, the noise of one data point must not make it impossible
+    # eq. 7 narrows down w; but if w is known, the noise of one observation must not make it impossible
     terms = replace(config, nonnegative_force=False).constraints
     free = free_radii(support.points, config)
     known = tuple(_Known(term, support.points, support.weights, free) for term in terms)
@@ -127,8 +127,8 @@ class Ranking:
 
     Attributes:
         hypotheses: in order of fit error, the infeasible ones last; those that are equal, in the order given.
-        data_points: number of data points used.
-        stamp: of the newest data point [ns]; 0 if unknown.
+        data_points: number of observations used.
+        stamp: of the newest observation [ns]; 0 if unknown.
 
     Example:
         >>> import numpy as np
@@ -187,7 +187,7 @@ class Recognizer:
 
         Raises:
             UninformativePush: it rotates exactly about a support point of one of the hypotheses. Then no hypothesis takes it,
-                because fit errors can be compared only over the same data points.
+                because fit errors can be compared only over the same observations.
         """
         for estimator in self._estimators.values():
             estimator.check(observation)
@@ -197,7 +197,7 @@ class Recognizer:
         """Take all observations of a push out, and rank again.
 
         Raises:
-            ValueError: there is no data point of that push.
+            ValueError: there is no observation of that push.
         """
         return _ranking({name: estimator.exclude(push_id) for name, estimator in self._estimators.items()})
 
@@ -211,7 +211,7 @@ def _ranking(estimates: dict[str, Estimate]) -> Ranking:
     # sorting keeps the order of those that fit equally
     order = sorted(errors, key=lambda name: max(errors[name], EXACT))
     ranked = tuple(Ranked(name, errors[name], _ratio(errors[name], best), estimates[name].contradiction) for name in order)
-    same = next(iter(estimates.values()))  # all have the same data points
+    same = next(iter(estimates.values()))  # all have the same observations
     return Ranking(ranked, same.data_points, same.stamp)
 
 

@@ -69,14 +69,14 @@ def refine(
     """Fit w over the support points and all candidates.
 
     Args:
-        observations: the data points.
+        observations: the observations.
         support_points: (n, 2) hypothesised supports in the object frame [m], from which the search starts. They also say how
             near the centre of rotation supports are free, as in `Estimator`.
         candidates: (m, 2) where else supports may be [m].
         config: the constraints, with the loss l1 and the solver simplex.
     Raises:
         ValueError: another loss or solver, or points that are not (n, 2) and finite.
-        UninformativePush: a data point rotates exactly about a point, and no support is free.
+        UninformativePush: an observation rotates exactly about a point, and no support is free.
     """
     if (config.loss, config.solver) != (Loss.L1, Solver.SIMPLEX):
         raise ValueError(f"candidates need the loss l1 and the solver simplex, got {config.loss} and {config.solver}")

@@ -33,7 +33,7 @@ SLACK = 1e-9
 
 @dataclass(frozen=True)
 class RegionConfig:
-    """How far the half-planes from measured data points are trusted."""
+    """How far the half-planes from measured observations are trusted."""
 
     region_margin: float = setting(
         0.002, "margin of the half-planes that bound the region of p_CF [m]; 0: as in the paper", 0.0, 0.1

@@ -1,6 +1,6 @@
 """A verdict on the input: whether an estimate may be used, and if not, the likely cause and what to do about it.
 
-Every check adds up a few numbers for each data point, or looks at a limited number of data points, so that its cost does not
+Every check adds up a few numbers for each observation, or looks at a limited number of observations, so that its cost does not
 grow with their number.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
 
 MOST = 0.5
-"""What holds for more than this share of the data points is not an outlier but a mistake in the input."""
+"""A symptom in more than this share of the observations is not an outlier but a mistake in the input."""
 
 RECEDING = 0.1
 """A contact recedes if it moves outward with more than this share of its speed; less is noise."""
@@ -48,7 +48,7 @@ SCATTERED = 0.5
 """The mean unit vector of the forces, relative to the motion, is longer than this if their frame is right."""
 
 POOR_FIT = 0.2
-"""No real push has shown an error per data point above this share of the support's rms radius."""
+"""No real push has shown an error per observation above this share of the support's rms radius."""
 
 AT_THE_EDGE = 0.01
 """p_CF lies at the edge of the hull of the support points within this share of their extent."""
@@ -57,19 +57,19 @@ ASIDE = 0.1
 """p_CF lies on the wrong side of a line of motion if it is farther from it than this share of the support's rms radius."""
 
 OPPOSED = 0.05
-"""Share of the data points for which p_CF may lie on the wrong side; in good runs, real and simulated, at most 0.03 do."""
+"""Share of the observations for which p_CF may lie on the wrong side; in good runs, real and simulated, at most 0.03 do."""
 
 INERTIA = 0.3
 """Pushes are too fast if the object's speed could give inertia this share of friction."""
 
 HASTY = 0.06
-"""If motions are off by less than this [rad], neither half-planes that are crossed tell anything, nor velocities without a
+"""If motions are off by less than this [rad], neither half-planes that are crossed say anything, nor velocities without a
 duration, which may be in any unit of time."""
 
 GRAVITY = 9.81  # [m/s^2]
 FRICTION = 0.3  # a usual coefficient of support friction
 CERTAIN = 1e6
-"""Odds beyond these are told as such."""
+"""Larger odds are reported as more than this."""
 
 OPPOSED_PUSHES = 3
 """... and fewer pushes than this may be bad ones, which the fit tolerates."""
@@ -123,7 +123,7 @@ class Verdict:
 
 
 class InputCheck:
-    """Looks at the data points of one object as they arrive.
+    """Looks at the observations of one object as they arrive.
 
     Args:
         points: (n, 2) support points [m].
@@ -142,7 +142,7 @@ class InputCheck:
         self._contacts = ContactCheck()
 
     def add(self, observation: Observation) -> None:
-        """Take a data point."""
+        """Take an observation."""
         contact, normal = np.asarray(observation.contact_point), np.asarray(observation.contact_normal)
         vx, vy, omega = observation.twist
         self._count += 1
@@ -164,7 +164,7 @@ class InputCheck:
                 self._forces += 1
 
     def verdict(self, estimate: "Estimate", change: Change | None = None) -> Verdict:
-        """On the estimate from these data points, with a change of the object that they have shown."""
+        """On the estimate from these observations, with a change of the object that they have shown."""
         # what a mistake in the input brings about says nothing of its own, and its remedy would be the wrong one
         lack = [] if estimate.lack is None else [estimate.lack]
         mistakes = self._mistakes(estimate.comparison.misfit or 0.0)
@@ -191,7 +191,7 @@ class InputCheck:
         return Verdict(tuple(lack), change=change, notes=tuple(misplaced))
 
     def _mistakes(self, misfit: float) -> list[Reason]:
-        """What the data points themselves show; by the misfit [rad], some of it is believed."""
+        """Mistakes that the observations themselves show; the misfit [rad] decides which of them count."""
         found = []
         wrong_motion = False  # against which forces would seem turned
         if self._behind > MOST * self._count or self._inverted > MANY_RECEDE * self._count:
@@ -246,7 +246,7 @@ class InputCheck:
         return self._doubts(estimate) or ([] if fits else self._opposed(estimate))
 
     def _doubts(self, estimate: "Estimate") -> list[Reason]:
-        """What the fit shows."""
+        """Mistakes that the fit shows."""
         error, misfit = estimate.moment_error, estimate.comparison.misfit
         what = "check the units and frames of contact, twist and outline, and the support points"
         if error is not None and error > POOR_FIT * self._radius:

@@ -25,7 +25,7 @@ START_TOPIC = "estimation_start"
 
 @dataclass(frozen=True)
 class PushesConfig:
-    """What is known about single pushes."""
+    """Knowledge about single pushes."""
 
     exclude_pushes: tuple[int, ...] = setting((), "pushes that are excluded from the start")
     slipping_pushes: tuple[int, ...] = setting((), "pushes known to slip, whose lower bounds are mu_c itself")
@@ -38,7 +38,7 @@ class EstimatorSettings:
 
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
-    excluded: tuple[int, ...] = ()  # ids of pushes whose data points are left out
+    excluded: tuple[int, ...] = ()  # ids of pushes whose observations are left out
     region: RegionConfig = field(default_factory=RegionConfig)
     slipping: tuple[int, ...] = ()  # ids of pushes whose contact is known to slip
     kept: tuple[int, ...] = ()  # ids of pushes that outlier rejection keeps
@@ -61,7 +61,7 @@ class EstimatorSettings:
     def new_estimator(
         self, support_points: npt.ArrayLike, free: FreeRadii | None = None, outline: Outline | None = None
     ) -> Estimator:
-        """An estimator without data points.
+        """An estimator without observations.
 
         Args:
             support_points: (n, 2) hypothesised supports in the object frame [m].

@@ -43,7 +43,7 @@ class ContactFrictionFile(Strict):
 
     value: Positive  # what predictions use
     interval: tuple[Positive, Positive | None] | None = None  # holds the truth with 90 %; a bound has no upper end
-    kind: str = "bound"  # bound: data points bound it from below; slip: sliding ones gave it; force: measured forces did
+    kind: str = "bound"  # bound: observations bound it from below; slip: sliding ones gave it; force: measured forces did
 
 
 class SampleFile(Strict):
@@ -55,7 +55,7 @@ class SampleFile(Strict):
 
 
 class DataPointFile(Strict):
-    """A data point, object frame, SI units."""
+    """An observation, object frame, SI units."""
 
     contact: Point
     normal: Point
@@ -71,7 +71,7 @@ class DataPointFile(Strict):
 
 
 class PosteriorFile(Strict):
-    """What the data points say if the support may be an area, feet anywhere, or both."""
+    """The posterior, for a support that may be an area, feet anywhere, or both."""
 
     w: Annotated[list[Share], pydantic.Field(min_length=1)]
     center_of_friction: Point  # p_CF [m]
@@ -94,7 +94,7 @@ class MadeFile(Strict):
 
 
 class ModelFile(Strict):
-    """The file. w, mu_c, misfit and ensemble follow from the data points; they stand here for readers that only predict."""
+    """The file. w, mu_c, misfit and ensemble follow from the observations; they stand here for readers that only predict."""
 
     format: int = FORMAT
     object: ObjectFile  # with the support points that the weights belong to
@@ -103,7 +103,7 @@ class ModelFile(Strict):
     covariance: tuple[Point, Point] | None = None  # of p_CF [m^2]
     mu_c: ContactFrictionFile
     total_friction: Annotated[float, pydantic.Field(ge=0), within(STRONGEST, "N")] | None = (
-        None  # [N]; only from data points with measured forces
+        None  # [N]; only from observations with measured forces
     )
     misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.mechanics.prediction.misfit [rad]
     ensemble: tuple[SampleFile, ...] = ()
@@ -150,7 +150,7 @@ class ModelFile(Strict):
         return f"{self.object.name}: {observations_of(made.data_points, made.pushes)} from {made.source}; verdict: {verdict}"
 
     def observations(self) -> list[Observation]:
-        """The data points that the model was made from, in order."""
+        """The observations that the model was made from, in order."""
         return [
             Observation(
                 point.contact,
@@ -176,10 +176,10 @@ def make_model(
 
     Args:
         model: the object.
-        estimate: from at least one data point.
+        estimate: from at least one observation.
         source: where they came from.
         settings: of the estimator.
-        posterior: from these data points, or from the first of them.
+        posterior: from these observations, or from the first of them.
     """
     friction = friction_model(estimate)
     points = [(float(x), float(y)) for x, y in estimate.support_points]
@@ -274,12 +274,12 @@ def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
 
 
 def prior(path: pathlib.Path, pushed: ObjectModel) -> list[Observation]:
-    """The data points of a model, for an estimate of the same object that goes on from it.
+    """The observations of a model, for an estimate of the same object that goes on from it.
 
     The pushes of the model get the highest push ids, so that they differ from those of later pushes.
 
     Raises:
-        InvalidInput: as for `load_model`; or the model's object has another name or outline, or the model no data points.
+        InvalidInput: as for `load_model`; or the model's object has another name or outline, or the model no observations.
     """
     file, model = load_model(path)
     if model.name != pushed.name:

@@ -1,4 +1,4 @@
-"""What is known about an object before it is pushed: outline and hypothesised supports, from a YAML file or Table 1."""
+"""An object before it is pushed: outline and hypothesised supports, from a YAML file or Table 1."""
 
 import math
 import os
@@ -22,7 +22,7 @@ from pushfric_core.plausible import FARTHEST, LARGEST, check_within, other_unit
 
 
 def within(most: float, unit: str) -> Any:
-    """What pydantic calls to refuse a number beyond a bound."""
+    """Pydantic's check that a number is within its bounds."""
 
     def check(value: float) -> float:
         check_within("the number", (value,), most, unit)
@@ -100,7 +100,7 @@ class SupportFile(Strict):
 
 
 class HypothesisFile(Strict):
-    """One hypothesis to be told apart from others (section 5.2)."""
+    """A hypothesis for recognition (section 5.2)."""
 
     name: Annotated[str, pydantic.Field(min_length=1)]
     center_of_friction: Point | None = None  # [m]
@@ -156,7 +156,7 @@ class ObjectModel:
     outline: Outline
     support_points: Array  # (n, 2) hypothesised support points [m]
     height: float  # of the outline the camera sees, over the table [m]
-    hypotheses: tuple[Hypothesis, ...]  # to be told apart; often empty
+    hypotheses: tuple[Hypothesis, ...]  # for recognition; often empty
     file: ObjectFile  # the file it was made from
 
 
@@ -289,7 +289,7 @@ EXPECTED = {
     "too_long": "a list of at most {max_length}",
     "string_too_short": "a text that is not empty",
 }
-"""What pydantic's types of errors mean to the author of the file."""
+"""Pydantic's types of errors, in words for the author of the file."""
 
 
 def complaint(error: pydantic.ValidationError) -> str:

@@ -1,4 +1,4 @@
-"""Observations as a CSV file: SI units, object frame, one data point in each row."""
+"""Observations as a CSV file: SI units, object frame, one observation in each row."""
 
 import pathlib
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ NAMES = {
 
 
 def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]:
-    """The data points of a CSV file, in its order. Columns other than `REQUIRED` and `OPTIONAL` are ignored.
+    """The observations of a CSV file, in its order. Columns other than `REQUIRED` and `OPTIONAL` are ignored.
 
     Args:
         path: the file.
@@ -41,7 +41,7 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
 
 
 def save_observations(observations: Sequence[Observation], path: pathlib.Path) -> None:
-    """Write a CSV file of data points, with the columns of `OPTIONAL` that one of them needs.
+    """Write a CSV file of observations, with the columns of `OPTIONAL` that one of them needs.
 
     Raises:
         InvalidInput: the file cannot be written.
@@ -83,5 +83,5 @@ def _observation(row: Row, outline: Outline) -> Observation:
     except (ValueError, PushfricError) as error:
         raise InvalidInput(f"{where}: {as_named_here(error, NAMES)}") from error
     nearest = outline.nearest(observation.contact_point)
-    # a contact that was measured tells where the tip was
+    # a measured contact says where the tip was
     return observation if nearest.edge is None else replace(observation, depth=-nearest.distance)

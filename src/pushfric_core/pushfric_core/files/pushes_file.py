@@ -22,7 +22,7 @@ BOUNDS = {
     "cor_x": (FARTHEST_TURN_CENTER, "m"),
     "cor_y": (FARTHEST_TURN_CENTER, "m"),
 }
-"""Of these columns; contacts must lie on the outline."""
+"""Bounds of these columns, and their units; contacts must lie on the outline."""
 
 
 class PointPushes(NamedTuple):

@@ -1,1 +1,1 @@
-"""What simulators and planners read: a friction model as MJCF, SDF, URDF, a Drake directive, JSON, or a planner's YAML."""
+"""A friction model for simulators and planners: MJCF, SDF, URDF, a Drake directive, JSON, or a planner's YAML."""

@@ -18,13 +18,13 @@ GRAVITY = 9.81
 """[m/s^2]"""
 
 PUSHER_RADIUS = 0.005
-"""Of the tip, unless another one is given [m]."""
+"""Default radius of the tip [m]."""
 
 HEIGHT = 0.04
-"""Of the object, unless another one is given [m]."""
+"""Default height of the object [m]."""
 
 MASS = 1.0
-"""Of the object if nothing is known of it [kg]; quasi-static motions do not depend on it."""
+"""Default mass of the object [kg]; quasi-static motions do not depend on it."""
 
 TABLE_FRICTION = 0.35
 """Coefficient of the table if nothing is known of it; quasi-static motions do not depend on it."""
@@ -33,10 +33,10 @@ STICKS = 10.0
 """With this coefficient no tip slides. Simulators cannot take the much larger ones of a model whose tip always sticks."""
 
 FOOT_RADIUS = 1e-3
-"""Of the spheres on which the object slides [m]."""
+"""Radius of the spheres on which the object slides [m]."""
 
 CLEARANCE = 2 * FOOT_RADIUS
-"""From the table to the bottom of the shell, which does not touch it [m]."""
+"""Height of the shell's bottom over the table, which it does not touch [m]."""
 
 SHELL_MASS = 1e-3
 """Mass of a link that rests on no foot, as a share of the object's: simulators want one."""
@@ -144,7 +144,7 @@ class Body:
 
     @cached_property
     def ellipsoid(self) -> NamedEllipsoid:
-        """What planners with an ellipsoid take, in newtons [N, N m]."""
+        """The ellipsoid for planners [N, N m]."""
         unit = named_ellipsoid(self.friction.support)
         total = self.load.total_friction
         return NamedEllipsoid(total * unit.f_max, total * unit.m_max, unit.center)

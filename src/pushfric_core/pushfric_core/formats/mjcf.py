@@ -18,7 +18,7 @@ SHELL = {"solref": "0.003 1", "solimp": "0.5 0.5 0.001"}
 """The same for the tip: it enters the object by about 0.03 mm, and stays in touch if it slides along it by up to 15 mm/s."""
 
 TIP_MASS = 10
-"""Of the tip, as a multiple of the object's."""
+"""Mass of the tip, as a multiple of the object's."""
 
 SERVO = 1e5
 """Stiffness of the tip's servos for each kilogram of the object [1/s^2]: the tip lags by about 0.03 mm."""

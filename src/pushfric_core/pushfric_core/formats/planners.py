@@ -65,7 +65,7 @@ def planning_through_contact(body: Body) -> dict[str, str]:
 
 
 def pusher_slider(body: Body) -> dict[str, str]:
-    """What its `dynamics` take of an object."""
+    """The parameters of its `dynamics`."""
     length, width = body.outline.size.tolist()
     even = body.outline.grid(40, 40)
     uniform = float(np.linalg.norm(even - even.mean(axis=0), axis=1).mean())

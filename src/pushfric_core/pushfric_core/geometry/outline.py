@@ -19,7 +19,7 @@ ON_OUTLINE = 1e-9
 """Points this close to the outline [m] count as inside, so that a grid may touch the edges."""
 
 SMALLEST = 0.01
-"""An object is hardly smaller [m]: tells whether a length was written in millimetres or in centimetres."""
+"""An object is hardly smaller [m]: shows whether a length was written in millimetres or in centimetres."""
 
 ALIKE = 0.01
 """Outlines that differ in less than this share of their area look the same."""
@@ -138,7 +138,7 @@ class Outline:
 
     @cached_property
     def is_its_mirror_image(self) -> bool:
-        """Whether the outline looks the same in a mirror: then nothing but a marker tells that a picture is mirrored."""
+        """Whether the outline looks the same in a mirror: then only a marker shows that a picture is mirrored."""
         centroid = np.array(self.polygon.centroid.coords[0])
         around = np.concatenate((self.vertices, self.vertices + self.edges / 2)) - centroid
         for x, y in around[np.hypot(*around.T) > 0].tolist():  # an axis passes through a corner, or the middle of an edge

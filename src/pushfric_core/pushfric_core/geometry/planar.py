@@ -144,18 +144,6 @@ def velocity_at(twist: Twist, points: npt.ArrayLike) -> Array:
     return velocities
 
 
-def center_of_rotation(twist: Twist) -> Array:
-    """The body point (2,) that does not move: (-vy, vx) / omega; infinite for a translation."""
-    if twist.omega == 0:
-        return np.array((np.inf, np.inf))
-    return np.array((-twist.vy, twist.vx)) / twist.omega
-
-
-def moment_about(wrench: Wrench, point: npt.ArrayLike) -> float:
-    """Moment of a wrench about `point` (2,) instead of the origin."""
-    return float(wrench.m - cross(point, (wrench.fx, wrench.fy)))
-
-
 def wrap(angle: float) -> float:
     """The same angle in [-pi, pi)."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -97,7 +97,7 @@ COR_SHARE = 0.55
 """How far the centre of rotation moves in a step, as a fraction of the support's size; see docs/estimation.md."""
 
 NOT_FREE = FreeRadii(0.0, 0.0)
-"""The radii of the paper, where a support exactly on the centre of rotation makes the data point useless."""
+"""The radii of the paper, where a support exactly on the centre of rotation makes the observation useless."""
 
 
 @comparable

@@ -1,1 +1,1 @@
-"""What a pushed object does: quasi-static motion, limit surfaces, predictions and stable pushes, with and without a spread."""
+"""The motion of a pushed object: quasi-static model, limit surfaces, predictions and stable pushes."""

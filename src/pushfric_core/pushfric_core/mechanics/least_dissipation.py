@@ -21,7 +21,7 @@ FREE, STICKING, SLIDING = range(3)
 """How a tip meets an object."""
 
 ENDLESS, WEDGED = -1, -2
-"""What `push_each` finds wrong: a motion did not converge, or no sliding motion keeps the tip in contact."""
+"""Failures of `push_each`: a motion did not converge, or no sliding motion keeps the tip in contact."""
 
 BISECTIONS = 100
 """Bound on the steps of a search on a line; about ten are usual."""

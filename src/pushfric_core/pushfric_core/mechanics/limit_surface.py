@@ -1,4 +1,4 @@
-"""The limit surface of a support friction distribution, ellipsoids in its place, and which supports a push can tell apart.
+"""The limit surface of a support friction distribution, ellipsoids in its place, and which supports a push can distinguish.
 
 The limit surface is the locus of the wrenches W = (fx, fy, m) that a pusher applies to the sliding object, opposite to the
 support friction. The motion V = (vx, vy, omega) is parallel to its outward normal at W (section 6.3). W and V are about the
@@ -42,9 +42,6 @@ ACROSS_CONE = 65
 
 WRENCHES = 1000
 """Number of points of the surface to which the ellipsoid is fitted."""
-
-DISTINGUISHABLE = 3.0
-"""Two motions can be told apart if they differ by more than this many standard deviations of the noise."""
 
 
 @comparable
@@ -378,16 +375,11 @@ class Measurement(NamedTuple):
 
 
 class Separation(NamedTuple):
-    """The push whose motion best tells one object from another."""
+    """The push whose motion best distinguishes two objects: M observations of it are enough beyond 3 / sqrt(M) deviations."""
 
     deviations: float  # distance from its motion to the nearest one of the other object, in standard deviations
     contact: int  # index of the contact
     twist: Twist  # its motion, of unit dissipation
-
-    @property
-    def distinguishable(self) -> bool:
-        """Whether one data point of that push is enough; M of them are enough if the deviations exceed 3 / sqrt(M)."""
-        return self.deviations > DISTINGUISHABLE
 
 
 def separation(
@@ -398,7 +390,7 @@ def separation(
     mu_c: float,
     measurement: Measurement,
 ) -> Separation:
-    """How well pushes tell an object of support `truth` from one of support `other`, by its motions alone (section 6.3).
+    """How well pushes distinguish an object of support `truth` from one of support `other`, by motions alone (section 6.3).
 
     A push at a contact may cause any of the motions on the reachable part of the limit surface there. What counts is how far
     the motions of the truth come from all of those that the other support allows at the same contact. Swap the two for the

@@ -1,4 +1,4 @@
-"""What an estimate predicts: where a push takes the object, which pushes hold it, and how far each answer can be trusted."""
+"""Predictions of an estimate: where a push takes the object, which pushes hold it, and how far each answer can be trusted."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHARE = 0.9
 """The truth lies within a spread this often."""
 
 WITNESSES = 50
-"""A model is judged by at most this many data points, spread evenly over all: its cost does not grow with their number."""
+"""A model is judged by at most this many observations, spread evenly over all: its cost does not grow with their number."""
 
 LEAST_SHARE = 0.01
 """Samples with a smaller weight are left out."""
@@ -50,7 +50,7 @@ class FrictionModel:
         w: (s, n) support friction distributions, >= 0, each with sum 1.
         mu_c: (s,) contact friction coefficients, >= 0 and finite.
         share: (s,) weights of the samples, sum 1.
-        misfit: 90 % of the data points have a smaller angle between their measured motion and the one that w predicts [rad]:
+        misfit: 90 % of the observations have a smaller angle between their measured motion and the one that w predicts [rad]:
             what the model itself cannot explain, see `misfit`.
     Raises:
         ValueError: shapes that do not fit, or values that make no sense.
@@ -321,15 +321,15 @@ def stability(
 
 
 def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
-    """What a model cannot explain of the data points it was made from, for `FrictionModel.misfit` [rad].
+    """What a model cannot explain of the observations it was made from, for `FrictionModel.misfit` [rad].
 
-    Each data point's motion is compared with the one that the mean friction predicts, see `_explained`. The misfit is the
-    angle that 90 % of new data points stay below (the order statistic of rank ceil(0.9 (m + 1))), enlarged because w was fitted
-    to the same data points. It is 0 without data points.
+    Each observation's motion is compared with the one that the mean friction predicts, see `_explained`. The misfit is the
+    angle that 90 % of new observations stay below (the order statistic of rank ceil(0.9 (m + 1))), enlarged because w was
+    fitted to the same observations. It is 0 without observations.
 
     Args:
         model: of the object.
-        observations: the data points, m.
+        observations: the observations, m.
         fitted: how many parameters were fitted to them: the weights above zero of the optimum, less one.
     """
     if not observations:
@@ -342,7 +342,7 @@ def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: in
 
 
 def prediction_errors(model: FrictionModel, observations: Sequence[Observation]) -> Array:
-    """Angles (m,) between the motions of m >= 1 data points and those that the mean friction predicts [rad].
+    """Angles (m,) between the motions of m >= 1 observations and those that the mean friction predicts [rad].
 
     Where the tip's velocity is known, it is the tip that pushes; else the contact moves as it was measured to.
     """
@@ -354,14 +354,14 @@ def friction_model(estimate: Estimate) -> FrictionModel:
 
     The samples are the optimum, the middle and the extreme w of its spread, and equal weights on all support points, as one
     assumes before any push; each has its own mu_c. The program compares moments, but a planner asks for motions. So each sample
-    counts by the motions that it predicts for the data points. For each standard error by which the mean of its angles exceeds
+    counts by the motions that it predicts for the observations. For each standard error by which the mean of its angles exceeds
     the least such mean, it counts 1/e as much. The errors of one push are alike. So the standard error is that of as many
     angles as there are pushes; their standard deviation is taken for their mean, as in an exponential distribution.
     docs/planning.md has the evidence.
 
     Where the tip's velocity is known, mu_c is shifted to the mean of what its interval holds, weighed in the same way: few
-    slips, or bounds alone, tell it badly, but a tip that would slide with a lower one moves the object another way. Elsewhere,
-    if mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
+    slips, or bounds alone, hardly determine it, but a tip that would slide with a lower one moves the object another way.
+    Elsewhere, if mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
 
     Args:
         estimate: from at least one observation; the observations that it holds are those that judge the samples.
@@ -399,7 +399,7 @@ def friction_model(estimate: Estimate) -> FrictionModel:
 
 
 def _mu_c(model: FrictionModel, estimate: Estimate, observations: Sequence[Observation]) -> float:
-    """mu_c by the motions that it predicts for data points with a known tip, within the interval of the estimate."""
+    """mu_c by the motions that it predicts for observations with a known tip, within the interval of the estimate."""
     known, own = estimate.mu_c, model.mean_mu_c
     if known is None or not any(observation.tip_velocity for observation in observations):
         return own
@@ -420,7 +420,7 @@ def _shares(means: Array, pushes: int) -> Array:
 
 
 def _witnesses(observations: Sequence[Observation]) -> Sequence[Observation]:
-    """At most WITNESSES of the data points, evenly spread over all."""
+    """At most WITNESSES of the observations, evenly spread over all."""
     count = len(observations)
     if count <= WITNESSES:
         return observations
@@ -428,7 +428,7 @@ def _witnesses(observations: Sequence[Observation]) -> Sequence[Observation]:
 
 
 def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) -> Array:
-    """Twists (m, s, 3) that the samples of a model predict for m >= 1 data points, object frame [m/s, rad/s].
+    """Twists (m, s, 3) that the samples of a model predict for m >= 1 observations, object frame [m/s, rad/s].
 
     Where the tip's velocity is known, it is the tip that pushes; else, or where the tip was seen to leave, the contact moves as
     it was measured to, so that mu_c does not matter. If that moves away from the pusher, the object stays at rest.
@@ -451,7 +451,7 @@ def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) 
 
 
 def _explained(model: FrictionModel, judge: FrictionModel, observations: Sequence[Observation]) -> Array:
-    """Angles (m, s) between the motions of m >= 1 data points and those that each of the samples of a model predicts [rad].
+    """Angles (m, s) between the motions of m >= 1 observations and those that each of the samples of a model predicts [rad].
 
     If nothing can be predicted, the angle counts as pi/2. The angles go by p_CF and length of the judge.
     """

@@ -24,7 +24,7 @@ from pushfric_core.mechanics.simulation import ITERATIONS, STILL, ContactMode
 from pushfric_core.records import comparable
 
 MODES = (ContactMode.FREE, ContactMode.STICKING, ContactMode.SLIDING)
-"""What the numbers in `Motions.modes` stand for: FREE, STICKING and SLIDING."""
+"""Meaning of the numbers in `Motions.modes`: FREE, STICKING and SLIDING."""
 
 BLOCK = 65_536
 """Numbers in an array of a loop: few enough to stay in the cache, and many for the calls that they need."""

@@ -13,7 +13,7 @@ from pushfric_core.settings import plain, read
 
 @dataclass(frozen=True)
 class ChosenSettings:
-    """What the user chose; everything else is as recorded."""
+    """The user's choices; everything else is as recorded."""
 
     estimator: Mapping[str, Any] = field(default_factory=dict)  # fields of EstimatorConfig
     excluded: tuple[int, ...] = ()  # pushes that are left out, in addition to those of the recorded run

@@ -25,7 +25,7 @@ from pushfric_core.trajectories.observation import Observation
 
 @dataclass(frozen=True)
 class Choices:
-    """What the caller chose, the same for every input."""
+    """The caller's choices, the same for every input."""
 
     object_name: str = ""  # name of the object, or path of its YAML; empty: the one next to the bag
     grid: tuple[int, int] | None = None
@@ -82,9 +82,8 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     Args:
         source: the bag or the CSV.
         choices: what the caller chose.
-        warn: called with a line for each message or data point that is refused, for each note of the verdict, and for what does
-            not add up.
-        whole_course: keep the estimates after each data point.
+        warn: called with a line for each refused message or observation, note of the verdict, and contradiction.
+        whole_course: keep the estimates after each observation.
     Raises:
         InvalidInput: the input, or a file that the choices name, is unusable.
         DamagedBag: messages are missing from the bag.

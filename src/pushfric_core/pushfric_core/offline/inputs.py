@@ -56,7 +56,7 @@ def with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib
 
 
 class Recording(Observations):
-    """What `load` gives: the observations, and what was recorded with them.
+    """The result of `load`: observations, and what was recorded with them.
 
     Args:
         observations: in order.

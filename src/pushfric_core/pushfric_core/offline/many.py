@@ -26,7 +26,7 @@ RESULTS, MODELS = "results.jsonl", "models"
 """Names in the folder of the results."""
 
 Line = dict[str, Any]
-"""What is known of an input: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`; at
+"""Keys of an input's result: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`; at
 last `checksum`."""
 
 
@@ -85,7 +85,7 @@ def estimate_many(
 def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
     """Where the model of each input goes, in the folder of the results; the name follows from the input's path alone.
 
-    Where several inputs would have one name, as a bag and a CSV next to it, a few digits of the path tell them apart.
+    Where several inputs would have one name, as a bag and a CSV next to it, a few digits of the path distinguish them.
     """
     named = {path: _name_of(path) for path in inputs}
     times = Counter(named.values())
@@ -126,7 +126,7 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
         except (ValueError, RecursionError):
             continue  # an interrupted run leaves half a line
         known = isinstance(line, dict) and isinstance(line.get("input"), str)
-        if known and wanted.get(line["input"], "") == line.get("fingerprint") and _is_unchanged(line):
+        if known and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line):
             lines[line["input"]] = line
     yield from lines.values()
 
@@ -135,10 +135,6 @@ def _checksum(line: Line) -> str:
     """Of all that a line says besides; it shows whether somebody, or a failing disk, has changed it."""
     said = {key: value for key, value in line.items() if key != "checksum"}
     return hashlib.sha256(to_json(said).encode()).hexdigest()[:16]
-
-
-def _is_unchanged(line: Line) -> bool:
-    return line.get("checksum") == _checksum(line)
 
 
 def _torn(file: pathlib.Path) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 FEWEST = 5
-"""With fewer estimates of an object, nobody can tell which of them differs."""
+"""With fewer estimates of an object, none is called an outlier."""
 
 TOO_FAR = 3.5
 """An estimate differs if its modified z-score is larger (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)."""
@@ -44,10 +44,10 @@ def differing(points: npt.ArrayLike, errors: Sequence[float], mu_c: Sequence[flo
 
     Args:
         points: (M, 2) centres of friction [m].
-        errors: fit error for each data point.
+        errors: fit error for each observation.
         mu_c: contact friction coefficients; None for one that is only bounded.
     Returns:
-        For each estimate a list of reasons in words; all are empty if there are too few estimates to tell.
+        For each estimate a list of reasons in words; all are empty if there are too few estimates.
     """
     points = np.asarray(points, dtype=float)
     reasons: list[list[str]] = [[] for _ in errors]

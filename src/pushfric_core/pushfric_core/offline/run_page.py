@@ -44,7 +44,7 @@ EARLIEST = 1.1e18
 FAULT = "pusher_fault"
 
 TOLD = {PLAN: TYPES[PLAN], FAULT: "std_msgs/msg/String", KEYFRAMES: "sensor_msgs/msg/CompressedImage"}
-"""Topics that tell of a run besides its data, with their types."""
+"""Topics about a run besides its data, with their types."""
 
 MODULES = ("drawings", "line", "run", "view")
 """Of the page, each after those that it imports."""
@@ -54,10 +54,10 @@ FEWEST_LEARNT = 4
 
 
 def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace: str | None = None) -> str:
-    """The page of an estimate: that of a live run, with all of it inside, and what only its end can tell.
+    """The page of an estimate: that of a live run with all of it inside, and what only its end can show.
 
     Args:
-        estimation: with the estimates after each data point.
+        estimation: with the estimates after each observation.
         file: where the page will lie; its link to the recorded data counts from there. None: nowhere.
         namespace: of the cell; None: a bag has only one.
     """
@@ -154,7 +154,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
 
 
 def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str, Any]]:
-    """What a bag tells of its run besides the data: names of topics without the cell's, and messages that can be read."""
+    """The messages about a run besides the data: names of topics without the cell's, and messages that can be read."""
     if source.suffix == ".csv":
         return
     from pushfric_core.bags.bag import Bag  # not above: a CSV needs none of its libraries

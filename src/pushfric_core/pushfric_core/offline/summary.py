@@ -1,4 +1,4 @@
-"""The summary of many estimates: a Markdown page of those that differ, those not to be used, and the broken inputs."""
+"""The summary of many estimates: a Markdown page of outliers, unusable estimates and broken inputs."""
 
 import pathlib
 from collections import Counter, defaultdict

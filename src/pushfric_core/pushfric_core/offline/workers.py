@@ -23,7 +23,7 @@ class WorkerKilled(PushfricError):
 
 
 def results(work: Callable[[Argument], Result], arguments: Iterable[Argument], jobs: int, dask: str | None) -> Iterator[Result]:
-    """What `work` returns for each argument, in order of completion.
+    """The result of `work` for each argument, in order of completion.
 
     Args:
         work: the function.

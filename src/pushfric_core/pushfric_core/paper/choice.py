@@ -70,7 +70,7 @@ def _pushes_until_near(studied: Studied, choose: Choose, rng: np.random.Generato
                 estimator.add(observation)
                 half_planes.add(line_of_motion(observation))
             except PushfricError:
-                continue  # a data point that a live estimator refuses, too
+                continue  # an observation that a live estimator refuses, too
         if _far(estimator, truth, near):
             known = push_id + 2
     return known

@@ -53,7 +53,7 @@ PLACEMENT = 0.001
 
 
 class Conduct(NamedTuple):
-    """What the paper does not say about the pushes of an object; chosen so that the numbers as a whole match the reference."""
+    """Details of the pushes that the paper leaves out; chosen so that the numbers as a whole match the reference."""
 
     closer: float = 1.0  # contacts lie at this fraction of their evenly spaced distance from the middle of the edge
     longest_turn: float = math.inf  # a push ends early once the object has turned this far [rad]
@@ -65,7 +65,7 @@ CONDUCT = {
     "wood_rect3": Conduct(closer=0.88),
     "wood_rect4": Conduct(closer=0.88),
     "rubber_rect4": Conduct(closer=0.88),
-    # "tended to rotate quickly, resulting in fewer useful data points" (section 5)
+    # "tended to rotate quickly, resulting in fewer useful observations" (section 5)
     "delrin_rect_center": Conduct(longest_turn=math.radians(25)),
     "delrin_rect_right": Conduct(longest_turn=math.radians(25)),
 }
@@ -83,10 +83,10 @@ CLEAR = 1e-6
 """All other orientations must fit worse than the true one by this [cm]; with wide contact intervals, several fit exactly."""
 
 PUBLISHED = {"delrin_square3": 85, "delrin_rect_center": 36, "delrin_rect_right": 32}
-"""Numbers of data points in Table 1."""
+"""Numbers of observations in Table 1."""
 
 SUBSETS = (3, 5, 10, 15, 20, 30, 40, 60)
-"""Numbers of data points in Figure 11."""
+"""Numbers of observations in Figure 11."""
 
 SAMPLINGS = 10
 
@@ -116,7 +116,7 @@ def run_seed(seed: int) -> dict[str, Any]:
 
     Returns:
         A dictionary of `seed`; `code`, the fingerprint; `numbers`, nested; `drawings`, what the figures show of this seed; and
-        `data`, the data points of each object as `observation_row` lists them.
+        `data`, the observations of each object as `observation_row` lists them.
     """
     moved = {name: motions(name, plan(name), seed) for name in TABLE_1}
     data = {name: watch(name, moved[name], seed) for name in TABLE_1}
@@ -195,7 +195,7 @@ def motion(outline: Outline, support: Support, mu_c: float, push: PlannedPush, e
 
 
 def watch(name: str, moved: Sequence[Frames], seed: int, bad_push: int | None = None) -> list[Observation]:
-    """The data points of a pushed object as the paper's camera sees it.
+    """The observations of a pushed object as the paper's camera sees it.
 
     Args:
         name: of the object.
@@ -218,7 +218,7 @@ def watch(name: str, moved: Sequence[Frames], seed: int, bad_push: int | None = 
 def filmed(
     outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np.random.Generator, first: int = 0
 ) -> list[Observation]:
-    """The data points that a camera with this noise makes of pushes, numbered from `first` on."""
+    """The observations that a camera with this noise makes of pushes, numbered from `first` on."""
     trajectory = Trajectory(outline)
     observations = []
     for push_id, frames in enumerate(pushes, first):
@@ -240,7 +240,7 @@ def observation_row(observation: Observation) -> list[float]:
 def estimate(
     observations: Iterable[Observation], points: Array, config: EstimatorConfig = PAPER, center: npt.ArrayLike | None = None
 ) -> Estimate:
-    """The estimate from all data points, over hypothesised support points (n, 2) [m]."""
+    """The estimate from all observations, over hypothesised support points (n, 2) [m]."""
     return Estimator(points, config, center).add(observations)
 
 
@@ -262,7 +262,7 @@ def _grids(name: str, observations: list[Observation]) -> Numbers:
 
 
 def _recognition(truth: str, observations: list[Observation], config: EstimatorConfig) -> Numbers:
-    """Tables 4 and 5: which centre of friction fits best. Errors are scaled to the paper's number of data points."""
+    """Tables 4 and 5: which centre of friction fits best. Errors are scaled to the paper's number of observations."""
     name = f"delrin_rect_{truth}"
     scale = PUBLISHED[name] / len(observations)
     numbers: Numbers = {}
@@ -378,13 +378,13 @@ def _fit_errors(
 
 
 def _sample(observations: list[Observation], size: int, rng: np.random.Generator) -> list[Observation]:
-    """A random sample of this many data points, or all of them if there are fewer."""
+    """A random sample of this many observations, or all of them if there are fewer."""
     chosen = rng.choice(len(observations), min(size, len(observations)), replace=False)
     return [observations[i] for i in chosen]
 
 
 def _subsets(observations: list[Observation], rng: np.random.Generator) -> Numbers:
-    """Figure 11: the mean error of p_CF over random samplings of the data points of rubber_rect4."""
+    """Figure 11: the mean error of p_CF over random samplings of the observations of rubber_rect4."""
     points, feet = TABLE_1["rubber_rect4"].support_points, _at_feet("rubber_rect4", 1e-6)
     numbers = {}
     for size in SUBSETS:
@@ -440,9 +440,9 @@ def _test_pushes(observations: list[Observation]) -> tuple[Numbers, dict[str, li
 
 
 def rods() -> tuple[Numbers, dict[str, Any]]:
-    """Figure 12: two rods that frictionless pushes along their length cannot tell apart. Nothing in it is random.
+    """Figure 12: two rods that frictionless pushes along their length cannot distinguish. Nothing in it is random.
 
-    The rods have length 2. The numbers also say how well a pusher with friction could tell them apart.
+    The rods have length 2. The numbers also say how well a pusher with friction could distinguish them.
 
     Returns:
         The numbers, and for each rod the section and the reachable wrenches that the figure shows.

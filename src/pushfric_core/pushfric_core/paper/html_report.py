@@ -199,10 +199,10 @@ def _sections(summary: Nested) -> list[Section]:
         ),
         Section(
             "figure12",
-            "Figure 12: two rods that pushing cannot tell apart",
+            "Figure 12: two rods that pushing cannot distinguish",
             "Sections f_x = 0 of their limit surfaces. They differ, but the part that frictionless pushes along the rod reach "
             "(blue) is the same. The table gives the largest difference of the reachable wrenches. It then gives the number "
-            "of standard deviations by which the best single push tells the rods apart: rods 2 m long, a contact that moves "
+            "of standard deviations by which the best single push distinguishes the rods: rods 2 m long, a contact that moves "
             "by 1 cm, and a motion seen with standard deviations of 0.1 mm and 1 mrad.",
             Table(
                 ("", "paper", "this run"),

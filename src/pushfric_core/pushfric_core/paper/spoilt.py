@@ -25,7 +25,7 @@ BEFORE, AFTER = 10, 3
 """Pushes before a change of the object, and after it."""
 
 SHIFTS = (0.008, 0.004)
-"""By how much a load that is moved shifts p_CF [m]."""
+"""Shift of p_CF by a load that is moved [m]."""
 
 LEAST_WEIGHT = 0.02
 """Share of its weight that each support keeps when the load is moved."""
@@ -36,7 +36,7 @@ Numbers = dict[str, Any]
 def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, Numbers]]:
     """What outlier rejection says of runs with a bad push of each kind and with none, and of loads that are moved; by noise.
 
-    `found` says whether no data point that the fault changed is in the estimate, or whether the change was seen; `harmless`
+    `found` says whether no observation that the fault changed is in the estimate, or whether the change was seen; `harmless`
     whether the fault changed none, because those that it would have changed were never made; `lost` how many of the `good`
     pushes were left out; and `changed` whether an object that stayed the same was said to be another one.
     """
@@ -169,4 +169,4 @@ SPOILT: dict[str, Callable[[Frames, np.random.Generator], Frames]] = {
     "jump": _jump,
     "lost contact": _lost_contact,
 }
-"""What may go wrong in a push, as the camera sees it."""
+"""Faults of a push, as the camera sees them."""

@@ -44,7 +44,7 @@ REAL_CENTER = np.full(2, 0.05)
 """True p_CF of the real triangle [m], by statics."""
 
 SLIPPED = 1e-3
-"""A real push slips if its tip moved along the edge by more than this [m]; then the force sensor tells mu_c."""
+"""A real push slips if its tip moved along the edge by more than this [m]; then the force sensor measures mu_c."""
 
 Numbers = dict[str, Any]
 
@@ -137,10 +137,10 @@ def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...]
 
 
 def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
-    """Errors of an estimate [m], and its own figures for them; `told` is false if it gives none."""
+    """Errors of an estimate [m], and its own figures for them; `given` is false if it has none."""
     estimate = _estimate(data, points, terms)
     error = estimate.center_of_friction - truth
-    numbers: Numbers = {"error": float(np.hypot(*error)), "told": estimate.spread is not None}
+    numbers: Numbers = {"error": float(np.hypot(*error)), "given": estimate.spread is not None}
     if estimate.spread is not None:
         covariance = estimate.spread.covariance
         numbers["held"] = bool(error @ np.linalg.solve(covariance, error) <= ELLIPSE)
@@ -156,21 +156,21 @@ def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tupl
 
 def _summary(runs: Sequence[Numbers]) -> Numbers:
     """The figures of the runs of one cell; lengths in mm."""
-    told = [one for one in runs if one["told"]]
-    numbers: Numbers = {"runs": len(runs), "told": len(told), **_quantiles("error", [1e3 * one["error"] for one in runs])}
-    if told:
-        numbers |= _quantiles("middle", [1e3 * one["middle"] for one in told])
-        numbers["middle_to_optimum"] = float(np.median([o["middle"] for o in told]) / np.median([o["error"] for o in told]))
-        numbers["held"] = float(np.mean([one["held"] for one in told]))
-        errors = float(np.quantile([one["error"] for one in told], 0.9))
-        if sampled := [one for one in told if "sampled" in one]:
+    given = [one for one in runs if one["given"]]
+    numbers: Numbers = {"runs": len(runs), "given": len(given), **_quantiles("error", [1e3 * one["error"] for one in runs])}
+    if given:
+        numbers |= _quantiles("middle", [1e3 * one["middle"] for one in given])
+        numbers["middle_to_optimum"] = float(np.median([o["middle"] for o in given]) / np.median([o["error"] for o in given]))
+        numbers["held"] = float(np.mean([one["held"] for one in given]))
+        errors = float(np.quantile([one["error"] for one in given], 0.9))
+        if sampled := [one for one in given if "sampled" in one]:
             numbers |= _quantiles("sampled", [1e3 * one["sampled"] for one in sampled])
             off = [one["sampled"] for one in sampled]
             numbers["sampled_to_optimum"] = float(np.median(off) / np.median([one["error"] for one in sampled]))
             numbers["sampled_held"] = float(np.mean([one["sampled_held"] for one in sampled]))
             radius = float(np.median([one["sampled_radius"] for one in sampled]))
             numbers["sampled_radius_to_errors"] = radius / float(np.quantile(off, 0.9))
-        numbers["radius_to_errors"] = float(np.median([one["radius"] for one in told])) / errors if errors > 0 else math.inf
+        numbers["radius_to_errors"] = float(np.median([one["radius"] for one in given])) / errors if errors > 0 else math.inf
     return numbers
 
 
@@ -184,7 +184,7 @@ def _within(runs: Sequence[Numbers]) -> Numbers:
     return {
         "truth": runs[0]["truth"],
         "runs": len(runs),
-        "told": len(values),
+        "given": len(values),
         "median": float(np.median(values)) if values else None,
         "within_10_percent": sum(abs(value / runs[0]["truth"] - 1) <= 0.1 for value in values),
         "held": sum(one["low"] <= one["truth"] <= one["high"] for one in runs),
@@ -229,7 +229,7 @@ def _real_mu_c(data: Sequence[Observation], terms: str) -> Numbers:
 def _report(summary: Numbers) -> str:
     lines = [f"# Study of {summary['seeds']} seeds", "", "Lengths in mm; error: of the certified optimum.", ""]
     heads = (
-        *("cell", "runs", "told", "held", "radius / p90 of errors", "error (p90)", "middle (p90)", "middle / optimum"),
+        *("cell", "runs", "given", "held", "radius / p90 of errors", "error (p90)", "middle (p90)", "middle / optimum"),
         *("sampled (p90)", "sampled / optimum", "sampled held", "its radius / p90"),
     )
     rows = []
@@ -243,20 +243,20 @@ def _report(summary: Numbers) -> str:
                 f"{100 * cell['sampled_held']:.0f} %",
                 f"{cell['sampled_radius_to_errors']:.2f}",
             ]
-        if cell["told"]:
+        if cell["given"]:
             held, radius = f"{100 * cell['held']:.0f} %", f"{cell['radius_to_errors']:.2f}"
             middle, ratio = f"{cell['middle_median']:.2f} ({cell['middle_p90']:.2f})", f"{cell['middle_to_optimum']:.2f}"
         error = f"{cell['error_median']:.2f} ({cell['error_p90']:.2f})"
-        rows.append((name, cell["runs"], cell["told"], held, radius, error, middle, ratio, *sampled))
+        rows.append((name, cell["runs"], cell["given"], held, radius, error, middle, ratio, *sampled))
     lines += markdown(heads, rows)
     of_mu_c = []
     for name, cell in summary["mu_c"].items():
         median = "-" if cell["median"] is None else f"{cell['median']:.3f}"
         counts = (f"{cell[key]} of {cell['runs']}" for key in ("within_10_percent", "held"))
-        of_mu_c.append((name, cell["truth"], median, *counts, cell["told"]))
+        of_mu_c.append((name, cell["truth"], median, *counts, cell["given"]))
     for name, cell in summary["real_mu_c"].items():
         value = "-" if cell["value"] is None else f"{cell['value']:.3f} ({cell['low']:.2f} to {cell['high']:.2f})"
         of_mu_c.append((name, f"{cell['sensor']:.3f} (sensor)", value, "", cell.get("held", "-"), ""))
-    lines += ["", *markdown(("mu_c of", "truth", "median", "within 10 %", "interval holds it", "told"), of_mu_c)]
+    lines += ["", *markdown(("mu_c of", "truth", "median", "within 10 %", "interval holds it", "given"), of_mu_c)]
     lines += ["", *spoilt.report(summary["screened"]), "", *choice.report(summary["choice"]), ""]
     return "\n".join(lines)

@@ -92,7 +92,7 @@ PAPER: Nested = {
         "grid_15": {"w_min": -25.3, "w_max": 38.2, **_center(0.69, -1.80, 5.4, 28.3)},
     },
 }
-"""What the paper prints, in its own units: cm, percent, and the support friction of the translating object."""
+"""The paper's numbers, in its own units: cm, percent, and the support friction of the translating object."""
 
 REFERENCE: Nested = {
     "table2": {

@@ -20,7 +20,7 @@ from pushfric_core.paper.experiments import CONDUCT, PLACEMENT, Frames, motion
 from pushfric_core.trajectories.observation import Observation
 
 SPACING = 0.003
-"""Of the places that stand for an area [m]."""
+"""Spacing of the places that stand for an area [m]."""
 
 NOISES = {"FEET": FEET, "FLAT": FLAT}
 
@@ -101,7 +101,7 @@ def eight_places(outline: Outline, rng: np.random.Generator) -> list[PlannedPush
 
 
 def moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Generator) -> list[Frames]:
-    """What happens in each push; a push in which the tip wedges is left out."""
+    """The course of each push; a push in which the tip wedges is left out."""
     found = []
     for push in pushes:
         error = rng.normal(0.0, PLACEMENT, 3)
@@ -113,7 +113,7 @@ def moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Genera
 
 
 def estimated(data: Iterable[Observation], points: Array, config: EstimatorConfig) -> tuple[Estimator, Estimate]:
-    """The estimator after all data points, and its estimate."""
+    """The estimator after all observations, and its estimate."""
     estimator = Estimator(points, config)
     for observation in data:
         with contextlib.suppress(PushfricError):  # the estimator refuses this observation, as in a live run

@@ -1,1 +1,1 @@
-"""The linear program of an estimate: the terms and constraints that observations give it (sections 3 and 4)."""
+"""The linear program of an estimate: its terms and constraints (sections 3 and 4)."""

@@ -1,4 +1,4 @@
-"""The rows of the fit error: every constraint makes them from a data point, and every solver takes them."""
+"""The rows of the fit error: every constraint makes them from an observation, and every solver takes them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

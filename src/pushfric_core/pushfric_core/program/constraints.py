@@ -44,14 +44,14 @@ class Constraint(ABC):
     """Whether the rows have one more column than there are supports, that of the scale (see ConstraintRows)."""
 
     needs_force: ClassVar[bool] = False
-    """Whether data points without a measured force add no rows."""
+    """Whether observations without a measured force add no rows."""
 
     @abstractmethod
     def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
         """The rows of an observation, possibly none.
 
         Args:
-            observation: the data point, object frame.
+            observation: the observation, object frame.
             forces: the friction forces of the supports, as far as the motion determines them.
         Returns:
             Rows with n columns, or n + 1 with a scale. Their costs are in metres of moment.

@@ -24,7 +24,7 @@ class LeastSquaresFit(NamedTuple):
     w: Array  # (n,), sum 1; a negative w_j would gain energy from friction
     center_of_friction: Array  # p_CF (2,) [m], eq. 3; may lie outside the support points
     residuals: Array  # (m,) moments about the contacts [m, unit force]
-    singular_values: Array  # (min(m, n - 1),) descending [m]; near 0: a change of w that no data point sees
+    singular_values: Array  # (min(m, n - 1),) descending [m]; near 0: a change of w that no observation sees
 
     @property
     def residual(self) -> float:
@@ -37,15 +37,15 @@ def least_squares_fit(observations: Sequence[Observation], support_points: npt.A
 
     The paper weights eq. 11 heavily; here it holds exactly, which is the limit of that. Let A be the moments, and let the
     columns of Z be an orthonormal basis of sum w = 0. Then w = 1/n + Z z, where z is the shortest vector that minimises
-    |A Z z + A 1/n|, from the singular value decomposition of A Z. If the data points do not determine w, this is the w nearest
+    |A Z z + A 1/n|, from the singular value decomposition of A Z. If the observations do not determine w, this is the w nearest
     to uniform.
 
     Args:
-        observations: m data points; the width of a contact interval is not used.
+        observations: m observations; the width of a contact interval is not used.
         support_points: (n, 2) in the object frame [m].
     Raises:
-        ValueError: no data points, or support_points is not (n, 2).
-        UninformativePush: a data point rotates exactly about a support point.
+        ValueError: no observations, or support_points is not (n, 2).
+        UninformativePush: an observation rotates exactly about a support point.
     """
     points = check_points(support_points)
     if not observations:

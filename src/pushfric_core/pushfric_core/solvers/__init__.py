@@ -1,4 +1,4 @@
-"""The linear and quadratic programs for w, what solves them, and what certifies the result.
+"""The linear and quadratic programs for w, their solvers and certificates.
 
 All solvers are peers behind `program.Program`; each is loaded when it is first needed.
 """

@@ -18,7 +18,7 @@ Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
 QUADRATIC = {"eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000, "verbose": False}
-"""Tolerance of OSQP, small enough to tell what is zero from what is not."""
+"""Tolerance of OSQP, small enough to distinguish zeros."""
 
 RIDGE = 1e-10
 """Makes a linear system without a unique solution regular; refinement removes its effect."""

@@ -34,7 +34,7 @@ class OsqpLinearProgram:
         self._conflicts: list[int] = []
 
     def add(self, rows: ConstraintRows) -> None:
-        """Append the rows of one data point; they become group 0, 1, 2... in order of arrival.
+        """Append the rows of one observation; they become group 0, 1, 2... in order of arrival.
 
         Raises:
             ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
@@ -44,7 +44,7 @@ class OsqpLinearProgram:
         self._groups.add()
 
     def remove(self, group: int) -> None:
-        """Take the rows of one data point out again; OSQP starts again.
+        """Take the rows of one observation out again; OSQP starts again.
 
         Raises:
             ValueError: there is no such group, or it was removed before.

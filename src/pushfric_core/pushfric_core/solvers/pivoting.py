@@ -11,7 +11,7 @@ their normals, is the edge that leaves condition i alone; the first column is x 
 
 Hard rows, including x_j >= 0, are met lexicographically. First the sum of their violations is minimised, by the same three
 steps with other costs; then F, with infinite costs for them. If hard rows contradict each other, F is minimised among the x of
-least violation. A new data point changes only g, so that a few exchanges restore optimality.
+least violation. A new observation changes only g, so that a few exchanges restore optimality.
 
 `pivoting.pxd` declares the types of this module, and Cython compiles both when the package is built. As plain Python, which it
 also is, it gives the same bits, a hundred times slower. So it contains loops over elements where NumPy would take a line, every

@@ -56,7 +56,7 @@ class Loss(StrEnum):
 
 
 class Solver(StrEnum):
-    """What solves the linear program.
+    """The solvers of the linear program.
 
     Example:
         >>> from pushfric_core import EstimatorConfig, Solver
@@ -88,7 +88,7 @@ class Optimum(NamedTuple):
 
 
 class Groups:
-    """The groups of rows in a program, one for each data point, numbered in order of arrival."""
+    """The groups of rows in a program, one for each observation, numbered in order of arrival."""
 
     def __init__(self) -> None:
         self.next = 0
@@ -111,17 +111,17 @@ class Groups:
 
 
 class Program(Protocol):
-    """A program for w whose rows are added and removed, data point by data point; the protocol of every solver."""
+    """A program for w whose rows are added and removed, observation by observation; the protocol of every solver."""
 
     def add(self, added: ConstraintRows, /) -> None:
-        """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
+        """Append the rows of one observation, if any; they become group 0, 1, 2... in order of arrival.
 
         Raises:
             ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
         """
 
     def remove(self, group: int, /) -> None:
-        """Take the rows of one data point out again.
+        """Take the rows of one observation out again.
 
         Raises:
             ValueError: there is no such group, or it was removed before.

@@ -35,7 +35,7 @@ class LeastSquares:
     cost times that of a . w squared.
 
     While no row changes sides, F is w' H w with H = sum_k c_k a_k a_k', (n, n). A row with one cost for both sides adds to H
-    once, so the cost of a data point does not depend on the number of such rows before it. A descent looks at all other rows,
+    once, so the cost of an observation does not depend on the number of such rows before it. A descent looks at all other rows,
     O(M n), and keeps in H what they cost on their present side. It minimises w' H w (Newton's method), and its step is halved
     until F falls. It must fall in the end, because F is convex and starts with this slope. Hard rows constrain a descent once
     it turns out to violate them.
@@ -60,7 +60,7 @@ class LeastSquares:
         self._conflicts: list[int] = []
 
     def add(self, rows: ConstraintRows) -> None:
-        """Append the rows of one data point; they become group 0, 1, 2... in order of arrival.
+        """Append the rows of one observation; they become group 0, 1, 2... in order of arrival.
 
         Raises:
             ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
@@ -77,7 +77,7 @@ class LeastSquares:
         self._groups.add()
 
     def remove(self, group: int) -> None:
-        """Take the rows of one data point out. O(M n^2): H is summed up again, as subtraction would leave rounding errors.
+        """Take the rows of one observation out. O(M n^2): H is summed up again, as subtraction would leave rounding errors.
 
         Raises:
             ValueError: there is no such group, or it was removed before.

@@ -1,13 +1,13 @@
 """The linear program for w, solved exactly and incrementally: each solve starts from the last optimal basis.
 
-`pivoting` exchanges its conditions. This module makes the cost independent of the number of earlier data points, and certifies
+`pivoting` exchanges its conditions. This module makes the cost independent of the number of earlier observations, and certifies
 the result.
 
 A row far from zero keeps its side, so it is linear: |a . (x - c)| <= |a|* |x - c| with |v|^2 = v' C v and |a|*^2 = a' C^-1 a, C
 the second moment of the rows (x moves most where the rows see it least: in any other norm the bound is ten times worse). Rows
 settled in a ball around c need no look while x stays in it, and a descent that would leave it by far stops first. The balls are
 nested, the more of them the more rows there are. The smallest is sorted often, but only from the rows that the next larger one
-leaves unsettled, and so on. So all rows are looked at seldom: the cost of a data point does not depend on the number before it.
+leaves unsettled, and so on. So all rows are looked at seldom: the cost of an observation does not grow with their number.
 """
 
 import copy
@@ -130,7 +130,7 @@ class Simplex:
         self._shells: list[_Shell] = []  # the larger balls, the largest first
 
     def add(self, added: ConstraintRows) -> None:
-        """Append the rows of one data point, if any; they become group 0, 1, 2... in order of arrival.
+        """Append the rows of one observation, if any; they become group 0, 1, 2... in order of arrival.
 
         Raises:
             ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN, huge ones.
@@ -160,7 +160,7 @@ class Simplex:
             self._sort()
 
     def remove(self, group: int) -> None:
-        """Take the rows of one data point out again.
+        """Take the rows of one observation out again.
 
         Raises:
             ValueError: there is no such group, or it was removed before.

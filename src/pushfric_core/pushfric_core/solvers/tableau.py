@@ -34,7 +34,7 @@ class Conditions(NamedTuple):
     number: Indices  # (room,) of the row, -1 for the other conditions
     a: Array  # (n, room) normals, one per column: along an edge all of them are met, component by component
     value: Array  # (room,) a . x, or shifted from it while a degenerate vertex is left
-    side: Array  # (room,) +1, -1, or 0 while active: explicit, for at zero the value does not tell
+    side: Array  # (room,) +1, -1, or 0 while active: explicit, because a value of zero has no side
     cost: Array  # (2, 2, room) VIOLATION and FIT; above and below zero
     settled: Array  # (n,) gradient of F of the settled rows: none of them is violated
     gradient: Array  # (2, n) of all inactive conditions, per cost; kept up to date, and summed up again with the inverse

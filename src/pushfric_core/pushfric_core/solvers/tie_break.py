@@ -1,4 +1,4 @@
-"""Of all optimal w of a linear program, the one nearest to equal weights."""
+"""The optimal w of a linear program that is nearest to equal weights."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ STRICT = 1e-9
 
 
 def nearest_uniform(rows: ConstraintRows, solution: Solution) -> Solution:
-    """Of all optimal w of a linear program, the one nearest to equal weights; O(M n), and some O(n^3).
+    """The optimal w of a linear program that is nearest to equal weights; O(M n), and some O(n^3).
 
     By complementary slackness with any optimal multipliers y, w is optimal if a . w = 0 in the rows with y inside its box and
     lies on the side of y in the others, and if w_j = 0 for every (A' y)_j above the minimum.

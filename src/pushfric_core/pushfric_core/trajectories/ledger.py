@@ -32,27 +32,26 @@ ABORTED = "aborted"
 NO_OBSERVATION = "no observation"
 
 REASONS = {
-    USED: "a pose or a wrench: it is in an observation; a pusher state: it is next to a pose of a push; an observation: the "
-    "estimate rests on it; a push: the estimate rests on an observation of it",
+    USED: "an observation or a push: the estimate rests on it; all else: it is in an observation, or next to a pose of a push",
     BETWEEN_PUSHES: "the pusher was not pushing then",
     NOT_PUSHED: "in a push, but the tip was away, at a corner or changing its speed, or the object at rest or leaping",
-    TOO_FEW: "the frames pushed in a row were too few for an observation, or too slow",
+    TOO_FEW: "the frames of a push were too few in a row, or too slow",
     BETWEEN_FRAMES: "other pusher states lie nearer to the poses",
     NOT_SEEN: "no pose came during this part of the push",
     NO_PARTNER: "there is no pusher state on both sides; a wrench: no observation was made at its time",
-    AHEAD: "its stamp lies ahead of those that follow it, or far ahead and none follows",
+    AHEAD: "its stamp lies ahead of those that follow, or far ahead",
     OUT_OF_ORDER: "its stamp lies before that of an earlier message",
-    REPEATED: "it has the stamp of the message before it, and adds nothing new",
+    REPEATED: "it has the stamp of the message before, and nothing new",
     REFUSED: "its values are impossible, or say nothing",
     FOREIGN: "it belongs to another cell",
     UNCONFIRMED: "no checksum confirms it",
     EXCLUDED: "its push is excluded by a person or by the settings",
     LEFT_OUT: "its push is unlike the others",
-    WAITING: "it had not been judged when the account was drawn up",
+    WAITING: "it was not judged yet",
     ABORTED: "it did not reach its end",
     NO_OBSERVATION: "it gave no observation",
 }
-"""What each account means."""
+"""Meaning of each account."""
 
 LOST = frozenset((AHEAD, OUT_OF_ORDER, REFUSED, FOREIGN, UNCONFIRMED))
 """Accounts that stay empty in a sound run. A message in one of them is a doubt."""

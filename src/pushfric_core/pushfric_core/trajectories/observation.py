@@ -1,4 +1,4 @@
-"""The data point: one contact and one instantaneous motion of the pushed object (section 3)."""
+"""The observation: one contact and one instantaneous motion of the pushed object (section 3)."""
 
 import math
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Observation:
         contact_point: p_c [m].
         contact_normal: n, unit, outward.
         twist: velocity of the object-frame origin [m/s, m/s, rad/s]; only its direction matters.
-        push_id: number of the push that the data point belongs to.
+        push_id: number of the push that the observation belongs to.
         half_width: half the interval of possible contact points along the edge [m].
         duration: time between the two smoothed poses that were differenced [s]; None if unknown.
         stamp: mean time of the images that were smoothed [ns]; 0 if unknown.

@@ -1,4 +1,4 @@
-"""Data points from what a cell measures: poses and pusher states, and the measured forces where these are needed."""
+"""Observations from what a cell measures: poses and pusher states, and the measured forces where these are needed."""
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Event, Ledger
@@ -8,12 +8,12 @@ from pushfric_core.trajectories.trajectory import Apart, PoseSample, PusherSampl
 
 
 class ObservationMaker:
-    """Makes data points, live and from a bag alike, in order of time. Only the stamps of the samples matter, not their order.
+    """Makes observations, live and from a bag alike, in order of time. Only the stamps of the samples matter, not their order.
 
     Args:
         outline: of the object.
-        config: how poses become data points; TrajectoryConfig() by default.
-        with_forces: a data point waits until its force has been measured.
+        config: how poses become observations; TrajectoryConfig() by default.
+        with_forces: an observation waits until its force has been measured.
     """
 
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, with_forces: bool = False) -> None:
@@ -32,14 +32,14 @@ class ObservationMaker:
 
     @property
     def settled(self) -> int:
-        """Time up to which all samples have become data points [ns]; 0 before the first one."""
+        """Time up to which all samples have become observations [ns]; 0 before the first one."""
         since = None if self._forces is None else self._forces.waiting_since
         settled = self._trajectory.settled
         return max(0, settled if since is None else min(settled, since - 1))
 
     @property
     def waiting(self) -> int | None:
-        """Number of data points that wait for their force; None if none needs one."""
+        """Number of observations that wait for their force; None if none needs one."""
         return None if self._forces is None else self._forces.waiting
 
     @property
@@ -53,7 +53,7 @@ class ObservationMaker:
         return self._trajectory.events + ([] if self._forces is None else self._forces.events)
 
     def ledger(self) -> Ledger:
-        """What became of all samples so far, if no more were to follow. Data points that were made have no end here."""
+        """What became of all samples so far, if no more were to follow. Observations that were made have no end here."""
         ledger = self._trajectory.ledger()
         if self._forces is not None:
             self._forces.enter(ledger, self._trajectory.settled)
@@ -61,18 +61,18 @@ class ObservationMaker:
         return ledger
 
     def add_pose(self, sample: PoseSample) -> list[Observation]:
-        """Take a pose, and return the data points that became complete; raises as `Trajectory.add_pose`."""
+        """Take a pose, and return the observations that became complete; raises as `Trajectory.add_pose`."""
         return self._with_forces(self._trajectory.add_pose(sample))
 
     def add_pusher(self, sample: PusherSample) -> list[Observation]:
-        """Take a pusher state, and return the data points that became complete."""
+        """Take a pusher state, and return the observations that became complete."""
         return self._with_forces(self._trajectory.add_pusher(sample))
 
     def add_force(self, sample: ForceSample) -> list[Observation]:
-        """Take a sample of the force, and return the data points that became complete.
+        """Take a sample of the force, and return the observations that became complete.
 
         Raises:
-            ValueError: the force is not finite, or data points are made without forces.
+            ValueError: the force is not finite, or observations are made without forces.
         """
         if self._forces is None:
             raise ValueError("data points are made without forces here")

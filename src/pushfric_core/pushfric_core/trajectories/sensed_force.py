@@ -1,4 +1,4 @@
-"""The measured force of a data point: the force sensor's samples from the time in which its motion was measured."""
+"""The measured force of an observation: the force sensor's samples from the time in which its motion was measured."""
 
 from collections import deque
 from dataclasses import replace
@@ -12,7 +12,7 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.stream import Stream
 
 REMEMBERED = 100_000
-"""Number of samples kept while no data point comes: 100 s of a sensor at 1 kHz."""
+"""Number of samples kept while no observation comes: 100 s of a sensor at 1 kHz."""
 
 
 class ForceSample(NamedTuple):
@@ -23,29 +23,29 @@ class ForceSample(NamedTuple):
 
 
 class ForceMatcher:
-    """Gives data points their forces.
+    """Gives observations their forces.
 
-    A data point waits until a sample from after its motion has come. So only the stamps matter, not the order of arrival.
+    An observation waits until a sample from after its motion has come. So only the stamps matter, not the order of arrival.
     """
 
     def __init__(self) -> None:
         self._stream: Stream[ForceSample] = Stream("wrench")
         self._samples: deque[ForceSample] = deque()
-        self._used_until = -1  # the last stamp that a data point has used [ns]; those before its motion are gone
+        self._used_until = -1  # the last stamp that an observation has used [ns]; those before its motion are gone
         self._waiting: deque[Observation] = deque()
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the oldest waiting data point [ns]; None if no data point waits."""
+        """Stamp of the oldest waiting observation [ns]; None if no observation waits."""
         return self._waiting[0].stamp if self._waiting else None
 
     @property
     def waiting(self) -> int:
-        """Data points that wait."""
+        """Observations that wait."""
         return len(self._waiting)
 
     def add_force(self, sample: ForceSample) -> list[Observation]:
-        """Take a sample and return the data points that became complete. `Stream` says which samples count.
+        """Take a sample and return the observations that became complete. `Stream` says which samples count.
 
         Raises:
             ValueError: the force is not finite.
@@ -79,10 +79,10 @@ class ForceMatcher:
         return USED if sample.stamp <= self._used_until else NO_OBSERVATION
 
     def add_observation(self, observation: Observation) -> list[Observation]:
-        """Take a data point and return the data points that became complete.
+        """Take an observation and return the observations that became complete.
 
         Raises:
-            ValueError: the data point has no pose, so the force cannot be expressed in the object frame.
+            ValueError: the observation has no pose, so the force cannot be expressed in the object frame.
         """
         if observation.pose is None:
             raise ValueError("a data point needs its pose to be given a force")
@@ -96,7 +96,7 @@ class ForceMatcher:
             half = round((observation.duration or 0.0) * 5e8)
             if self._samples[-1].stamp <= observation.stamp + half:
                 break
-            while self._samples[0].stamp < observation.stamp - half:  # data points come in order of time
+            while self._samples[0].stamp < observation.stamp - half:  # observations come in order of time
                 self._leave()
             during = [sample.force for sample in self._samples if sample.stamp <= observation.stamp + half]
             self._used_until = observation.stamp + half
@@ -105,7 +105,7 @@ class ForceMatcher:
 
     @staticmethod
     def _with_force(observation: Observation, during: list[tuple[float, float]]) -> Observation:
-        """The data point with the mean force in the object frame; unchanged if nothing was measured."""
+        """The observation with the mean force in the object frame; unchanged if nothing was measured."""
         if not during:
             return observation
         assert observation.pose is not None

@@ -8,7 +8,7 @@ A tip that keeps to one straight line, as a stage's does, meets the outline wher
 arm's does, reports another line each time; then the contact is the point of the outline nearest to the tip, whose place at a
 frame lies between two reports.
 
-A data point is the mean of one motion. So its window has no frame from before the contact was seen to move, and none in which
+An observation is the mean of one motion. So its window has no frame from before the contact was seen to move, and none in which
 the tip may have been at rest or on its way to another speed. A tip that moves freely also keeps its direction there. The poses
 show when the push of the object begins, because a busy machine puts late stamps on what the pusher reports, and reports little.
 For the same reason, the velocity of a tip on its line is made of the speeds that it reports, and not of its places.
@@ -125,7 +125,7 @@ class _Frame(NamedTuple):
     tip: Array  # (2,) where it was, table frame [m]
     speed: float  # of the tip along its line [m/s]
     doubt: float  # the reports leave that open by this much [m/s]
-    steady: bool  # whether the reports before and after tell the same speed
+    steady: bool  # whether the reports before and after have the same speed
     free: bool  # whether the reports before and after differ in their lines
 
 
@@ -430,7 +430,7 @@ class Trajectory:
             self._distance += (distance - self._distance) / self._apart
 
     def _wait(self, pose: Pose) -> None:
-        """In this pose, the object rests, as far as one knows, until its contact has been seen to move."""
+        """The pose in which the object is taken to rest until its contact is seen to move."""
         self._resting, self._rest, self._pushed = 1, pose, False
 
     def _has_pushed(self, pose: Pose, touch: Touch) -> bool:
@@ -591,8 +591,8 @@ class Trajectory:
             tip = rotation(-pose.theta) @ (last - first) / duration
         else:
             touch = self._touch(line, pose)
-            told = ([frame.speed for frame in frames], [frame.doubt for frame in frames])
-            travel, doubt = (self._mean_travel(frames, speeds) for speeds in told)
+            speeds = ([frame.speed for frame in frames], [frame.doubt for frame in frames])
+            travel, doubt = (self._mean_travel(frames, some) for some in speeds)
             if doubt <= UNSURE * travel:
                 tip = travel / duration * rotation(-pose.theta) @ np.asarray(line.direction)
         if touch is None:

@@ -1,1 +1,1 @@
-"""How certain an estimate is: what the data leave open, mu_c with its interval, outliers, and the geometry check."""
+"""How certain an estimate is: the confidence ellipse, the interval of mu_c, outliers, and the geometry check."""

@@ -1,4 +1,4 @@
-"""The contact friction coefficient mu_c: a lower bound from every data point, and their percentiles (section 5.1.3)."""
+"""The contact friction coefficient mu_c: a lower bound from every observation, and their percentiles (section 5.1.3)."""
 
 import math
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ FEWEST_SLIPS = 3
 """Unless this many pushes slip, mu_c is only bounded."""
 
 LEAST_NORMAL = 0.05
-"""Below this normal force, in units of the support friction, the pusher hardly presses: the data point says nothing of mu_c."""
+"""Below this normal force, in units of the support friction, the pusher hardly presses: nothing is known of mu_c."""
 
 LEAST_ERROR = 1e-3
 """No force is known better than this, in units of the support friction."""
@@ -56,14 +56,14 @@ class ContactForces(NamedTuple):
 
 
 def contact_forces(observation: Observation, forces: SupportForces) -> ContactForces:
-    """The forces of one data point's supports, m = 1."""
+    """The forces of one observation's supports, m = 1."""
     x, y = observation.contact_normal
     normal, along = np.array((x, y)), np.array((-y, x))
     return ContactForces((forces.directions @ normal)[None], (forces.directions @ along)[None], forces.free[None])
 
 
 def lower_bounds(forces: ContactForces, weights: Array) -> Array:
-    """tan(eta) = |f . t| / (f . n) of each data point (m,), infinite if f . n <= 0 (eq. 12).
+    """tan(eta) = |f . t| / (f . n) of each observation (m,), infinite if f . n <= 0 (eq. 12).
 
     Supports whose force is unknown turn f towards the normal as far as they can, so that the result is still a lower bound.
 
@@ -114,7 +114,7 @@ def percentile(bounds: Array, share: float) -> float:
 
 
 class Kind(StrEnum):
-    """What mu_c rests on."""
+    """The evidence for mu_c."""
 
     BOUND = "bound"  # lower bounds alone
     SLIP = "slip"  # pushes that were seen to slide
@@ -133,7 +133,7 @@ class Slip(StrEnum):
 @comparable
 @dataclass(frozen=True)
 class Tip:
-    """What was seen and measured of the tip at m contacts; NaN if nothing was."""
+    """Motion and force of the tip at m contacts; NaN if unknown."""
 
     slip: Array  # (m,) its velocity along t relative to the object, over its speed
     mismatch: Array  # (m,) the same along n, where it cannot move: an error
@@ -150,8 +150,8 @@ class Tip:
     def directions(self) -> Array:
         """(m,) of sliding along t: +1 and -1; 0: sticking; NaN: unknown.
 
-        Errors of the poses cancel over consecutive data points of a push, as one ends where the next begins; a slide adds up.
-        So a push is judged as a whole. It slides in the consecutive data points whose slip exceeds the tolerance most in sum,
+        Errors of the poses cancel over consecutive observations of a push, as one ends where the next begins; a slide adds up.
+        So a push is judged as a whole. It slides in the consecutive observations whose slip exceeds the tolerance most in sum,
         if the tip moves SURELY farther in them than tips usually seem to move across the edge. What is left of a push sticks if
         the tip stays where it is, and is unknown otherwise.
         """
@@ -180,7 +180,7 @@ class Tip:
 
     @cached_property
     def by_ratio(self) -> tuple[float, float, float] | None:
-        """mu_c and its interval from the forces of contacts of which nobody saw whether they slide; None: these do not tell."""
+        """mu_c and its interval from forces alone, at contacts not seen to slide or stick; None if they do not determine it."""
         rows = np.flatnonzero(np.isnan(self.directions) & np.isfinite(self.sensed))
         found = sliding(self.sensed[rows]) if len(np.unique(self.push[rows])) >= FEWEST_SLIPS else None
         return None if found is None else _median(found.sizes, found.probability, self.push[rows[found.probability > 0.5]])
@@ -191,7 +191,7 @@ class Tip:
 
     @property
     def slips(self) -> npt.NDArray[np.intp]:
-        """How the tip moves in each of the m data points, as an index of `Slip`."""
+        """How the tip moves in each of the m observations, as an index of `Slip`."""
         return np.nan_to_num(self.directions % 3 + 1).astype(int)  # NaN, 0, 1 and -1 in the order of Slip
 
 
@@ -205,7 +205,7 @@ class MuC(NamedTuple):
 
 
 def tip_at(observation: Observation) -> tuple[float, float, float, float]:
-    """One data point's row of `Tip`."""
+    """One observation's row of `Tip`."""
     slip = mismatch = sensed = math.nan
     if observation.tip_velocity is None and observation.force is None:
         return slip, mismatch, sensed, float(observation.push_id)
@@ -224,10 +224,11 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
     """mu_c, from the sharpest evidence there is.
 
     A sliding contact is at the edge of its friction cone: |f . t| = mu_c f . n, with the sign of the slip. A sticking one is
-    within it: |f . t| <= mu_c f . n. The mu_c that is returned minimises the sum of the errors of both. Consecutive data points
-    of a push that slide, or stick, are taken together, because their errors cancel. A force counts the less, the more of it is
-    unknown near the centre of rotation, and a sticking contact only as far as it contradicts by more than its error. The
-    interval holds all mu_c whose sum of errors exceeds the least by at most LEVEL times the scale of the errors, under all w.
+    within it: |f . t| <= mu_c f . n. The mu_c that is returned minimises the sum of the errors of both. Consecutive
+    observations of a push that slide, or stick, are taken together, because their errors cancel. A force counts the less, the
+    more of it is unknown near the centre of rotation, and a sticking contact only as far as it contradicts by more than its
+    error. The interval holds all mu_c whose sum of errors exceeds the least by at most LEVEL times the scale of the errors,
+    under all w.
 
     If forces were measured while the tip slid, mu_c is the median of their ratios, with the interval of a median from this many
     pushes. If the tip was not seen, the ratios themselves may show which contacts slid (`force_ratios`).
@@ -237,7 +238,7 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
         tip: at the same contacts.
         weights: (k, n) the w to consider, the likeliest first.
     Returns:
-        None if the pusher presses in no data point.
+        None if the pusher presses in no observation.
     """
     directions = tip.directions
     with np.errstate(invalid="ignore"):
@@ -260,10 +261,10 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
 def _cone_rows(
     forces: ContactForces, tip: Tip, directions: Array, weights: Array
 ) -> Iterator[tuple[Array, Array, npt.NDArray[np.bool_]]]:
-    """What the data points that slide or stick say about mu_c under each w: shear (r,), normal force (r,), and which slide.
+    """What the observations that slide or stick say about mu_c under each w: shear (r,), normal force (r,), and which slide.
 
-    Each row is the sum over consecutive data points of a push; at most one row of each push slides. The error of a force is the
-    tolerance, in units of the support friction: a velocity that errs by a share of the tip's turns the force by as much.
+    Each row is the sum over consecutive observations of a push; at most one row of each push slides. The error of a force is
+    the tolerance, in units of the support friction: a velocity that errs by a share of the tip's turns the force by as much.
     """
     known = np.flatnonzero(np.isfinite(directions))
     known = known[np.argsort(tip.push[known], kind="stable")]

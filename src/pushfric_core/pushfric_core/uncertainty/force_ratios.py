@@ -22,10 +22,10 @@ TURNS = np.linspace(-0.1, 0.1, 11)
 """... and these angles between the axes of the sensor and those of the contacts [rad]."""
 
 MOST = 200
-"""Of more ratios, so many quantiles are looked at."""
+"""If there are more ratios, this many quantiles stand for them."""
 
 ROUNDS = 15
-"""Of expectation and maximisation."""
+"""Steps of expectation and maximisation."""
 
 BEGIN = np.array((0.25, 0.25, 0.4, 0.1))
 """Shares of contacts that slide to the left and to the right, that stick, and that are disturbed, to begin with."""
@@ -40,14 +40,14 @@ sticks."""
 
 
 class Sliding(NamedTuple):
-    """What the ratios of m contacts show."""
+    """The pile among the ratios of m contacts."""
 
     probability: Array  # (m,) that a contact slides
     sizes: Array  # (m,) of the ratios, about the middle of both sides: mu_c where the tip slides
 
 
 def sliding(ratios: Array) -> Sliding | None:
-    """What ratios (m,) of measured forces, F . t / |F . n|, show; None if they do not show that the tip slides."""
+    """The pile among ratios (m,) of measured forces, F . t / |F . n|; None if they do not show that the tip slides."""
     sample = np.quantile(ratios, np.linspace(0, 1, MOST)) if len(ratios) > MOST else ratios
     low, usual, high = np.quantile(np.abs(sample), (RANGE[0], 0.5, RANGE[1])).tolist()
     if low < LEAST_DIVISOR:

@@ -1,11 +1,11 @@
-"""Whether outline, tip and line lie where they are said to: by how much contacts are off, with what certainty.
+"""Whether outline, tip and line lie where the files say: how far contacts are off, and how certain that is.
 
-Two things tell. The depth of the tip in the outline is zero if both are right; it tells an outline that is too large, too small
-or shifted, and a wrong radius of the tip. And across the edge, the contact moves with the tip, so that a contact which in truth
-lies d further along the edge, in the direction of t, seems to move by omega d too much along n; it tells a line that is off
-sideways, and contacts whose frame is shifted.
+Two measurements show an error. The depth of the tip in the outline is zero if both are right; it shows an outline that is too
+large, too small or shifted, and a wrong radius of the tip. The contact moves with the tip across the edge, so a contact that in
+truth lies d further along the edge, in the direction of t, seems to move by omega d too much along n; this shows a line that is
+off sideways, and contacts whose frame is shifted.
 
-All are fitted by least squares. The data points of a push share errors, so the uncertainty comes from leaving out each push in
+All are fitted by least squares. The observations of a push share errors, so the uncertainty comes from leaving out each push in
 turn (the jackknife for clusters: Cameron and Miller, "A practitioner's guide to cluster-robust inference", 2015).
 """
 
@@ -23,10 +23,10 @@ from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_core.wording import counted
 
 SMALLEST = 1e-3
-"""A smaller error [m] is not told: outlines and lines are measured to about a millimetre."""
+"""A smaller error [m] is not reported: outlines and lines are measured to about a millimetre."""
 
 CHANCE = 1e-3
-"""An error is told only if one that large comes about by chance less often than this."""
+"""An error is reported if chance makes one that large less often than this."""
 
 CLUSTERS = 200
 """At most this many clusters; if there are more pushes, those with neighbouring numbers are taken together."""
@@ -41,7 +41,7 @@ EXACT = 1e-6
 """No length is known better than this [m]; it keeps the test defined for data without noise."""
 
 ALIKE = 1.01
-"""Two explanations that leave errors this similar are equally good; then the simpler one is told."""
+"""Two explanations that leave errors this similar are equally good; then the simpler one is reported."""
 
 
 class GeometryFault(NamedTuple):
@@ -53,7 +53,7 @@ class GeometryFault(NamedTuple):
 
 
 class ContactCheck:
-    """Looks at contacts and tips of data points as they arrive; the cost of a look does not grow with their number."""
+    """Looks at contacts and tips of observations as they arrive; the cost of a look does not grow with their number."""
 
     def __init__(self) -> None:
         self._depths: dict[int, tuple[Array, float]] = {}  # of each push the normal, and the least depth that it shows [m]
@@ -64,7 +64,7 @@ class ContactCheck:
         self._frame = _ClusteredFit(2, 3)  # contacts shifted by (x, y)
 
     def add(self, observation: Observation) -> None:
-        """Take a data point."""
+        """Take an observation."""
         normal, push = np.asarray(observation.contact_normal), observation.push_id
         if observation.depth is not None:
             self._add_depth(push, normal, observation.depth)
@@ -81,7 +81,7 @@ class ContactCheck:
         self._frame.add(push, np.array((*(turn * tangent(normal)), approach)), mismatch)
 
     def _add_depth(self, push: int, normal: Array, depth: float) -> None:
-        """A push is as deep as all its data points: single ones seem deeper where reports of the pusher have late stamps."""
+        """A push is as deep as all its observations: single ones seem deeper where reports of the pusher have late stamps."""
         if push not in self._depths:
             self._depths[push] = normal, depth
             self._depth.add(push, np.ones(1), depth)
@@ -95,7 +95,7 @@ class ContactCheck:
             self._shift.change(push, normal, before, least)
 
     def found(self) -> list[GeometryFault]:
-        """What is off beyond doubt."""
+        """The errors beyond doubt."""
         along, across = self._off_along(), self._off_across()
         if along is not None and across is not None and across.size < along.size:
             across = None  # where the object turns, a tip that is off sideways is a little inside the outline, too
@@ -225,7 +225,7 @@ class _ClusteredFit:
         return self._total - float(self._solved(self._all) @ self._all[self._p**2 :])
 
     @property
-    def tells(self) -> bool:
+    def detects(self) -> bool:
         """Whether the lengths differ from zero by more than SMALLEST, and beyond doubt."""
         lengths, part = self.lengths(), slice(self._lengths)
         size = math.hypot(*lengths)
@@ -236,11 +236,11 @@ class _ClusteredFit:
         without = self._solved(self._all - clusters)[:, part]
         errors = without - lengths
         covariance = (count - 1) / count * errors.T @ errors + EXACT**2 * np.eye(self._lengths)
-        # pushes that tell hardly anything in this direction count as none: Carter, Schnepel and Steigerwald, "Asymptotic
+        # pushes that say hardly anything in this direction count as none: Carter, Schnepel and Steigerwald, "Asymptotic
         # behavior of a t-test robust to cluster heterogeneity", 2017
         squares = clusters[:, : self._p**2].reshape(-1, self._p, self._p)[:, part, part]
-        told = np.einsum("i,kij,j->k", lengths, squares, lengths) / size**2
-        freedom = float(told.sum() ** 2 / max(told @ told, np.finfo(float).tiny)) - self._p
+        said = np.einsum("i,kij,j->k", lengths, squares, lengths) / size**2
+        freedom = float(said.sum() ** 2 / max(said @ said, np.finfo(float).tiny)) - self._p
         if freedom < 1:
             return False
         from scipy.special import fdtrc  # takes as long to load as the rest of the estimator, and most runs get by without it
@@ -257,8 +257,8 @@ class _ClusteredFit:
 
 
 def _better(simple: _ClusteredFit, other: _ClusteredFit) -> _ClusteredFit | None:
-    """The one that tells an error; if both do, the one that explains more. None if neither does."""
-    telling = [fit for fit in (simple, other) if fit.tells]
-    if len(telling) == 2:
+    """The fit that detects an error; if both do, the one that explains more. None if neither does."""
+    found = [fit for fit in (simple, other) if fit.detects]
+    if len(found) == 2:
         return simple if simple.left <= ALIKE * other.left else other
-    return telling[0] if telling else None
+    return found[0] if found else None

@@ -1,11 +1,11 @@
-"""What is likeliest wrong with the data of a run: every mistake is undone, and how well friction explains the rest is compared.
+"""The likeliest mistake in the data of a run: each mistake is undone, and the evidence for the result is compared.
 
-The motion of a data point is a point on a sphere: the direction of (v at the middle of the support points, rms arm * omega). At
-a contact, friction allows the motions on which its moment about the contact vanishes (eq. 4), a curve on that sphere. So a
-hypothesis gives a density: the distance from its curve has a Student distribution, whose scale is fitted to the run; a push
-is, with a small probability, unlike all others; and the map that undoes the mistake counts with the area that it stretches.
-The w of each hypothesis is fitted by reweighted least squares, and each parameter that is fitted costs half the logarithm of
-the number of data points (Schwarz, "Estimating the dimension of a model", 1978). docs/derivation.md has the equations.
+The motion of an observation is a point on a sphere: the direction of (v at the middle of the support points, rms arm * omega).
+At a contact, friction allows the motions on which its moment about the contact vanishes (eq. 4), a curve on that sphere. So a
+hypothesis gives a density: the distance from its curve has a Student distribution, whose scale is fitted to the run; a push is,
+with a small probability, unlike all others; and the map that undoes the mistake counts with the area that it stretches. The w
+of each hypothesis is fitted by reweighted least squares, and each parameter that is fitted costs half the logarithm of the
+number of observations (Schwarz, "Estimating the dimension of a model", 1978). docs/derivation.md has the equations.
 """
 
 import copy
@@ -26,19 +26,19 @@ FEWEST = 6
 """With fewer pushes, nothing is compared: any mistake leaves some w that explains them."""
 
 MOST = 100
-"""Of more data points, this many, evenly drawn, are compared."""
+"""At most this many observations, evenly drawn, are compared."""
 
 EFFECTIVE = 2.0
-"""All data points of a push together count as this many: they share errors."""
+"""All observations of a push together count as this many: they share errors."""
 
 BELIEVED, CHANGED = 6.0, 4.0
-"""A mistake, and a change of the object, are told if they are e to this times as likely as none, 400 and 50 times ..."""
+"""A mistake, and a change of the object, are reported if they are e to this times as likely as none, 400 and 50 times ..."""
 
 POOR = 0.12
 """... or merely likelier, if without a mistake motions are off by more than this [rad], which good runs never are."""
 
 FREEDOM = 3
-"""Of the Student distribution of distances from the curve."""
+"""Degrees of freedom of the Student distribution of distances from the curve."""
 
 BAD = 0.03
 """Probability of a push unlike all others, whose motion may be any."""
@@ -53,14 +53,14 @@ BLUNT = 0.05
 """Within this share of the support's size about the centre of rotation, friction turns gradually from one way to the other."""
 
 LEAST_SLOPE = 0.15
-"""Slopes of the moment, in units of the support's size, count as this at least: where it hardly depends on the motion, it tells
+"""Slopes of the moment, in units of the support's size, count as this at least: where it hardly depends on the motion, it says
 little."""
 
 EVEN = 0.02
 """Weight of even weights in a fit, as a share of that of the data: it keeps the fit defined."""
 
 STEPS, MORE_STEPS = 4, 2
-"""Of the reweighted least squares: from even weights, and from those of a similar fit."""
+"""Steps of the reweighted least squares: from even weights, and from those of a similar fit."""
 
 TURNS = 4
 """Number of times that unknowns and weights are found in turns."""
@@ -78,7 +78,7 @@ LARGER = 0.75
 """Support points that span less than this share of the contacts leave a part of the object out."""
 
 STEP = 1e-4
-"""Of a numerical slope."""
+"""Step of a numerical slope."""
 
 STIFF = 1e-4
 """Keeps a step defined, and changes of the weights small."""
@@ -129,8 +129,8 @@ def compare(points: Array, observations: Sequence[Observation]) -> Comparison:
     found = _explained(run)
     compared = [one._replace(gain=one.gain - same.evidence) for one in found]
     sure = same.scale <= POOR
-    told = [one for one in compared if one.gain > sure * (BELIEVED if one.since is None else CHANGED)]
-    return Comparison(_unlike(sorted(told, key=lambda one: -one.gain)), same.scale)
+    reported = [one for one in compared if one.gain > sure * (BELIEVED if one.since is None else CHANGED)]
+    return Comparison(_unlike(sorted(reported, key=lambda one: -one.gain)), same.scale)
 
 
 def _unlike(explanations: Iterable[Explanation]) -> tuple[Explanation, ...]:
@@ -244,7 +244,7 @@ def _explained(run: "_Run") -> Iterable[Explanation]:
 
 
 class _Run:
-    """The data of a run, as arrays of N data points."""
+    """The data of a run, as arrays of N observations."""
 
     def __init__(self, points: Array, observations: Sequence[Observation]) -> None:
         chosen = [
@@ -451,7 +451,7 @@ class _Curves:
         self._outward = np.maximum(self.speeds / np.maximum(np.linalg.norm(velocities, axis=1), 1e-12), 0.0)
 
     def of(self, chosen: npt.NDArray[np.bool_]) -> "_Curves":
-        """Those of some data points."""
+        """Those of some observations."""
         other = copy.copy(self)
         for name in ("_directions", "_normals", "_weights", "_fx", "_fy", "_moments", "_outward", "speeds"):
             setattr(other, name, getattr(self, name)[chosen])

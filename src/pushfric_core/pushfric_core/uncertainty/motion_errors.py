@@ -43,7 +43,7 @@ ADJACENT = 1.5
 """Motions of a push are consecutive if they are no farther apart in time than this multiple of the usual."""
 
 FEWEST = 4
-"""From so many motions on, the tip shows the noise."""
+"""From this many motions on, the tip shows the noise."""
 
 
 class Motions(NamedTuple):

@@ -1,16 +1,16 @@
 """Which pushes are bad, and since when the object is another one: a verdict on every push, by comparison with the others.
 
 Each push is measured in five ways. Four need no estimate: how far the contact's velocity along its normal departs from the
-tip's, where the two must agree, at worst and in sum; how much the motion jumps from one data point to the next; and how far the
-poses that were seen depart from the velocities. The fifth is the moment that a fit to the other pushes leaves unexplained. Each
-is compared with what is usual for these pushes, so that the camera's noise needs no setting.
+tip's, where the two must agree, at worst and in sum; how much the motion jumps from one observation to the next; and how far
+the poses that were seen depart from the velocities. The fifth is the moment that a fit to the other pushes leaves unexplained.
+Each is compared with what is usual for these pushes, so that the camera's noise needs no setting.
 
 A change of the object is a shift of p_CF. One fit to all pushes is compared with one whose p_CF may shift after some push. For
 errors of a Laplace distribution, the difference in units of their scale is a log-likelihood ratio (Andrews, "Tests for
 parameter instability and structural change with unknown change point", 1993).
 
 This uses a separate fit, in which no support is freed, because a shift could hide behind the free forces. Instead, the more of
-a data point's moment is open near the centre of rotation, the less the data point counts.
+an observation's moment is open near the centre of rotation, the less the observation counts.
 """
 
 import math
@@ -29,7 +29,7 @@ from pushfric_core.uncertainty.contact_friction import tip_at
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 
 FEWEST_COMPARED = 6
-"""With fewer pushes, none is said to be unlike the others."""
+"""With fewer pushes, none is rejected."""
 
 NORMAL = 1.4826
 """The standard deviation of a normal distribution over the median of its absolute values."""
@@ -41,7 +41,7 @@ FEW = 4
 """With k pushes, limits are (1 + FEW / k) / (1 + FEW / 14) times as wide: fewer pushes show less well what is usual."""
 
 LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
-"""What is usual counts as this share of the tip's speed at least: an error of a finite step, not of the camera."""
+"""Lower bound on the typical value, as a fraction of tip speed; below it, finite differences dominate camera noise."""
 
 CONTRADICTS = 8.0
 """A push whose moment is wrong by this many times the scale of the errors contradicts the others."""
@@ -50,7 +50,8 @@ HEAVY = 5.0
 """... and by this many times what one in ten of the others is wrong by: the errors of some supports have heavy tails."""
 
 USUAL = 0.03
-"""Share of the support's size by which moments are usually wrong: beyond it, what is open lowers the weight of a data point."""
+"""Share of the support's size by which moments are usually wrong: beyond it, what is open lowers the weight of an
+observation."""
 
 LEAST_ERROR = 6e-3
 """Least scale of the errors, as a share of the support's size. Finite steps, and supports between the support points, cause
@@ -73,18 +74,18 @@ STEPS = 10
 """Number of steps of the reweighted least squares that find a shift of p_CF."""
 
 BROKEN = 1.5
-"""Data points of a push that are further apart than this many times the nearest two do not show one motion: in between, the tip
-was held up, or frames are missing."""
+"""Observations of a push that are further apart than this many times the nearest two do not show one motion: in between, the
+tip was held up, or frames are missing."""
 
 MISMATCH, JUMP, POSES, SPAN, WEIGHT, MOMENTS = range(6)
-"""Columns of the table: what was measured of a data point, its time since the one before it in units of its duration,
+"""Columns of the table: what was measured of an observation, its time since the one before it in units of its duration,
 its weight in the fit, and, from the last on, the row of its moment."""
 
 RIDGE = 1e-9
 """Keeps sums over supports that bear next to nothing, and the direction of a wholly free support, defined."""
 
 SMALLEST = 1e-200
-"""Keeps the division by a determinant of zero defined: data points without slopes ask for no shift."""
+"""Keeps the division by a determinant of zero defined: observations without slopes ask for no shift."""
 
 REASONS = {
     "mismatch": Reason(
@@ -116,7 +117,7 @@ class Change(NamedTuple):
 
 
 class OutlierRejection:
-    """Looks at the data points of one object, push by push.
+    """Looks at the observations of one object, push by push.
 
     Args:
         points: (n, 2) support points [m].
@@ -137,7 +138,7 @@ class OutlierRejection:
         self._change: Change | None = None
 
     def add(self, observation: Observation) -> None:
-        """Take a data point.
+        """Take an observation.
 
         Raises:
             UninformativePush: it rotates exactly about a support point.

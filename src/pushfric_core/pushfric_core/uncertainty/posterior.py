@@ -71,7 +71,7 @@ NODES = np.array((-6.0, -3.5, -2.0, -0.9, 0.0, 0.9, 2.0, 3.5, 6.0))
 """Standard deviations of the turn at which moments are known."""
 
 SEED = 1993
-"""Of the chains: the same data give the same posterior."""
+"""Seed of the chains: the same data give the same posterior."""
 
 COMMON = 0.5
 """What makes pushes differ from any support shifts p_CF in all of them by this share, too, which no push shows; chosen on

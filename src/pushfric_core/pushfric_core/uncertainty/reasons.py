@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 
 class ReasonCode(StrEnum):
-    """What a reason is about; pushfric_msgs/Reason has the same names."""
+    """Codes of reasons; pushfric_msgs/Reason has the same names."""
 
     UNKNOWN = auto()  # recorded by version 0.1.0, which had no codes
 

@@ -1,13 +1,13 @@
-"""How far the estimate can be trusted: what the data leave open, as a set of w, and how p_CF scatters in it.
+"""The uncertainty of an estimate: the set of w that fit the data about as well, and how p_CF scatters in it.
 
 The set {w: F(w) <= F* + k b} holds what fits the data about as well as the optimum. b = F* / (M - d) is the scale of the
-errors; M is the number of data points, and d the number of weights above zero, less one. For errors of a Laplace
+errors; M is the number of observations, and d the number of weights above zero, less one. For errors of a Laplace
 distribution, F / b is half a likelihood ratio. The set's extreme points along eight directions of p_CF are an ensemble, and
 their mean is its middle.
 
 Real errors are not independent Laplace errors. So the extent along a direction is turned into a standard deviation by the
-sandwich rule: with s_i the slope of data point i's cost along it, and Delta the rise of F to the boundary,
-sigma^2 = extent^2 * sum_i s_i^2 / (2 Delta)^2. Errors that the data points of one push share, or that cancel within a push,
+sandwich rule: with s_i the slope of observation i's cost along it, and Delta the rise of F to the boundary,
+sigma^2 = extent^2 * sum_i s_i^2 / (2 Delta)^2. Errors that the observations of one push share, or that cancel within a push,
 enter as the design effect rho = sum_pushes (sum_i r_i)^2 / sum_i r_i^2 (Kish, "Survey Sampling", 1965) of the errors r_i.
 Friction is not quite Coulomb's, which all pushes share, so that more of them do not help: this adds a share of the pushes' own
 errors. docs/estimation.md has the evidence.
@@ -44,7 +44,7 @@ CALIBRATION = 1.2
 """Factor on the standard deviation, chosen on simulated and real pushes together; docs/estimation.md has the shares."""
 
 LEAST_EFFECT = 0.15
-"""Least design effect: that of few data points may come out near zero by chance."""
+"""Least design effect: that of few observations may come out near zero by chance."""
 
 SHARED = 0.5
 """Standard deviation of what the errors of all pushes have in common, as a share of the median size of a push's mean error: so
@@ -67,7 +67,7 @@ FEWEST_PLACES = 3
 """Pushes at fewer places all carry the same information."""
 
 FINENESS = 20
-"""Places are told apart to this fraction of the distance that separates them, so that only a limited number are kept."""
+"""Places are distinguished to this fraction of the distance that separates them, so that only a limited number are kept."""
 
 ONE_SIDE = 30
 """Contacts whose normals lie within this angle of one another are on the same side [degrees]."""
@@ -94,7 +94,7 @@ def ellipse_radius(covariance: Array) -> float:
 @comparable
 @dataclass(frozen=True)
 class Spread:
-    """What the data leave open.
+    """The uncertainty of an estimate.
 
     Attributes:
         extremes: (8, n) the w of the set that lie farthest along DIRECTIONS.
@@ -215,7 +215,7 @@ def _ellipse(variances: Array) -> Array:
 
 
 class Excitation:
-    """Whether the pushes come from enough places and sides to tell p_CF at all; the order of the pushes does not matter.
+    """Whether the pushes come from enough places and sides to determine p_CF; the order of the pushes does not matter.
 
     Args:
         size: of the support [m].

@@ -137,7 +137,7 @@ class Chain:
 
 
 def put_column(chain: Chain, x: float, y: float, column: Array) -> None:
-    """What a foot of unit mass at (x, y) adds in each observation."""
+    """The contribution of a foot of unit mass at (x, y) to each observation."""
     root = math.sqrt(3.0)  # far enough to see more than the tangent
     motions, errors, contacts, nodes = chain.motions, chain.errors, chain.contacts, chain.nodes
     for i in range(len(contacts)):

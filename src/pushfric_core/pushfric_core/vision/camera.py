@@ -143,10 +143,6 @@ class Camera(Lens):
         x, y = center
         return cls(width, height, K, np.array(distortion), K @ ((1.0, 0.0, -x), (0.0, -1.0, y), (0.0, 0.0, distance)))
 
-    def at_height(self, height: float) -> Array:
-        """Homography (3, 3) from the plane z = `height` [m] over the table to undistorted pixels."""
-        return np.asarray(self.K @ self._plane(height).T)
-
     def project(self, points: npt.ArrayLike, height: float = 0.0) -> Array:
         """Distorted pixels (n, 2) of table points (n, 2) [m] at `height` [m] over the table."""
         plane = self._plane(height)
@@ -235,7 +231,7 @@ def load_camera(path: str | pathlib.Path) -> Camera:
     return _loaded(path, camera)
 
 
-def save_camera(camera: Lens, path: str | pathlib.Path, name: str = "camera") -> None:
+def save_camera(camera: Lens, path: str | pathlib.Path) -> None:
     """Write a lens or a camera so that `load_lens` or `load_camera` reads it; camera_info_manager reads the lens of either.
 
     Raises:
@@ -245,7 +241,7 @@ def save_camera(camera: Lens, path: str | pathlib.Path, name: str = "camera") ->
     fields = {
         "image_width": camera.width,
         "image_height": camera.height,
-        "camera_name": name,
+        "camera_name": "camera",
         "camera_matrix": {"rows": 3, "cols": 3, "data": info["k"]},
         "distortion_model": info["distortion_model"],
         "distortion_coefficients": {"rows": 1, "cols": len(info["d"]), "data": info["d"]},

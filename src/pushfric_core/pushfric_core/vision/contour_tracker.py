@@ -72,11 +72,6 @@ class ContourTracker:
             raise InvalidInput(f"the object is too small or thin for the tracker: {2 * inradius:.0f} px wide, 25 px are enough")
         self._edge_fit = EdgeFit(camera, points, normals, height, reach_px, slack_px)
 
-    @property
-    def symmetry(self) -> int:
-        """How many orientations of the outline look alike."""
-        return self._symmetry
-
     def track(self, image: Image, expected: Pose | None = None) -> Sighting:
         """The object's pose in one frame.
 

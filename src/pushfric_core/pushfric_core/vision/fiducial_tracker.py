@@ -108,7 +108,7 @@ class FiducialTracker:
 
         Args:
             image: (height, width) mono8 frame, the size of the camera's.
-            expected: not used: markers tell orientations apart by themselves.
+            expected: not used: markers distinguish orientations by themselves.
 
         Raises:
             NotSeen: the frame shows none of the markers, one marker twice, markers that do not lie as the file says, or only

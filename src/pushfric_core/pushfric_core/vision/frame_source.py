@@ -124,7 +124,7 @@ class Frames(Protocol):
     """The frames of one source, one after another; open it as a context manager, then iterate."""
 
     name: str
-    """What the source is, for people."""
+    """The source, in words."""
 
     pictures: bool
     """Whether each frame is a separate picture, which shows nothing of what happened between two pictures."""

@@ -13,7 +13,7 @@ MOST_HELD = 16
 
 
 class Moment(NamedTuple):
-    """What goes on while an image is taken."""
+    """The state of the run while an image is taken."""
 
     pushes: bool  # whether the forward stroke of a push is under way
     placed: bool  # whether the object lies in place for a push

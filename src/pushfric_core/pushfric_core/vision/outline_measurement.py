@@ -30,7 +30,7 @@ NEW_PLACE_PX = 20.0
 LEAST_AREA_PX = 400.0
 """A bright blob smaller than this is not an object [px^2]."""
 OTHER_OBJECT = 0.3
-"""If a second blob has this share of the area of the largest one, nobody can tell which is the object."""
+"""If a second blob has this share of the area of the largest, either may be the object."""
 SYMMETRIC = 0.01
 """Two ways to match a shape are equally good if their errors differ by less than this share of its size."""
 OTHER_SHAPE = 0.1

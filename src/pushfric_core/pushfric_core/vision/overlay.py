@@ -1,4 +1,4 @@
-"""What is drawn over the camera's picture: the object as it is seen, where it is to be placed, and the table's axes."""
+"""The drawing over the camera's picture: the object as it is seen, where it is to be placed, and the table's axes."""
 
 import cv2
 import numpy as np

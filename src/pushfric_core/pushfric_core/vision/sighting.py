@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 UNMEASURED = 1e3
 """Variance of height, roll and pitch [m^2, rad^2], which the tracker does not measure: it takes them to be 0.
 
-A variance of 0 would claim that they are exact. One of this order has told filters to ignore a coordinate since robot_pose_ekf
+A variance of 0 would claim that they are exact. Filters ignore a coordinate with a variance of this order since robot_pose_ekf
 (robot_localization: "Migrating from robot_pose_ekf"); the -1 of sensor_msgs/Imu stands for a whole matrix.
 """
 

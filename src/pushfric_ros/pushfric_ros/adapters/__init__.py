@@ -1,1 +1,1 @@
-"""What other trackers and robots publish (PoseStamped, Odometry, PoseArray, TF), as bodies in space."""
+"""Bodies in the messages of other trackers and robots (PoseStamped, Odometry, PoseArray, TF)."""

@@ -1,4 +1,4 @@
-"""Where a tracked body is found: the messages of other systems, one module for each kind."""
+"""Tracked bodies in the messages of other systems, one module for each kind."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -14,7 +14,7 @@ class Source(Protocol):
         """Name of each topic -> its type (package/msg/Type) and its quality of service, one of `messages.qos.QUALITIES`."""
 
     def body(self, topic: str, msg: Any) -> Body | None:
-        """The body in a message of a topic; None if it tells nothing new about it.
+        """The body in a message of a topic; None if it says nothing new about it.
 
         Raises:
             ValueError: the message is not valid.

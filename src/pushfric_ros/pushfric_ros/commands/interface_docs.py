@@ -30,11 +30,11 @@ HEAD = f"""\
 Written by `{COMMAND}`; do not edit.
 [graph.md](graph.md) explains the nodes and topics.
 
-Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only: they are set when a node
-starts, and one that is *required* has no default; keys of a cell's file are described in [cell.md](cell.md#all-keys). Every
-node publishes `/diagnostics`. The lists leave out what every ROS 2 node has, the lifecycle services of the actuator, and the
-topics of a bag, which the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs. The fields of
-all types of `pushfric_msgs` are in [its files](../src/pushfric_msgs).
+Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts; a
+*required* one has no default. [cell.md](cell.md#all-keys) describes the keys of a cell's file. Every node publishes
+`/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and the topics of a bag, which
+the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
+[src/pushfric_msgs](../src/pushfric_msgs) has the fields of all its types.
 
 QoS: *latched* is reliable and transient local ([graph.md](graph.md)). A number is the depth, unless
 it is {RELIABLE.depth} (reliable) or {LATCHED.depth} (latched).
@@ -119,10 +119,10 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
 
 def _describe(start: Start, asked: Introspection) -> Description:
     kind = node_class(start.name)
-    told = {label: asked.ask(kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
-    found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in told.items()}
+    answers = {label: asked.ask(kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
+    found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in answers.items()}
     every = sorted({endpoint for label in found for endpoint in found[label]}, key=lambda one: (ROLES.index(one.role), one))
-    plain = told[""]
+    plain = answers[""]
     endpoints = {one._replace(name=one.name.replace("~", plain.name)): _when(one, found) for one in every}
     declared = [one for one in plain.settings if not one.name.startswith("qos_overrides.")]  # of topics of the bag
     return Description(plain.name, " ".join((inspect.getdoc(kind) or "").split()), endpoints, declared)

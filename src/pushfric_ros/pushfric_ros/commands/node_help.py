@@ -1,4 +1,4 @@
-"""What `NODE_node --help` prints: the node itself tells it."""
+"""What `NODE_node --help` prints, found by asking the node itself."""
 
 import textwrap
 from collections.abc import Iterator

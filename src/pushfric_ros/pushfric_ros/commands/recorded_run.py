@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def left_behind(bag: pathlib.Path) -> str:
-    """What an interrupted run has left, in words."""
+    """The remains of an interrupted run, in words."""
     if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
     try:
@@ -31,7 +31,7 @@ def left_behind(bag: pathlib.Path) -> str:
 
 
 def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
-    """What does not add up between the bag, the live estimate and the plan of a finished run, in words; empty if all does.
+    """Contradictions between the bag, the live estimate and the plan of a finished run, in words; empty if all agree.
 
     Args:
         bag: folder of the bag.
@@ -46,7 +46,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
         return [*said, f"the bag {bag} gives no estimate: {error}"]
     said += reading.ledger.doubts
     estimator = settings.new_estimator(model.support_points)
-    # the node has told of the data points that it refused
+    # the node has reported the observations that it refused
     counts = (0, 0)
     for estimate in taken(estimator.add, reading.observations, lambda _: None):
         counts = estimate.data_points, estimate.pushes
@@ -60,7 +60,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
 
 
 def failures(bag: pathlib.Path, namespace: str) -> list[str]:
-    """In which ways a run that is over has failed, as its bag shows, in words; empty if it has not.
+    """Failures of a finished run that its bag shows, in words; empty without any.
 
     Args:
         bag: folder of the bag.

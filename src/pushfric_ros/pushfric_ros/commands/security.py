@@ -54,7 +54,7 @@ PERSON = (
     ("calls", "service", "experiment/end"),
     ("calls", "service", "estimator/reset"),
 )
-"""What the command line may do: watch, stop and reset, but not push."""
+"""Permissions of the command line: watch, stop and reset, but not push."""
 
 app = Application()
 
@@ -84,7 +84,7 @@ def security(
 
 
 def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
-    """What each node of a cell may do, by its enclave: exactly what it does with the settings of the cell's file.
+    """Permissions of each node of a cell, by its enclave: exactly what it does with the settings of the cell's file.
 
     Raises:
         InvalidInput: a node refuses its settings.
@@ -96,8 +96,8 @@ def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
         shown = dataclasses.replace(file.view, host=LOOPBACK, port=0)
         cell = graph.cell(file, str(pathlib.Path(folder) / "bag"))
         for spec in graph.with_planner(graph.with_view(cell, file.object, shown), file.planner):
-            told = asked.ask(node_class(spec.name), _harmless(spec, pathlib.Path(folder)))
-            endpoints = {*asked.every_node, *told.endpoints}
+            answer = asked.ask(node_class(spec.name), _harmless(spec, pathlib.Path(folder)))
+            endpoints = {*asked.every_node, *answer.endpoints}
             if any(endpoint.name == "~/change_state" for endpoint in endpoints):  # only the middleware knows of this topic
                 endpoints.add(Endpoint("publishes", "~/transition_event", "lifecycle_msgs/msg/TransitionEvent", "topic"))
             wanted = [_permission(namespace, spec.name, *_kind(endpoint)) for endpoint in endpoints]

@@ -32,7 +32,7 @@ class NotMeasured(PushfricError):
 def along_the_stroke(
     cell: CellFile, source: Frames, positions: Sequence[float], speed: float, say: Callable[[str], None]
 ) -> tuple[list[float], list[Image]]:
-    """Where the pusher rested [m], and a picture of the tip there; in the end it is back at the first position.
+    """Each position at which the pusher rested [m], with a picture of the tip; at the end it is back at the first.
 
     It moves through the cell's actuator, with all that this node watches over. Ctrl-C stops it.
 

@@ -48,7 +48,7 @@ KEYS_OF = {
     PlanProgress.PHASE_ALARM: "[r] reset  [e] end the run",
     PlanProgress.PHASE_CHOOSING: "[p] repeat the push  [s] skip it  [e] end the run",
 }
-"""What the keys do while the plan is in a phase."""
+"""Actions of the keys in each phase of the plan."""
 
 
 def watch(
@@ -70,7 +70,7 @@ def watch(
         namespace: namespace of all nodes.
         what: what is going on, in words.
         live: with a table that is redrawn in place; otherwise a line for each push.
-        replayed: the data points in the bag, if one is played.
+        replayed: the observations in the bag, if one is played.
         unfinished: called with the push of the plan to go on with, if the run ends before the plan does.
         prompts: without the table, print what the run waits for; the table shows it anyway.
         recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
@@ -202,7 +202,7 @@ class Monitor:
 
     @property
     def complete(self) -> int:
-        """Number of data points that the whole estimate rests on; -1 if there is no estimate, or a part rests on fewer."""
+        """Number of observations that the whole estimate rests on; -1 if there is no estimate, or a part rests on fewer."""
         if self.estimate is None or sum(self.estimate.contact_friction.histogram) != self.estimate.data_points:
             return -1
         return self.estimate.data_points
@@ -251,7 +251,7 @@ class Monitor:
         return Group(table, self._progress, Text(self._message), *[Text(hint, style="dim")] * bool(hint))
 
     def _hint(self, phase: int) -> str:
-        """What the keys do now; empty without a terminal to press them in."""
+        """The present actions of the keys; empty without a terminal to press them in."""
         return KEYS_OF.get(phase, "") if self.keys is not None and self.keys.work else ""
 
     def _take_keys(self) -> None:

@@ -36,7 +36,7 @@ PRELOADED = (
     "pushfric_core.cell.node_settings",
     "pushfric_ros.messages.conversions",
 )
-"""What the server imports: what several nodes need.
+"""Modules that the server imports because several nodes need them.
 
 It must start no threads. The one exception is LTTng's, if rclpy is built with it: they wait for a tracing daemon, and hold no
 lock that a node takes.

@@ -248,7 +248,7 @@ def replay(
     Args:
         bag: path of the bag.
         object_name: name or file of the object.
-        source: where the data points come from.
+        source: where the observations come from.
         rate: multiple of the recorded speed.
         settings: of the estimator.
         paused: the player waits until it is resumed.

@@ -110,7 +110,7 @@ KIND_FROM_MSG = {number: kind for kind, number in KIND_TO_MSG.items()}
 CODE_FROM_MSG = {getattr(ReasonMsg, code.name): code for code in ReasonCode}
 
 MODEL_TOPIC = "friction_model"
-"""Where the estimator publishes what planner nodes need."""
+"""Topic of the friction model that planner nodes need."""
 
 NOWHERE = (math.nan, math.nan)
 
@@ -174,7 +174,7 @@ def estimate_to_msg(report: EstimateReport) -> FrictionEstimate:
 
 
 def report_from_msg(msg: FrictionEstimate) -> EstimateReport:
-    """The report in a message that has data points."""
+    """The report in a message that has observations."""
     support, friction, spread, posterior = msg.support_friction, msg.contact_friction, msg.spread, msg.posterior
     kind = KIND_FROM_MSG[friction.kind]
     return EstimateReport(
@@ -243,7 +243,7 @@ def nothing_known(object_name: str) -> FrictionEstimate:
 
 
 def recognition_to_msg(ranking: Ranking) -> Recognition:
-    """A ranking, from at least one data point, as a message."""
+    """A ranking, from at least one observation, as a message."""
     msg = Recognition(best=ranking.best or "")
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(ranking.stamp), OBJECT
     msg.hypotheses = [
@@ -257,9 +257,9 @@ def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int,
     """The region in which p_CF can lie, as a message.
 
     Args:
-        region: after some data points, or before the first one.
+        region: after some observations, or before the first one.
         next_pushes: pushes that shrink it, best first; empty once it has collapsed.
-        stamp: of the newest data point [ns]; 0 before the first one.
+        stamp: of the newest observation [ns]; 0 before the first one.
         object_name: name of the object.
     """
     msg = CenterOfFrictionRegion(object=object_name, area=region.area, collapsed=region.collapsed, violation=region.violation)
@@ -274,7 +274,7 @@ def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int,
 def friction_model_to_msg(
     object_name: str, outline: Outline, estimate: Estimate | None, model: FrictionModel | None, verdict: Verdict
 ) -> FrictionModelMsg:
-    """What predictions need, as a message.
+    """A friction model, as a message.
 
     Args:
         object_name: name of the object.

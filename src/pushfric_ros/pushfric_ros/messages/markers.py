@@ -38,12 +38,12 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
 
     The namespaces are: outline; support_points; support_friction, discs with an area proportional to w; center_of_friction;
     confidence, if it was computed; contact, contact_normal and friction_cone (the pusher's forces that mu_c, 90 %, allows) at
-    the newest data point; slip, whether its tip slides along the edge; and mu_c, a text.
+    the newest observation; slip, whether its tip slides along the edge; and mu_c, a text.
 
     Args:
-        estimate: from at least one data point.
+        estimate: from at least one observation.
         outline: of the object.
-        newest: its last data point.
+        newest: its last observation.
     """
     size = float(np.hypot(*outline.size))
     points = np.array([(point.x, point.y) for point in estimate.support_friction.support_points])
@@ -92,7 +92,7 @@ def region_to_markers(region: CenterOfFrictionRegion, outline: Outline) -> list[
 def _on_object(markers: list[Marker], header: Header) -> list[Marker]:
     for marker in markers:
         marker.header = header
-        marker.frame_locked = True  # so that a viewer moves them with the object, which moves on after the data point
+        marker.frame_locked = True  # so that a viewer moves them with the object, which moves on after the observation
     return markers
 
 

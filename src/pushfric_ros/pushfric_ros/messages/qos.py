@@ -32,7 +32,7 @@ class Durability(StrEnum):
 
 @dataclass(frozen=True)
 class Qos:
-    """What a publisher offers or a subscriber requests; the values are spelled as in rosbag2."""
+    """The quality of service of a publisher or subscriber; the values are spelled as in rosbag2."""
 
     depth: int  # number of messages kept
     reliability: Reliability = Reliability.RELIABLE

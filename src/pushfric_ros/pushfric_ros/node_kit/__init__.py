@@ -1,1 +1,1 @@
-"""What every node needs: parameters, a clean start and end, diagnostics, heartbeats, the network, /tf, visits."""
+"""Shared by all nodes: parameters, a clean start and end, diagnostics, heartbeats, the network, /tf."""

@@ -1,4 +1,4 @@
-"""What a node reports about its health and its topics, once a second, on /diagnostics."""
+"""A node's report of its health and its topics, once a second, on /diagnostics."""
 
 import time
 from collections.abc import Callable, Iterable

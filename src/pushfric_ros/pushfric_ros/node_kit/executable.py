@@ -1,4 +1,4 @@
-"""What the nodes' executables run: they end quietly even if they are told to end while they are still loading."""
+"""The nodes' executables: they end quietly even on a signal while they are still loading."""
 
 import importlib
 import os

@@ -22,7 +22,7 @@ EVENTS_PERIOD = 0.1
 these takes as long as to wait for everything else, so they are looked at only this often [s]."""
 
 Entity = Any
-"""What can be ready: a timer, a subscription, a guard condition, a client, a service or another waitable of rclpy."""
+"""Anything that can be ready: a timer, a subscription, a guard condition, a client, a service or another waitable of rclpy."""
 
 
 class NodeExecutor(SingleThreadedExecutor):

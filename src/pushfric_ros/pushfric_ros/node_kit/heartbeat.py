@@ -30,7 +30,7 @@ TWINS, TWINS_WITHIN = 3, 2.0
 again falls once."""
 
 NOBODY = bytes(16)
-"""In place of the id of a goal: none."""
+"""Stands for no goal in place of its id."""
 
 
 class Heartbeat:

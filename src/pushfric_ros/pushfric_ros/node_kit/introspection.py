@@ -1,4 +1,4 @@
-"""What a node offers, needs and can be set to, as the node itself tells it."""
+"""The endpoints and parameters of a node, found by asking the node itself."""
 
 import time
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ class Setting(NamedTuple):
 
 
 class NodeInterface(NamedTuple):
-    """What a node told of itself."""
+    """The answer of a node."""
 
     name: str
     endpoints: list[Endpoint]  # names relative to the namespace, with ~ for the node

@@ -25,7 +25,7 @@ class Losses:
     def __init__(self, quality: QoSProfile) -> None:
         self._counted = quality.durability != DurabilityPolicy.TRANSIENT_LOCAL
         self.promised = quality.reliability == ReliabilityPolicy.RELIABLE
-        self._told = 0
+        self._reported = 0
         self._missing = 0  # from the publisher's numbers
         self._last: int | None = None
         self._last_ns = 0  # when the last message came
@@ -35,17 +35,17 @@ class Losses:
     @property
     def messages(self) -> int:
         """Number of messages lost so far."""
-        return max(self._told, self._missing)
+        return max(self._reported, self._missing)
 
     @property
     def are_faults(self) -> bool:
         """Whether messages were lost whose delivery was promised."""
         return self.promised and self.messages > 0
 
-    def told(self, event: QoSMessageLostInfo) -> None:
+    def reported(self, event: QoSMessageLostInfo) -> None:
         """Take the middleware's report; the callback for its event `message_lost`."""
         if self._counted:
-            self._told += event.total_count_change
+            self._reported += event.total_count_change
             self._note(self._last_ns)
 
     def count(self, number: int | None, publishers: Callable[[], int], now_ns: int = 0) -> None:
@@ -95,7 +95,7 @@ class Reception:
             self._on_message(*taken)
 
     def _subscribed(self) -> Subscription:
-        events = SubscriptionEventCallbacks(message_lost=self.losses.told, incompatible_qos=self._on_incompatible)
+        events = SubscriptionEventCallbacks(message_lost=self.losses.reported, incompatible_qos=self._on_incompatible)
         return self._node.create_subscription(
             self._kind, self._topic, self._on_message, self._quality, raw=self._raw, event_callbacks=events
         )

@@ -31,7 +31,7 @@ VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 """Environment variables of ROS 2 by which users say whom their nodes may reach; they override a cell's file."""
 
 REFUSALS = ("failed to initialize", "error creating node")
-"""What errors of rcl begin with if a variable such as ROS_LOG_DIR or ROS_STATIC_PEERS has an impossible value."""
+"""Beginnings of rcl's errors if a variable such as ROS_LOG_DIR or ROS_STATIC_PEERS has an impossible value."""
 
 FILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name the file of profiles, before and since Fast DDS 3, which warns about the older one."""

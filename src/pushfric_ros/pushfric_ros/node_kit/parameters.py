@@ -63,7 +63,7 @@ def _default(field: Any) -> Any:
     if settings.is_required(field):
         return None
     value = settings.plain_value(field.default)
-    return None if value == [] else value  # ROS cannot tell the type of an empty list
+    return None if value == [] else value  # ROS cannot find the type of an empty list
 
 
 def overrides(values: Mapping[str, Any]) -> list[Parameter]:

@@ -100,7 +100,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
             self._node.destroy_publisher(out)
 
     def call(self, service: str) -> str:
-        """What a Trigger service answers.
+        """The answer of a Trigger service.
 
         Raises:
             NoAnswer: nobody answers, or the answer is a refusal.

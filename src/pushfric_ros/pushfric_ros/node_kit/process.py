@@ -68,7 +68,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
     process by raising SystemExit in a callback, with an exit code, or with the line that says why it fails. A node that hangs
     is ended by SIGALRM after `HUNG`, and one that hangs at its end by SIGPROF or SIGALRM after `LAST_RESORT`. A node that
     `winds_up` has a method `wind_up`; after a signal it is called, while the node is still spun, until it returns True, so
-    that the node can tell others how it ended. A node that publishes `images` gets memory for them (`network.configured`).
+    that the node can report how it ended. A node that publishes `images` gets memory for them (`network.configured`).
     """
     # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
     asked_to_stop: list[int] = []

@@ -16,7 +16,7 @@ def profile(quality: qos.Qos) -> QoSProfile:
 
 
 def offered(found: QoSProfile) -> OfferedQos:
-    """What a publisher offers, as a record for a bag."""
+    """The offer of a publisher, as a record for a bag."""
 
     # for "no limit", a profile made in a program has 0, and one discovered on the network has infinity
     return OfferedQos.of_policies(found, lambda duration: duration.nanoseconds or INFINITE_NS)

@@ -12,7 +12,7 @@ from pushfric_core.cell.node_settings import NAMESPACE
 from pushfric_ros.node_kit.lock import address
 
 ANSWER_TIMEOUT = 0.5
-"""An actuator that does not answer within this time [s] is told by way of the graph."""
+"""An actuator that does not answer within this time [s] is stopped by way of the graph."""
 
 LONGEST = 200  # characters of an answer
 

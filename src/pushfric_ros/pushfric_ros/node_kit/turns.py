@@ -1,8 +1,8 @@
 """Services whose answers take long: requests are taken as they come, and worked on in turns, a slice at a time.
 
 So a short request is answered soon, however long the others are, and the node's timers go on. A request whose time is over is
-refused; once a service has no clients left, its requests are dropped. rclpy answers one request after another, and tells nobody
-which client a request is from.
+refused; once a service has no clients left, its requests are dropped. rclpy answers one request after another, and does
+not say which client a request is from.
 """
 
 import time

@@ -1,1 +1,1 @@
-"""The nodes of the graph, and the command line's monitor: a message comes in, the core is called, the result is published."""
+"""The nodes of the graph, and the command line's monitor: message in, core called, result published."""

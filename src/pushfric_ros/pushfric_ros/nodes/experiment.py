@@ -73,7 +73,7 @@ HINDRANCES = {
 
 
 class Choice(enum.Enum):
-    """What a person wants of a push: the names of the services, and why the push was given up."""
+    """A person's decision on a push: the names of the services, and why the push was given up."""
 
     REPEAT = "a person wants it repeated"
     SKIP = "a person skipped it"
@@ -101,13 +101,13 @@ class ExperimentNode(Node):
             raise InvalidInput(f"{where} start must be at most {self._count}, the pushes of the plan; got {begin.start}")
         self._region: CenterOfFrictionRegion | None = None
         self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
-        self._newest = -1  # its newest data point [ns]
+        self._newest = -1  # its newest observation [ns]
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._heartbeat, self._life = Heartbeat(self), Listener(self)
         self._awaits_choice = False  # a push was aborted, and a person chooses what becomes of it
         self._blind = False  # the last push was stopped because the object was not seen
         self._choice: Choice | None = None  # what a person wants of the present push
-        self._unwanted: list[int] = []  # aborted pushes whose data points the estimator must still leave out
+        self._unwanted: list[int] = []  # aborted pushes whose observations the estimator must still leave out
         self._fault = ""  # why the pusher stopped
         self.create_service(Trigger, "~/withdraw", self._on_withdraw)
         for choice in Choice:
@@ -497,7 +497,7 @@ class ExperimentNode(Node):
         return f"another cell named {self.get_namespace()} is running on this ROS domain: end it, or rename one of the two"
 
     def _misplaced(self, wanted: Pose) -> str | None:
-        """What is wrong with the placement; None once the object lies still in its place."""
+        """The fault of the placement; None once the object lies still in its place."""
         if not self._poses or self._unseen:
             self._progress.in_place = False
             why = self._no_pose.text

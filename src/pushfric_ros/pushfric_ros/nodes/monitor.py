@@ -37,7 +37,7 @@ class MonitorNode(Node):
         **kwargs: Any,
     ) -> None:
         super().__init__("monitor", **SERVING_NOTHING, **kwargs)
-        self.settled = self.newest = -1  # what the estimator has processed, and its newest data point [ns]
+        self.settled = self.newest = -1  # what the estimator has processed, and its newest observation [ns]
         self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED_QUEUE)
         self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED_QUEUE)
         self.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)

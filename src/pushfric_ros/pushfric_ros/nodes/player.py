@@ -233,7 +233,7 @@ def _offered(topic: Topic) -> QoSProfile:
     """
     latched = any(qos.durability == Durability.TRANSIENT_LOCAL for qos in topic.qos_profiles)
     return QoSProfile(
-        # discovery does not tell the depth: 0 in bags of `ros2 bag record`
+        # discovery does not carry the depth: 0 in bags of `ros2 bag record`
         depth=min(max((qos.depth for qos in topic.qos_profiles), default=0), DEPTH_LIMIT) or DEFAULT_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,

@@ -89,7 +89,7 @@ class RecorderNode(Node):
         receptions, self._receptions = self._receptions, {}
         now = self.get_clock().now().nanoseconds
         try:
-            if self._bag.closed:  # for a reason that was told
+            if self._bag.closed:  # for a reason that was reported
                 return
             for received in receptions.values():
                 received.drain()

@@ -75,7 +75,7 @@ class ViewNode(Node):
         self._services_of |= {what: self.create_client(SelectPush, name) for what, name in pushes.items()}
         self._diagnostics = topics = Diagnostics(self, self._health)
         story = self._story
-        # from the start, even if nobody looks: a visitor who comes late is told all of it
+        # from the start, even if nobody looks: a visitor who comes late gets all of it
         self._needed = [
             topics.subscribe(kind, topic, self._reading(kind, self._telling(told)), qos, raw=True)
             for kind, topic, told, qos in (

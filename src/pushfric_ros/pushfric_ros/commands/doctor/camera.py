@@ -146,7 +146,7 @@ def check_camera(watched: Watched, source: str) -> Check:
 
 
 def room() -> str:
-    """What to do if images do not arrive."""
+    """Advice if images do not arrive."""
     command = network.for_camera_drivers()
     if command is None:
         return "give the middleware of the driver's process more memory for messages of this size"

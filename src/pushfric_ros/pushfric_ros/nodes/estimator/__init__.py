@@ -1,4 +1,4 @@
-"""The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every data point."""
+"""The estimator node: poses and pusher states -> observations -> w, p_CF and mu_c after every observation."""
 
 import dataclasses
 import pathlib
@@ -67,14 +67,14 @@ HANDOVER_PERIOD = 0.2
 """While a restarted estimator catches up from the bag: time between two reads of the bag, in wall time [s]."""
 
 QUIET = 0.5
-"""What takes long is published when the estimate has not changed for this time, in wall time [s]."""
+"""Slow results are published when the estimate has not changed for this time, in wall time [s]."""
 
 SAMPLING_PERIOD = 0.01
 """Time between two slices of the posterior's sampling, in wall time [s]: what comes meanwhile waits for one of them at most."""
 
 
 class EstimatorNode(Node):
-    """Publishes an estimate after every data point; late subscribers get the last one."""
+    """Publishes an estimate after every observation; late subscribers get the last one."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("estimator", **kwargs)
@@ -91,7 +91,7 @@ class EstimatorNode(Node):
         self._publications = Publications(topics, self._settings.slipping)
         self._model_publication = ModelPublication(topics)
         self._begin(model.object if self._resumption is None else self._resumption.start.object)
-        # the compiled solver is loaded now, not with the first data point
+        # the compiled solver is loaded now, not with the first observation
         self._settings.new_estimator(self._object.support_points).estimate()
         self._observations_out = self._required_subscribers = None
         Heartbeat(self)
@@ -247,7 +247,7 @@ class EstimatorNode(Node):
             self._transforms.broadcast(object_transform(msg))
 
     def _take_input(self, topic: str, msg: Any) -> bool:
-        """Make data points from a message of a topic or of the bag; return whether the message was valid."""
+        """Make observations from a message of a topic or of the bag; return whether the message was valid."""
         try:
             if topic == "wrench":
                 self._take(self._maker.add_force(force_sample_from_msg(msg)))
@@ -278,7 +278,7 @@ class EstimatorNode(Node):
             if self._resumption is not None:
                 if used:
                     self._online.learn(observation)
-                if (observation.push_id, observation.stamp) not in self._resumption.told:
+                if (observation.push_id, observation.stamp) not in self._resumption.published:
                     self._tell(observation)
                 continue
             used = used and self._online.take(observation)
@@ -291,19 +291,19 @@ class EstimatorNode(Node):
             self._model_publication.keep_up(self._verdict)
 
     def _follow_up(self, observation: Observation) -> None:
-        """Publish what planners do not wait for, after the estimate with a new data point."""
+        """Publish what planners do not wait for, after the estimate with a new observation."""
         self._online.narrow(observation)
         self._publications.region()
         if self._online.recognize(observation):
             self._publications.ranking()
 
     def _tell(self, observation: Observation) -> None:
-        """Publish a data point that was made here."""
+        """Publish an observation that was made here."""
         if self._observations_out is not None:
             self._observations_out.publish(observation_to_msg(observation, self._object.name))
 
     def _judge(self) -> Verdict:
-        """The verdict on the estimate; the log says once that data points contradict each other, or why."""
+        """The verdict on the estimate; the log says once that observations contradict each other, or why."""
         self._verdict = self._online.verdict()
         problem = None
         if self._online.estimate is not None and self._online.estimate.contradiction is not None:
@@ -369,7 +369,7 @@ class EstimatorNode(Node):
         except ValueError as error:
             response.message = str(error)
             return response
-        self._excluded.add(request.push_id)  # also its data points that are still to come
+        self._excluded.add(request.push_id)  # also its observations that are still to come
         response.success = True
         response.message = f"left: {data_of(left.data_points, left.pushes)}"
         self._show_again()
@@ -405,7 +405,7 @@ class EstimatorNode(Node):
         self._model_publication.publish(verdict)
 
     def _at_rest(self) -> None:
-        """Publish what takes longer than a data point may wait, for an estimate that has lasted a while."""
+        """Publish what takes longer than an observation may wait, for an estimate that has lasted a while."""
         estimate = self._online.estimate
         lasts, self._before = self._before is estimate, estimate
         if not lasts or self._lasted is estimate:
@@ -443,7 +443,7 @@ class EstimatorNode(Node):
         self._publications.draw()
 
     def _publish_progress(self) -> None:
-        """Publish the time up to which all poses have become data points, if it has changed."""
+        """Publish the time up to which all poses have become observations, if it has changed."""
         settled = self._maker.settled
         newest = self._online.estimate.stamp if self._online.estimate is not None else 0
         if (settled, newest) != self._told:
@@ -453,7 +453,7 @@ class EstimatorNode(Node):
             self._progress_out.publish(msg)
 
     def _ledger(self) -> Ledger:
-        """What has become of every message so far."""
+        """The account of every message so far."""
         ledger = self._maker.ledger()
         for kind, number in self._refused_messages.items():
             ledger.accounts[kind].enter(REFUSED, number)

@@ -14,7 +14,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import LATCHED
 
 MODEL_SHARE = 0.1
-"""While data points come, making models takes at most this share of the wall time: it takes longer than an estimate, and must
+"""While observations come, making models takes at most this share of the wall time: it takes longer than an estimate, and must
 not delay the next ones, however slow the machine is."""
 
 
@@ -27,7 +27,7 @@ class ModelPublication:
 
     def __init__(self, topics: Diagnostics) -> None:
         self._out = topics.advertise(FrictionModel, MODEL_TOPIC, LATCHED)
-        self._due = -math.inf  # the next one, while data points come; by the steady clock [s]
+        self._due = -math.inf  # the next one, while observations come; by the steady clock [s]
 
     def begin(self, model: ObjectModel, online: OnlineEstimation) -> None:
         """Publish the models of this object from now on; nothing is published yet."""
@@ -35,7 +35,7 @@ class ModelPublication:
         self._published: Estimate | None = None
 
     def keep_up(self, verdict: Verdict) -> None:
-        """Publish the model while data points come, if a planner listens and not too much time goes into models."""
+        """Publish the model while observations come, if a planner listens and not too much time goes into models."""
         if self._out.get_subscription_count() and time.monotonic() >= self._due:
             self.publish(verdict)
 

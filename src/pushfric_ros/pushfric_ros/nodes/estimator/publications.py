@@ -1,4 +1,4 @@
-"""What the estimator node publishes of its results: each is latched, so that a late subscriber gets the last one."""
+"""The estimator node's publications: each is latched, so that a late subscriber gets the last one."""
 
 from collections.abc import Collection
 
@@ -46,7 +46,7 @@ class Publications:
 
     @property
     def complete(self) -> bool:
-        """Whether all that was published last rests on all data points."""
+        """Whether all that was published last rests on all observations."""
         estimate = self._online.estimate
         if self._mu_c is None or estimate is None:
             return True
@@ -66,7 +66,7 @@ class Publications:
 
         Args:
             verdict: on the estimate; there is one.
-            at_rest: no data point followed it at once.
+            at_rest: no observation followed it at once.
         """
         estimate = self._online.estimate
         assert estimate is not None
@@ -83,7 +83,7 @@ class Publications:
         self._undrawn = msg
 
     def nothing(self) -> None:
-        """Publish that nothing is known: without data points, nothing that was published before is valid any longer."""
+        """Publish that nothing is known: without observations, nothing that was published before is valid any longer."""
         msg = nothing_known(self._object.name)
         self._estimate_out.publish(msg)
         self._parts(msg)

@@ -52,7 +52,7 @@ class PlannerNode(Node):
         return kind.Response(message=reason, basis=self._known.basis)
 
     def _on_model(self, msg: FrictionModel) -> None:
-        self._known = Known.told(msg)
+        self._known = Known.of(msg)
 
     def _health(self) -> Health:
         basis, turns = self._known.basis, self._turns

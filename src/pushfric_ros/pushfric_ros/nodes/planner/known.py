@@ -1,4 +1,4 @@
-"""What a planner node knows of an object: the last model that it was told."""
+"""A planner node's knowledge of an object: the last model that it received."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,8 +22,8 @@ class Known:
     wrong: bool = False  # it is not known because the message makes no sense
 
     @classmethod
-    def told(cls, msg: FrictionModelMsg) -> "Known":
-        """What a message says."""
+    def of(cls, msg: FrictionModelMsg) -> "Known":
+        """The model in a message."""
         basis = msg.basis
         if not basis.has_model:
             reasons = "; ".join(reason.text for reason in basis.reasons)
