@@ -336,10 +336,10 @@ def _off(estimates: Sequence[Figures]) -> str:
 
 def _held(estimates: Sequence[Figures]) -> str:
     """Whether the 90 % ellipse holds the label, or in how many of those that have one."""
-    known = [one["held"] for one in estimates if one["held"] is not None]
+    told = [one["held"] for one in estimates if one["held"] is not None]
     if len(estimates) == 1:
-        return "-" if not known else "yes" if known[0] else "no"
-    return f"{sum(known)} of {len(known)}"
+        return "-" if not told else "yes" if told[0] else "no"
+    return f"{sum(told)} of {len(told)}"
 
 
 def _mu_c(row: Figures) -> str:
@@ -350,9 +350,16 @@ def _mu_c(row: Figures) -> str:
 
 
 def _rolled_out(rows: Sequence[Figures]) -> list[str]:
-    """The mean combined error [mm] of each contender; "-" unless it predicts all of these sets."""
-    found = [[row["errors"][name] for row in rows] for name in CONTENDERS]
-    return ["-" if None in errors else f"{1e3 * float(np.mean([one['combined'] for one in errors])):.2f}" for errors in found]
+    """Of each contender the mean errors [mm], [degrees], [mm]; "-" unless it predicts all of these sets."""
+    cells = []
+    for name in CONTENDERS:
+        found = [row["errors"][name] for row in rows]
+        if None in found:
+            cells.append("-")
+            continue
+        place, turn, both = (float(np.mean([one[key] for one in found])) for key in ("position", "angle", "combined"))
+        cells.append(f"{1e3 * place:.2f}, {math.degrees(turn):.2f}, {1e3 * both:.2f}")
+    return cells
 
 
 def plot(rows: Sequence[Figures], path: pathlib.Path) -> None:
