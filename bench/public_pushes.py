@@ -5,6 +5,7 @@ others that predict have the mu_c of the fit: uniform pressure, and its ellipsoi
 fitted to force and motion is compared on the same strokes.
 """
 
+import math
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
