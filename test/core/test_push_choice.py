@@ -3,11 +3,14 @@ import pytest
 import shapely
 from problems import flat_bar, four_feet, pushed_as_planned
 
-from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
-from pushfric_core.estimation.push_plan import even_pushes
+from pushfric_core.estimation.push_choice import LIKELY_MU, next_pushes, planned_pushes, slip_pushes
+from pushfric_core.estimation.push_plan import even_pushes, planned_contact
 from pushfric_core.estimation.region import HalfPlane, HalfPlanes, line_of_motion, line_of_pushing
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Twist
+from pushfric_core.geometry.support import Support
+from pushfric_core.mechanics.prediction import FrictionModel, predict
+from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.trajectories.observation import Observation
 
 PLATE = Outline.rectangle(0.12, 0.06)
@@ -138,3 +141,25 @@ def test_a_region_of_a_single_point_can_be_planned_for():
 def test_a_plan_has_pushes():
     with pytest.raises(ValueError, match="count must be at least 1, got 0"):
         planned_pushes(HalfPlanes(PLATE), 0)
+
+
+@pytest.mark.parametrize(("outline", "center"), [(PLATE, (0.0, 0.0)), (PLATE, (0.02, -0.01)), (ELL, (0.035, 0.035))])
+def test_a_slip_push_slips_and_hardly_turns_the_object(outline, center):
+    pushes = slip_pushes(outline, center)
+    assert {(push.edge, np.sign(push.angle)) for push in pushes[:4]} >= {(pushes[0].edge, np.sign(pushes[0].angle))}
+    points = np.asarray(center) + np.array(((-0.03, -0.02), (0.03, -0.02), (0.0, 0.04)))
+    model = FrictionModel.of(Support(points, np.full(3, 1 / 3)), LIKELY_MU)
+    contacts, directions = map(np.array, zip(*(planned_contact(outline, push) for push in pushes[:3]), strict=True))
+    normals = np.array([outline.normals[push.edge] for push in pushes[:3]])
+    found = predict(model, contacts, normals, directions)
+    assert set(found.modes) == {ContactMode.SLIDING}
+    for vx, vy, omega in found.twists:
+        velocity = np.array((vx, vy)) + omega * np.array((-center[1], center[0]))
+        assert np.linalg.norm(velocity) > 0.1 * abs(omega)  # the centre of rotation is 100 mm away at least
+
+
+def test_where_no_line_through_p_cf_meets_an_edge_its_pushes_come_last():
+    pushes = slip_pushes(PLATE, (0.055, 0.0))  # near the right side: below and above, the lines pass near the corner
+    missed = [abs(push.offset) == 0.054 for push in pushes]
+    assert any(missed)
+    assert missed == sorted(missed)

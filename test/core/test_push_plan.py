@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, number_of, placement, planned_contact, purpose_of
+from pushfric_core.estimation.push_plan import (
+    SHARP,
+    PlannedPush,
+    even_pushes,
+    number_of,
+    placement,
+    planned_contact,
+    purpose_of,
+)
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import rotation
@@ -61,4 +69,5 @@ def test_a_repeated_push_has_the_number_of_its_plan():
 def test_the_purpose_of_a_push_is_a_sentence():
     said = purpose_of(OUTLINE, PlannedPush(1, 0.02, 0.2), chosen=False)
     assert said.startswith("A push on side 2 of 3, 20 mm after its middle, 11 degrees aslant: it shows")
+    assert purpose_of(OUTLINE, PlannedPush(1, 0.0, -SHARP), chosen=True).endswith("aslant: it slips, which shows mu_c.")
     assert purpose_of(OUTLINE, PlannedPush(0, 0.0), chosen=True).endswith("at its middle: it shrinks the region of p_CF most.")

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         stability as stability,
     )
     from pushfric_core.estimation.push_choice import next_pushes as next_pushes
+    from pushfric_core.estimation.push_choice import slip_pushes as slip_pushes
     from pushfric_core.estimation.recognition import Hypothesis as Hypothesis, Ranking as Ranking, Recognizer as Recognizer
     from pushfric_core.estimation.region import HalfPlanes as HalfPlanes, Region as Region
     from pushfric_core.mechanics.simulation import PushedObject as PushedObject, pushed_motion as pushed_motion
@@ -95,7 +96,7 @@ _MODULES = {  # the same as above: a test compares them
         "predict",
         "stability",
     ],
-    "estimation.push_choice": ["next_pushes"],
+    "estimation.push_choice": ["next_pushes", "slip_pushes"],
     "estimation.recognition": ["Hypothesis", "Ranking", "Recognizer"],
     "estimation.region": ["HalfPlanes", "Region"],
     "mechanics.simulation": ["PushedObject", "pushed_motion"],

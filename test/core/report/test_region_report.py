@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from problems import observations_of
 
-from pushfric_core.estimation.push_choice import next_pushes
+from pushfric_core.estimation.push_choice import next_pushes, slip_pushes
 from pushfric_core.estimation.region import HalfPlanes, line_of_motion
 from pushfric_core.geometry.planar import Twist
 from pushfric_core.geometry.table_1 import TABLE_1
@@ -32,7 +32,9 @@ def test_every_data_point_except_a_turn_about_the_contact_narrows():
 
 def test_the_report_is_plain_and_complete():
     half_planes = HalfPlanes(KNOWN.outline)
-    figures = json.loads(json.dumps(region_report(half_planes.region(), next_pushes(half_planes))))
+    region, slips = half_planes.region(), slip_pushes(KNOWN.outline, (0.0, 0.0))
+    figures = json.loads(json.dumps(region_report(region, next_pushes(half_planes), slips)))
+    assert [list(push.values()) for push in figures["slip_pushes"]] == [list(push) for push in slips]
     assert figures["area"] == pytest.approx(0.127 * 0.064)
     assert np.ptp(figures["polygon"], axis=0).tolist() == pytest.approx([0.127, 0.064])
     assert figures["center_of_friction"] == pytest.approx([0.0, 0.0])

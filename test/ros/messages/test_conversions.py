@@ -11,6 +11,7 @@ from pushfric_core.bags import constants, message_types, samples
 from pushfric_core.estimation.estimate_report import EstimateReport, histogram
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_choice import next_pushes
+from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.region import HalfPlane, HalfPlanes
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.outline import Outline
@@ -170,7 +171,8 @@ def test_the_message_has_the_histogram_and_the_slipping_pushes():
 
 
 def region_msg(half_planes):
-    msg = conversions.region_to_msg(half_planes.region(), next_pushes(half_planes), 5, "plate")
+    region, slips = half_planes.region(), [PlannedPush(2, 0.01, 0.96)]
+    msg = conversions.region_to_msg(region, next_pushes(half_planes), slips, 5, "plate")
     return deserialize_message(serialize_message(msg), CenterOfFrictionRegion)
 
 
@@ -193,6 +195,8 @@ def test_a_region_becomes_a_message():
         (2, 0.04, 0),
     ]
     assert [push.expected_area for push in msg.next_pushes] == pytest.approx([0.04 * 0.03] * 4)
+    ((edge, offset, angle, area),) = [(one.edge, one.offset, one.angle, one.expected_area) for one in msg.slip_pushes]
+    assert (edge, offset, angle, area) == (2, 0.01, 0.96, msg.area)
 
 
 def test_a_collapsed_region_gives_the_point_that_violates_the_half_planes_least():

@@ -111,7 +111,7 @@ def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
 def region_markers(*half_planes):
     region = HalfPlanes(OUTLINE)
     region.add(half_planes)
-    return region_to_markers(region_to_msg(region.region(), next_pushes(region), 7, NAME), OUTLINE)
+    return region_to_markers(region_to_msg(region.region(), next_pushes(region), [], 7, NAME), OUTLINE)
 
 
 def test_the_border_of_the_region_is_closed_and_an_arrow_shows_the_next_push():

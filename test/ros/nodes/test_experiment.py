@@ -21,14 +21,14 @@ from std_srvs.srv import Trigger
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.push_plan import PlannedPush, placement
+from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
@@ -209,6 +209,28 @@ def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, 
     last = table.wait_for_end()
     assert (last.completed, last.aborted, last.count) == (2, 0, 3)
     assert last.message == "2 of 3 pushes done"
+
+
+def test_from_the_fourth_on_every_other_chosen_push_is_for_mu_c(ros, controller, tmp_path):
+    node = ros.node("region", namespace="/cell")
+    region = node.create_publisher(CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+    mu_c = node.create_publisher(ContactFriction, "contact_friction", LATCHED)
+    mu_c.publish(ContactFriction(kind=ContactFriction.KIND_BOUND))
+    table = Table(ros, tmp_path, plan="", choose=8, start=4)
+    shrink, slips = PlannedPush(1, 0.01), [PlannedPush(2, -0.01, SHARP), PlannedPush(0, 0.01, -SHARP)]
+    msg = CenterOfFrictionRegion(
+        next_pushes=[Candidate(**shrink._asdict())], slip_pushes=[Candidate(**slip._asdict()) for slip in slips]
+    )
+    for number, expected in ((4, slips[0]), (5, shrink), (6, slips[1]), (7, shrink), (8, shrink)):
+        region.publish(msg)
+        table.settled = time.time_ns()
+        table.wait_for_message(f"push {number} of 8: place the object at")
+        ros.wait_for(lambda number=number: len(table.wanted) == number - 3, what="the placement")
+        wanted = placement(TABLE_1["wood_rect4"].outline, expected, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
+        assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
+        table.wait_for_message("waiting for: the region of p_CF" if number < 8 else "5 of 8 pushes done", 30.0)
+        if number == 7:
+            mu_c.publish(ContactFriction(kind=ContactFriction.KIND_SLIP))
 
 
 def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):

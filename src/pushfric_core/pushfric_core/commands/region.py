@@ -1,5 +1,6 @@
 """The command `region`."""
 
+import math
 import pathlib
 from collections.abc import Iterator
 from typing import Annotated, Any
@@ -14,7 +15,7 @@ from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option_as_recorded
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
+from pushfric_core.estimation.push_choice import next_pushes, planned_pushes, slip_pushes
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
@@ -23,6 +24,9 @@ from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.offline.inputs import object_of
 from pushfric_core.report.region import narrowed, region_report
 from pushfric_core.wording import counted, data_of
+
+SLIPS = 3
+"""Number of pushes for mu_c that are printed: so many have to slip."""
 
 app = Application()
 
@@ -65,7 +69,8 @@ def region(
         raise InvalidInput("the data points contradict each other: no push is worth planning; try a larger --region-margin")
     if plan is not None:
         save_plan([push for push, _ in planned], plan)
-    figures = region_report(half_planes.region(), next_pushes(half_planes))
+    left = half_planes.region()
+    figures = region_report(left, next_pushes(half_planes), slip_pushes(model.outline, left.center))
     figures |= {"object": model.name, "data_points": len(data), "pushes": len({one.push_id for one in data})}
     answer(figures, json, _lines(figures))
     if plan is not None:
@@ -82,4 +87,7 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
     for push in figures["next_pushes"]:
         where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
         yield f"next   {where}: expected to leave {push['expected_area'] * 1e4:.3g} cm^2"
+    for push in figures["slip_pushes"][:SLIPS]:
+        where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
+        yield f"slip   {where}, at {math.degrees(push['angle']):.0f} degrees: for mu_c"
     yield f"from   {data_of(figures['data_points'], figures['pushes'])}"

@@ -7,7 +7,8 @@ from shapely import Polygon
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.estimation.push_choice import RankedPush, next_pushes
+from pushfric_core.estimation.push_choice import RankedPush, next_pushes, slip_pushes
+from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.recognition import Ranking, Recognizer
 from pushfric_core.estimation.region import HalfPlanes, Region, line_of_motion
 from pushfric_core.estimation.verdict import Verdict
@@ -134,6 +135,10 @@ class OnlineEstimation:
         if self._ranked is None or self._ranked[0] is not region:
             self._ranked = region, next_pushes(self._half_planes)
         return self._ranked[1]
+
+    def slip_pushes(self) -> list[PlannedPush]:
+        """The pushes that slip, for mu_c, best first."""
+        return slip_pushes(self._outline, self.region().center)
 
     def _rejected(self) -> set[int]:
         return {one.push_id for one in self._estimator.rejected}

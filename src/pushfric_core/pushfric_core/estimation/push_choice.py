@@ -1,4 +1,5 @@
-"""Test pushes that narrow down the centre of friction: the best next one, and the best sequence (section 6.2).
+"""Test pushes that narrow down the centre of friction: the best next one, and the best sequence (section 6.2); and pushes that
+slip, for mu_c (section 5.1.3).
 
 The line along which the pusher will move cuts the region of p_CF into two parts. The sense of rotation leaves one of them (see
 `region.line_of_pushing`).
@@ -8,15 +9,19 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
-from pushfric_core.estimation.push_plan import PlannedPush, planned_contact
+from pushfric_core.estimation.push_plan import SHARP, PlannedPush, planned_contact
 from pushfric_core.estimation.region import HalfPlane, HalfPlanes, cut, left_of_line
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, left_of
 
 USABLE = 0.9
 """Planned pushes meet this middle fraction of an edge, because near a corner the tip slips off."""
+
+LIKELY_MU = 0.3
+"""A mu_c that most materials are near, as long as nothing is known of it."""
 
 NEGLIGIBLE = 1e-9
 """Parts smaller than this fraction of the region are no longer planned for."""
@@ -42,6 +47,36 @@ def next_pushes(half_planes: HalfPlanes) -> list[RankedPush]:
         4
     """
     return _ranked(half_planes.outline, half_planes.margin, _whole(half_planes))
+
+
+def slip_pushes(outline: Outline, center: npt.ArrayLike) -> list[PlannedPush]:
+    """For each edge, a push to either side that slips, best first: from it, mu_c gets a value (section 5.1.3).
+
+    A slipping tip pushes along an edge of its friction cone. If that line passes p_CF, the object hardly turns: its centre of
+    rotation is far from every support, so the direction of each support's friction is known. The best pushes come nearest to
+    that, for a mu_c of LIKELY_MU, and leave the tip most room to slide.
+
+    Args:
+        outline: of the object.
+        center: p_CF (2,), as far as it is known [m].
+
+    Example:
+        >>> from pushfric_core import Outline, slip_pushes
+        >>> slip_pushes(Outline.rectangle(0.12, 0.06), (0.0, 0.0))[0].edge
+        0
+    """
+    found: list[tuple[float, float, PlannedPush]] = []
+    for edge, (vertex, vector) in enumerate(zip(outline.vertices, outline.edges, strict=True)):
+        length = float(outline.lengths[edge])
+        reach, along = USABLE * length / 2, vector / length
+        way = np.asarray(center) - (vertex + vector / 2)
+        for side in (-1, 1):
+            wanted = float(way @ along + side * LIKELY_MU * (way @ left_of(along)))
+            offset = round(min(max(wanted, -reach), reach), 6)
+            push = PlannedPush(edge, offset, side * SHARP)
+            if _reached(outline, push):
+                found.append((round(abs(wanted - offset), 6), -round(reach + side * offset, 6), push))
+    return [push for *_, push in sorted(found)]
 
 
 def planned_pushes(half_planes: HalfPlanes, count: int) -> list[RankedPush]:

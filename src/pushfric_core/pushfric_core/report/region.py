@@ -5,6 +5,7 @@ from typing import Any
 
 from pushfric_core.estimation.batch import Warn, taken
 from pushfric_core.estimation.push_choice import RankedPush
+from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.region import HalfPlanes, Region, line_of_motion
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.observation import Observation
@@ -25,7 +26,7 @@ def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn:
     return half_planes
 
 
-def region_report(region: Region, next_pushes: Sequence[RankedPush]) -> dict[str, Any]:
+def region_report(region: Region, next_pushes: Sequence[RankedPush], slip_pushes: Sequence[PlannedPush]) -> dict[str, Any]:
     """A region and the next pushes as the command line's JSON names them; SI units, object frame."""
     return {
         "area": region.area,
@@ -34,4 +35,5 @@ def region_report(region: Region, next_pushes: Sequence[RankedPush]) -> dict[str
         "center_of_friction": region.center.tolist(),
         "violation": region.violation,
         "next_pushes": [{**push._asdict(), "expected_area": area} for push, area in next_pushes],
+        "slip_pushes": [push._asdict() for push in slip_pushes],
     }

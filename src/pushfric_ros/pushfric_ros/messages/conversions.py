@@ -16,6 +16,7 @@ from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, FrictionReport, SpreadReport
 from pushfric_core.estimation.push_choice import RankedPush
+from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.recognition import Ranking
 from pushfric_core.estimation.region import Region
 from pushfric_core.estimation.verdict import Verdict
@@ -253,12 +254,15 @@ def recognition_to_msg(ranking: Ranking) -> Recognition:
     return msg
 
 
-def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int, object_name: str) -> CenterOfFrictionRegion:
+def region_to_msg(
+    region: Region, next_pushes: Sequence[RankedPush], slip_pushes: Sequence[PlannedPush], stamp: int, object_name: str
+) -> CenterOfFrictionRegion:
     """The region in which p_CF can lie, as a message.
 
     Args:
         region: after some observations, or before the first one.
         next_pushes: pushes that shrink it, best first; empty once it has collapsed.
+        slip_pushes: pushes that slip, best first.
         stamp: of the newest observation [ns]; 0 before the first one.
         object_name: name of the object.
     """
@@ -268,6 +272,7 @@ def region_to_msg(region: Region, next_pushes: Sequence[RankedPush], stamp: int,
     msg.polygon.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in region.corners]
     msg.center_of_friction = _point(region.center)
     msg.next_pushes = [TestPush(expected_area=area, **push._asdict()) for push, area in next_pushes]
+    msg.slip_pushes = [TestPush(expected_area=region.area, **push._asdict()) for push in slip_pushes]
     return msg
 
 

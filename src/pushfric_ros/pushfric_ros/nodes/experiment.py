@@ -34,7 +34,7 @@ from pushfric_core.trajectories.trajectory import PoseSample, Trajectory
 from pushfric_core.vision.sighting import NO_OBJECT
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import CenterOfFrictionRegion, EstimatorProgress, PlanProgress, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit import executable
@@ -45,6 +45,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 
 NANOSECONDS = 1e9
+BEFORE_SLIPS = 3  # pushes for p_CF, before every other one that is chosen is for mu_c
 WITHDRAWN = 1e-3  # a pusher nearer than this to the beginning of its stroke need not be brought back [m]
 
 STALL = 0.5
@@ -100,6 +101,7 @@ class ExperimentNode(Node):
             where = f"{self.get_fully_qualified_name()}: parameter"
             raise InvalidInput(f"{where} start must be at most {self._count}, the pushes of the plan; got {begin.start}")
         self._region: CenterOfFrictionRegion | None = None
+        self._mu_c = ContactFriction()
         self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
         self._newest = -1  # its newest observation [ns]
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
@@ -135,6 +137,7 @@ class ExperimentNode(Node):
         self.create_subscription(String, "pusher_fault", self._on_fault, LATCHED)
         if self._config.choose:
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
+            topics.subscribe(ContactFriction, "contact_friction", self._on_contact_friction, LATCHED)
         # not a topic without which this node is unwell: a run may go without an estimator
         self._estimator = self.create_subscription(
             EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED
@@ -170,7 +173,7 @@ class ExperimentNode(Node):
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         for index in range(self._first, self._count):
             self._progress.push_id = index
-            push = await self._choose() if self._config.choose else self._plan[index]
+            push = await self._choose(index) if self._config.choose else self._plan[index]
             if push is None:
                 self.get_logger().warning("the region of p_CF has collapsed: no push would shrink it")
                 return
@@ -266,8 +269,12 @@ class ExperimentNode(Node):
         """Wait for the other nodes. A node that reports OK receives the topics it needs, so it misses nothing of a push."""
         await self._until_well(self._unwell, PlanProgress.PHASE_WAITING, "waiting for")
 
-    async def _choose(self) -> PlannedPush | None:
-        """The push that shrinks the region of p_CF most, once the estimator has the whole last push; None if no push does."""
+    async def _choose(self, index: int) -> PlannedPush | None:
+        """The next push, once the estimator has the whole last one; None if no push is of use.
+
+        It is the one that shrinks the region of p_CF most; but from the fourth on, as long as mu_c has no value, every other
+        push is one that slips.
+        """
 
         def missing() -> str | None:
             known = self._region is not None and stamp_from_msg(self._region.header.stamp) == self._newest
@@ -277,7 +284,12 @@ class ExperimentNode(Node):
 
         await self._until_well(missing, PlanProgress.PHASE_WAITING, "waiting for")
         assert self._region is not None
-        return next((PlannedPush(one.edge, one.offset, one.angle) for one in self._region.next_pushes), None)
+        shrink, slip = self._region.next_pushes[:1], []
+        if index >= BEFORE_SLIPS and self._mu_c.kind in (ContactFriction.KIND_UNKNOWN, ContactFriction.KIND_BOUND):
+            turn = (index - BEFORE_SLIPS) // 2
+            slip = self._region.slip_pushes[turn : turn + 1]
+        chosen = [*slip, *shrink] if (index - BEFORE_SLIPS) % 2 == 0 else [*shrink, *slip]
+        return next((PlannedPush(one.edge, one.offset, one.angle) for one in chosen), None)
 
     async def _carry(self, goal: Push.Goal) -> str | None:
         """Have the pusher carry out a goal, and own it meanwhile; return what went wrong, or None."""
@@ -559,6 +571,9 @@ class ExperimentNode(Node):
 
     def _on_region(self, msg: CenterOfFrictionRegion) -> None:
         self._region = msg
+
+    def _on_contact_friction(self, msg: ContactFriction) -> None:
+        self._mu_c = msg
 
     def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
         try:

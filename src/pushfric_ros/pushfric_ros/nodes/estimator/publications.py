@@ -93,7 +93,8 @@ class Publications:
     def region(self) -> None:
         """Publish where p_CF can lie by the half-planes, and what to push next."""
         stamp = self._online.estimate.stamp if self._online.estimate is not None else 0
-        self._region = region_to_msg(self._online.region(), self._online.next_pushes(), stamp, self._object.name)
+        online = self._online
+        self._region = region_to_msg(online.region(), online.next_pushes(), online.slip_pushes(), stamp, self._object.name)
         self._region_out.publish(self._region)
 
     def ranking(self) -> None:
