@@ -29,7 +29,7 @@ from pushfric_core.trajectories.ledger import (
 )
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.sensed_force import ForceSample
-from pushfric_core.trajectories.stream import CONFIRMED, FAR, OUTLASTS, Stream
+from pushfric_core.trajectories.stream import CONFIRMED, LEAP, OUTLASTS, Stream
 from pushfric_core.trajectories.trajectory import Trajectory, TrajectoryConfig
 
 SECOND, DAY = 10**9, 86_400 * 10**9
@@ -182,8 +182,8 @@ def test_several_wild_stamps_cost_as_many_samples(seed):
 def test_a_good_observation_comes_as_soon_as_without_the_rule(monkeypatch):
     samples = by_time(streams(wrenches=False))
     moments = []
-    for far in (FAR, 10**9):
-        monkeypatch.setattr("pushfric_core.trajectories.stream.FAR", far)
+    for far in (LEAP, 10**9):
+        monkeypatch.setattr("pushfric_core.trajectories.stream.LEAP", far)
         trajectory = ObservationMaker(BAR)
         moments.append([number for number, sample in enumerate(samples) if made(trajectory, [sample])])
     assert moments[0] == moments[1]

@@ -25,7 +25,7 @@ from pushfric_core.files.model_file import SampleFile, load_model, make_model, s
 from pushfric_core.files.object_file import load_object
 from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, Body, load_of
 from pushfric_core.formats.export import FORMATS
-from pushfric_core.formats.feet import ENOUGH, few_feet
+from pushfric_core.formats.feet import TOLERANCE, few_feet
 from pushfric_core.geometry.planar import Twist
 from pushfric_core.trajectories.observation import Observation
 
@@ -49,8 +49,8 @@ def test_a_few_feet_slide_like_the_support(name):
     feet = few_feet(support)
     assert len(feet.support.weights) < 25 < np.count_nonzero(support.weights)
     assert feet.support.center_of_friction == pytest.approx(support.center_of_friction, abs=1e-5)
-    assert feet.error.load <= ENOUGH.load
-    assert feet.error.twist <= ENOUGH.twist
+    assert feet.error.load <= TOLERANCE.load
+    assert feet.error.twist <= TOLERANCE.twist
 
 
 def test_so_few_supports_that_each_is_a_foot():

@@ -16,7 +16,7 @@ STRANGE = 2**20
 AMBIGUOUS = 0.25
 """If more of the messages are of another recording, the others may be those of another one."""
 
-USUAL = 0.5
+COUNTING_SHARE = 0.5
 """If fewer of the numbers follow one another, they do not count messages."""
 
 Integers = npt.NDArray[Any]
@@ -122,7 +122,7 @@ class _Numbering(NamedTuple):
             return
         apart = sum(_span(number[group]) for group in groups)
         together = not first and len(np.unique(number[read])) == read.sum() and _span(number[read]) < apart
-        counting = sum(int(group.sum()) for group in groups if _follow(number[group])) > USUAL * read.sum()
+        counting = sum(int(group.sum()) for group in groups if _follow(number[group])) > COUNTING_SHARE * read.sum()
         for group in [read] if together else groups:
             name = "topics that share their numbers" if together else self.names[topic[group][0]]
             chosen = self._near(np.flatnonzero(group), first.get(name), counting)
@@ -138,7 +138,7 @@ class _Numbering(NamedTuple):
                 begin = min(first.get(name, values[0]), values[0]) if joined else values[0]
                 if gaps := int(values[-1] - begin + 1 - len(values)):
                     found.by_topic[name] = found.by_topic.get(name, 0) + gaps
-                if 0 < (counts > 1).mean() < USUAL:
+                if 0 < (counts > 1).mean() < COUNTING_SHARE:
                     found.twice[name] = found.twice.get(name, 0) + int((counts > 1).sum())
                     self.standing[one[np.isin(number[one], values[counts > 1])]] = Standing.FOREIGN
 
@@ -175,7 +175,7 @@ class _Numbering(NamedTuple):
 def _follow(numbers: Integers) -> bool:
     """Whether numbers follow one another; otherwise they do not count messages."""
     values = np.unique(np.asarray(numbers).astype(np.int64))
-    return len(values) <= 1 or bool((np.diff(values) == 1).mean() >= USUAL)
+    return len(values) <= 1 or bool((np.diff(values) == 1).mean() >= COUNTING_SHARE)
 
 
 def _span(numbers: npt.NDArray[np.uint32]) -> int:

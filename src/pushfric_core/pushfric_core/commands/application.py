@@ -117,7 +117,7 @@ class Group(typer.core.TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if not args and not ctx.resilient_parsing:
-            some = f": {' or '.join(names)}" if len(names := self.list_commands(ctx)) < MANY else ""
+            some = f": {' or '.join(names)}" if len(names := self.list_commands(ctx)) < UNLISTED else ""
             raise InvalidInput(f"expected a command{some}; see {ctx.command_path} --help")
         return super().parse_args(ctx, args)
 
@@ -145,7 +145,7 @@ def write_sections(formatter: Any, sections: Mapping[str, list[tuple[str, str]]]
                 formatter.write_dl([(name.ljust(min(widest, COLUMN)), text) for name, text in rows])
 
 
-MANY = 5
+UNLISTED = 5
 """As many commands or more are not listed in an error."""
 
 COLUMN = 30

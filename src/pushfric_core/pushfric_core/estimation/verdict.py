@@ -19,14 +19,14 @@ from pushfric_core.geometry.planar import Array, Twist, cross, velocity_at
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.geometry_check import ContactCheck
-from pushfric_core.uncertainty.model_comparison import POOR, Explanation
+from pushfric_core.uncertainty.model_comparison import POOR_MISFIT, Explanation
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
 
-MOST = 0.5
+MAJORITY = 0.5
 """A symptom in more than this share of the observations is not an outlier but a mistake in the input."""
 
 RECEDING = 0.1
@@ -62,7 +62,7 @@ OPPOSED = 0.05
 INERTIA = 0.3
 """Pushes are too fast if the object's speed could give inertia this share of friction."""
 
-HASTY = 0.06
+CLEAR_MISFIT = 0.06
 """If motions are off by less than this [rad], neither half-planes that are crossed say anything, nor velocities without a
 duration, which may be in any unit of time."""
 
@@ -194,13 +194,13 @@ class InputCheck:
         """Mistakes that the observations themselves show; the misfit [rad] decides which of them count."""
         found = []
         wrong_motion = False  # against which forces would seem turned
-        if self._behind > MOST * self._count or self._inverted > MANY_RECEDE * self._count:
+        if self._behind > MAJORITY * self._count or self._inverted > MANY_RECEDE * self._count:
             text = (
                 f"the normals point inward in {self._behind} of {self._count} data points: contact_normal must point away from "
                 "the object; negate normal_x and normal_y"
             )
             found.append(Reason(ReasonCode.NORMALS_INWARD, text))
-        elif self._about_origin > MOST * self._count:
+        elif self._about_origin > MAJORITY * self._count:
             wrong_motion = True
             text = (
                 f"the object seems to turn about the origin of its frame in {self._about_origin} of {self._count} data points, "
@@ -214,7 +214,7 @@ class InputCheck:
                 "be the velocity of the object-frame origin, in the object frame"
             )
             found.append(Reason(ReasonCode.CONTACTS_RECEDE, text))
-        if self._timed > MOST * self._count or (self._fast > MOST * self._count and misfit > HASTY):
+        if self._timed > MAJORITY * self._count or (self._fast > MAJORITY * self._count and misfit > CLEAR_MISFIT):
             text = (
                 f"the object moves faster than {self._fastest:.2g} m/s in {self._fast} of {self._count} data points, where "
                 "inertia is not small next to friction: push more slowly, or give vx, vy in m/s"
@@ -242,7 +242,7 @@ class InputCheck:
         if estimate.lack is not None:
             return []
         misfit = estimate.comparison.misfit
-        fits = misfit is not None and misfit <= HASTY and not estimate.center_given
+        fits = misfit is not None and misfit <= CLEAR_MISFIT and not estimate.center_given
         return self._doubts(estimate) or ([] if fits else self._opposed(estimate))
 
     def _doubts(self, estimate: "Estimate") -> list[Reason]:
@@ -252,7 +252,7 @@ class InputCheck:
         if error is not None and error > POOR_FIT * self._radius:
             text = f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: {what}"
             return [Reason(ReasonCode.POOR_FIT, text)]
-        if misfit is not None and misfit > POOR:
+        if misfit is not None and misfit > POOR_MISFIT:
             text = f"motions are typically {math.degrees(misfit):.0f} degrees off, far more than those of real pushes: {what}"
             return [Reason(ReasonCode.POOR_FIT, text)]
         w = estimate.w if estimate.spread is None else estimate.spread.middle

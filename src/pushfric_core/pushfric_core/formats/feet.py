@@ -9,7 +9,7 @@ from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.surface_models import SurfaceError, support_error, surface_samples
 from pushfric_core.records import comparable
 
-ENOUGH = SurfaceError(load=0.01, twist=np.radians(0.7))
+TOLERANCE = SurfaceError(load=0.01, twist=np.radians(0.7))
 """Feet may err by this much. After 50 mm, they end about 0.2 mm (median) from where the support would."""
 
 FIRM = 1e3
@@ -58,7 +58,7 @@ def few_feet(support: Support) -> Feet:
             continue
         feet = Support(points[chosen][bears], found[bears] / found[bears].sum())
         error = support_error(feet, support)
-        if len(chosen) == len(points) or (error.load <= ENOUGH.load and error.twist <= ENOUGH.twist):
+        if len(chosen) == len(points) or (error.load <= TOLERANCE.load and error.twist <= TOLERANCE.twist):
             return Feet(feet, error)
 
 

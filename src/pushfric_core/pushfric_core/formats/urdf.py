@@ -11,7 +11,7 @@ NOTES = (
     "PyBullet multiplies two coefficients: give table and tip 1. Gazebo takes the lesser: give them at least 1.",
 )
 
-FAR = 1e3
+LIMIT = 1e3
 """No joint moves so far [m]; URDF wants a limit."""
 
 
@@ -27,7 +27,7 @@ def urdf(body: Body) -> dict[str, str]:
         element(joint, "origin", xyz=numbers(*link.place))
         element(joint, "axis", xyz=numbers(*link.axis))
         if not link.turns:
-            element(joint, "limit", lower=-FAR, upper=FAR, effort=FAR, velocity=FAR)
+            element(joint, "limit", lower=-LIMIT, upper=LIMIT, effort=LIMIT, velocity=LIMIT)
     return {f"{body.file_name}.urdf": document(root, body.comments(*NOTES)), **meshes(body)}
 
 

@@ -17,7 +17,7 @@ from pushfric_core.paper.experiments import filmed
 from pushfric_core.paper.tables import markdown
 from pushfric_core.paper.trials import NOISES, Studied, moved
 
-MOST = 15
+PUSHES = 15
 """Pushes of each run."""
 
 NEAR = 0.02
@@ -58,12 +58,12 @@ def report(cells: Numbers) -> list[str]:
 
 
 def _pushes_until_near(studied: Studied, choose: Choose, rng: np.random.Generator) -> int:
-    """The number of the first push from which on p_CF is near; MOST + 1 if it is not near after the last."""
+    """The number of the first push from which on p_CF is near; PUSHES + 1 if it is not near after the last."""
     estimator = Estimator(studied.support_points, EstimatorConfig(confidence=False, screening=False))
     half_planes = HalfPlanes(studied.outline, RegionConfig().region_margin)
     truth, near = studied.support.center_of_friction, NEAR * float(studied.outline.size.max())
     known = 1
-    for push_id in range(MOST):
+    for push_id in range(PUSHES):
         pushed = moved(studied, [choose(half_planes, rng)], rng)
         for observation in filmed(studied.outline, pushed, NOISES["FEET"], rng, push_id):
             try:

@@ -15,7 +15,7 @@ from pushfric_core.paper.tables import markdown
 from pushfric_core.paper.trials import NOISES, Studied, estimated, moved
 from pushfric_core.trajectories.observation import Observation
 
-BAD = math.radians(25)
+BAD_TURN = math.radians(25)
 """The orientation of a bad push drifts or wanders by this much."""
 
 LEAP = (0.006, 0.010)
@@ -134,14 +134,14 @@ def with_moved_load(support: Support, shift: float, rng: np.random.Generator) ->
 
 def _drift(frames: Frames, rng: np.random.Generator) -> Frames:
     """The tracked orientation drifts."""
-    turns = float(rng.choice((-BAD, BAD))) * np.linspace(0.0, 1.0, len(frames))
+    turns = float(rng.choice((-BAD_TURN, BAD_TURN))) * np.linspace(0.0, 1.0, len(frames))
     return [(position, pose._replace(theta=pose.theta + turn)) for (position, pose), turn in zip(frames, turns, strict=True)]
 
 
 def _wander(frames: Frames, rng: np.random.Generator) -> Frames:
     """The tracked orientation walks at random."""
     walk = np.cumsum(rng.normal(size=len(frames)))
-    turns = BAD * walk / np.abs(walk).max()
+    turns = BAD_TURN * walk / np.abs(walk).max()
     return [(position, pose._replace(theta=pose.theta + turn)) for (position, pose), turn in zip(frames, turns, strict=True)]
 
 

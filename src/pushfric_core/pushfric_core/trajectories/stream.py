@@ -3,7 +3,7 @@
 Which samples count follows from the stamps of their own stream alone, so it is the same live, in a replay and offline:
 
 - A stamp before that of the last sample that counts: the sample is left out.
-- A stamp that follows within FAR usual steps: the sample counts at once.
+- A stamp that follows within LEAP usual steps: the sample counts at once.
 - A stamp further ahead, or one of the first: the sample is held until CONFIRMED samples, it included, have come in order of
   time. If a sample with an earlier stamp comes first, the held one was wild, and is left out.
 
@@ -21,7 +21,7 @@ NANOSECONDS = 1e9
 CONFIRMED = 3
 """Samples in order that confirm a leap of the stamps. An observation needs as many frames after a pause anyway."""
 
-FAR = 3
+LEAP = 3
 """A step longer than this multiple of the usual one is a leap."""
 
 OUTLASTS = 10.0
@@ -136,7 +136,7 @@ class Stream(Generic[Sample]):
             if self._far < step and self._steps and len(self.leaps) < MOST_EVENTS:
                 self.leaps.append((self.last, stamp))
             self._steps.append(step)
-            self._far = FAR * sorted(self._steps)[(len(self._steps) - 1) // 2]
+            self._far = LEAP * sorted(self._steps)[(len(self._steps) - 1) // 2]
         self._newest, self.last = sample, stamp
 
     def _note_ahead(self, stamp: int, following: int) -> None:

@@ -67,7 +67,7 @@ PERSISTS = 3
 LEAPS = 5.0
 """In a push, no point of an object moves faster than this multiple of the tip's speed."""
 
-OFTEN = 0.2
+APART_SHARE = 0.2
 """If the tip seems not to touch the object in less than this share of the pushes, single late stamps may be the cause."""
 
 FOLLOWED = 0.005
@@ -240,7 +240,7 @@ class Trajectory:
     @property
     def apart(self) -> Apart | None:
         """The pushes in which the tip seems not to touch the object that it moves; None unless that happens often."""
-        if self._apart < max(PERSISTS, OFTEN * self._pushes):
+        if self._apart < max(PERSISTS, APART_SHARE * self._pushes):
             return None
         return Apart(self._apart, self._pushes, self._distance)
 

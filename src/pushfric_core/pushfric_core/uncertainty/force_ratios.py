@@ -21,7 +21,7 @@ WIDTHS = np.array((0.05, 0.1, 0.2))
 TURNS = np.linspace(-0.1, 0.1, 11)
 """... and these angles between the axes of the sensor and those of the contacts [rad]."""
 
-MOST = 200
+QUANTILES = 200
 """If there are more ratios, this many quantiles stand for them."""
 
 ROUNDS = 15
@@ -48,7 +48,7 @@ class Sliding(NamedTuple):
 
 def sliding(ratios: Array) -> Sliding | None:
     """The pile among ratios (m,) of measured forces, F . t / |F . n|; None if they do not show that the tip slides."""
-    sample = np.quantile(ratios, np.linspace(0, 1, MOST)) if len(ratios) > MOST else ratios
+    sample = np.quantile(ratios, np.linspace(0, 1, QUANTILES)) if len(ratios) > QUANTILES else ratios
     low, usual, high = np.quantile(np.abs(sample), (RANGE[0], 0.5, RANGE[1])).tolist()
     if low < LEAST_DIVISOR:
         return None

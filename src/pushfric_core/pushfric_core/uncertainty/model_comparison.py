@@ -25,7 +25,7 @@ from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 FEWEST = 6
 """With fewer pushes, nothing is compared: any mistake leaves some w that explains them."""
 
-MOST = 100
+COMPARED = 100
 """At most this many observations, evenly drawn, are compared."""
 
 EFFECTIVE = 2.0
@@ -34,13 +34,13 @@ EFFECTIVE = 2.0
 BELIEVED, CHANGED = 6.0, 4.0
 """A mistake, and a change of the object, are reported if they are e to this times as likely as none, 400 and 50 times ..."""
 
-POOR = 0.12
+POOR_MISFIT = 0.12
 """... or merely likelier, if without a mistake motions are off by more than this [rad], which good runs never are."""
 
 FREEDOM = 3
 """Degrees of freedom of the Student distribution of distances from the curve."""
 
-BAD = 0.03
+BAD_PUSH = 0.03
 """Probability of a push unlike all others, whose motion may be any."""
 
 SCALES = np.geomspace(0.004, 1.5, 40)
@@ -49,14 +49,14 @@ SCALES = np.geomspace(0.004, 1.5, 40)
 USUAL, SPREAD = 0.04, 0.5
 """Median of the scale, in simulated and real runs [rad], and standard deviation of its logarithm."""
 
-BLUNT = 0.05
+GRADUAL = 0.05
 """Within this share of the support's size about the centre of rotation, friction turns gradually from one way to the other."""
 
 LEAST_SLOPE = 0.15
 """Slopes of the moment, in units of the support's size, count as this at least: where it hardly depends on the motion, it says
 little."""
 
-EVEN = 0.02
+EVEN_WEIGHT = 0.02
 """Weight of even weights in a fit, as a share of that of the data: it keeps the fit defined."""
 
 STEPS, MORE_STEPS = 4, 2
@@ -80,7 +80,7 @@ LARGER = 0.75
 STEP = 1e-4
 """Step of a numerical slope."""
 
-STIFF = 1e-4
+DAMPING = 1e-4
 """Keeps a step defined, and changes of the weights small."""
 
 SLOWEST = 1e-6
@@ -128,7 +128,7 @@ def compare(points: Array, observations: Sequence[Observation]) -> Comparison:
     run.w = same.w
     found = _explained(run)
     compared = [one._replace(gain=one.gain - same.evidence) for one in found]
-    sure = same.scale <= POOR
+    sure = same.scale <= POOR_MISFIT
     reported = [one for one in compared if one.gain > sure * (BELIEVED if one.since is None else CHANGED)]
     return Comparison(_unlike(sorted(reported, key=lambda one: -one.gain)), same.scale)
 
@@ -248,7 +248,7 @@ class _Run:
 
     def __init__(self, points: Array, observations: Sequence[Observation]) -> None:
         chosen = [
-            observations[k] for k in np.linspace(0, len(observations) - 1, min(len(observations), MOST)).round().astype(int)
+            observations[k] for k in np.linspace(0, len(observations) - 1, min(len(observations), COMPARED)).round().astype(int)
         ]
         self.contacts = np.array([one.contact_point for one in chosen])
         self.normals = np.array([one.contact_normal for one in chosen])
@@ -345,9 +345,9 @@ class _Run:
         totals = np.zeros((len(SCALES), pushes))
         np.add.at(totals.T, self._place, (weights * logs).T)
         masses = np.bincount(self._place, weights=weights, minlength=pushes)
-        unlike = math.log(BAD) - math.log(math.pi) * masses
+        unlike = math.log(BAD_PUSH) - math.log(math.pi) * masses
         prior = -0.5 * (np.log(SCALES / USUAL) / SPREAD) ** 2
-        evidence = np.logaddexp(math.log(1 - BAD) + totals, unlike).sum(axis=1) + prior
+        evidence = np.logaddexp(math.log(1 - BAD_PUSH) + totals, unlike).sum(axis=1) + prior
         best = int(evidence.argmax())
         return float(evidence[best]), float(SCALES[best])
 
@@ -385,7 +385,7 @@ class _Run:
         typical = max(float(np.median(np.abs(values))), SCALES[0])
         share = (self._weights if weights is None else weights) / (1 + (values / (1.5 * typical)) ** 2)
         squares = (slopes.T * share) @ slopes
-        return np.asarray(np.linalg.solve(squares + STIFF * np.eye(len(squares)), (slopes.T * share) @ values))
+        return np.asarray(np.linalg.solve(squares + DAMPING * np.eye(len(squares)), (slopes.T * share) @ values))
 
     def wider_points(self) -> Array | None:
         """Support points over all that the contacts enclose; None if the support points do already."""
@@ -438,7 +438,7 @@ class _Curves:
         self._normals, self._weights, self._arm = run.normals, run._weights, run._arm
         at = (run._points - run._middle) / run._arm
         vx, vy = u[:, :1] - u[:, 2:] * at[:, 1], u[:, 1:2] + u[:, 2:] * at[:, 0]
-        speed = np.sqrt(vx * vx + vy * vy + BLUNT**2)
+        speed = np.sqrt(vx * vx + vy * vy + GRADUAL**2)
         self._fx, self._fy = fx, fy = -vx / speed, -vy / speed
         ax, ay = ((run._points[:, k] - contacts[:, k : k + 1]) / run._arm for k in (0, 1))
         self._moments = ax * fy - ay * fx
@@ -496,7 +496,7 @@ class _Curves:
             share = self._weights / (1 + (np.maximum(beyond, 0.0) / (1.5 * typical)) ** 2) / slope**2
             if half_width:
                 share = share * (0.05 + (beyond > 0))
-            w = least_weights((self._moments.T * share) @ self._moments + EVEN**2 * share.mean() * even, w)
+            w = least_weights((self._moments.T * share) @ self._moments + EVEN_WEIGHT**2 * share.mean() * even, w)
         return w
 
 

@@ -37,10 +37,10 @@ NORMAL = 1.4826
 LIMITS = {"mismatch": 4.9, "drift": 5.2, "jump": 3.6, "poses": 2.7}
 """Beyond this many times what is usual, a push is bad: some 3 in 1000 good simulated pushes exceed each, at either noise."""
 
-FEW = 4
-"""With k pushes, limits are (1 + FEW / k) / (1 + FEW / 14) times as wide: fewer pushes show less well what is usual."""
+WIDENING = 4
+"""With k pushes, limits are (1 + WIDENING / k) / (1 + WIDENING / 14) times as wide: few pushes hardly show what is usual."""
 
-LEAST = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
+FLOORS = {"mismatch": 0.01, "drift": 0.01, "jump": 0.05, "poses": 0.02}
 """Lower bound on the typical value, as a fraction of tip speed; below it, finite differences dominate camera noise."""
 
 CONTRADICTS = 8.0
@@ -49,7 +49,7 @@ CONTRADICTS = 8.0
 HEAVY = 5.0
 """... and by this many times what one in ten of the others is wrong by: the errors of some supports have heavy tails."""
 
-USUAL = 0.03
+TYPICAL_MOMENT = 0.03
 """Share of the support's size by which moments are usually wrong: beyond it, what is open lowers the weight of an
 observation."""
 
@@ -159,7 +159,7 @@ class OutlierRejection:
         # a force anywhere in a disc: half the radius is its standard deviation along any direction. All supports count alike:
         # with the w of the fit, the weight of an observation would depend on those before it
         doubt = float(np.mean(np.hypot(arms[:, 0], arms[:, 1]) * forces.free)) / 2
-        weight = 1 / math.hypot(1.0, doubt / (USUAL * self._radius))
+        weight = 1 / math.hypot(1.0, doubt / (TYPICAL_MOMENT * self._radius))
         row = np.concatenate(((tip_at(observation)[1], jump, poses, span, weight), moments))
         if observation.push_id not in self._places:
             self._places[observation.push_id] = len(self._pushes)
@@ -209,7 +209,7 @@ class OutlierRejection:
         found: dict[int, str] = {}
         for name, (sizes, usual) in measured.items():
             with np.errstate(invalid="ignore"):
-                beyond = sizes > LIMITS[name] * wider * max(usual, LEAST[name])
+                beyond = sizes > LIMITS[name] * wider * max(usual, FLOORS[name])
             for index in np.flatnonzero(beyond):
                 found.setdefault(int(pushes[index]), name)
         return found
@@ -333,7 +333,7 @@ def _median(values: Array) -> float:
 
 
 def _wider(pushes: int) -> float:
-    return (1 + FEW / pushes) / (1 + FEW / 14)
+    return (1 + WIDENING / pushes) / (1 + WIDENING / 14)
 
 
 def _freedom(count: int, w: Array) -> int:

@@ -45,7 +45,7 @@ SAMPLES = 64
 ORDER = 3
 """Highest order of the cosines that make up the logarithm of the pressure."""
 
-EVEN = 0.5
+NO_FEET = 0.5
 """Prior probability that there are no feet besides the area ..."""
 
 MORE = 0.7
@@ -77,7 +77,7 @@ COMMON = 0.5
 """What makes pushes differ from any support shifts p_CF in all of them by this share, too, which no push shows; chosen on
 simulated and real pushes together."""
 
-FEW = 1e-3
+SMALLEST_ERROR = 1e-3
 """A standard deviation of p_CF of less than this share of the support's size is not believed."""
 
 warn_unless_compiled(support_chain, "the posterior is")
@@ -191,7 +191,7 @@ class Sampling:
         """The posterior."""
         samples = self._samples
         centers = self._centers(samples)
-        unseen = COMMON**2 * float(np.mean(self._misfits)) + (FEW * self._size) ** 2
+        unseen = COMMON**2 * float(np.mean(self._misfits)) + (SMALLEST_ERROR * self._size) ** 2
         covariance = np.cov(centers.T) + unseen * np.eye(2)
         w = np.array([area + self._places.shared(feet, weights) for area, feet, weights in samples])
         chosen = w[np.linspace(0, len(w) - 1, SAMPLES).round().astype(int)]
@@ -220,7 +220,9 @@ def _chain(seen: Motions, points: Array, radius: float, hull: Array, extent: flo
     )
     numbers = np.arange(support_chain.MOST_FEET + 1)
     with np.errstate(divide="ignore"):
-        log_numbers = np.where(numbers == 0, math.log(EVEN), math.log((1 - EVEN) * (1 - MORE)) + (numbers - 1) * math.log(MORE))
+        log_numbers = np.where(
+            numbers == 0, math.log(NO_FEET), math.log((1 - NO_FEET) * (1 - MORE)) + (numbers - 1) * math.log(MORE)
+        )
     return support_chain.Chain(
         np.ascontiguousarray(seen.displacements),
         np.ascontiguousarray(seen.errors),
