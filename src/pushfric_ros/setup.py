@@ -45,6 +45,9 @@ setup(
             "frames = pushfric_ros.commands.topic_frames:TopicFrames",
             "stroke = pushfric_ros.commands.stroke:along_the_stroke",
         ],
+        "pushfric.pushers": [
+            "twist = pushfric_ros.arms.twist:TwistConfig",
+        ],
         "pushfric.sources": [
             "odometry = pushfric_ros.adapters.odometry:OdometryConfig",
             "pose_array = pushfric_ros.adapters.pose_array:PoseArrayConfig",

@@ -128,6 +128,26 @@ def test_the_contract_of_every_driver(slide, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err.count("as it must be") == len(names)
 
 
+def test_an_arm_keeps_the_contract(tmp_path, monkeypatch, capsys):
+    names = {
+        "no fault",
+        "kill -9 of the actuator",
+        "SIGSTOP of both, as by a suspension",
+        "somebody calls actuator/stop",
+    }
+    monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name in names))
+    settings = ["source=pose_stamped", "topic=/tool_pose", "origin=[0, 0, 0.12]", "table=[0.5, 0.1, 0.3]", "silence=1"]
+    with open(tmp_path / "log", "w") as log:
+        arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
+    try:
+        rehearse.rehearsal(driver="twist", settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
+    finally:
+        arm.terminate()
+        arm.wait(60)
+    assert capsys.readouterr().err.count("as it must be") == len(names)
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
 def test_a_driver_whose_device_goes_on_alone_does_not_pass(slide, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name == "kill -9 of the actuator"))
     monkeypatch.setattr(slide, "DEAD_MAN", 30.0)  # of the device; the actuator's process has its own
@@ -140,7 +160,7 @@ def test_a_driver_whose_device_goes_on_alone_does_not_pass(slide, tmp_path, monk
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (["--driver", "crane"], "--driver must be an entry point of pushfric.pushers (grbl, slide), got 'crane'"),
+        (["--driver", "crane"], "--driver must be an entry point of pushfric.pushers (grbl, slide, twist), got 'crane'"),
         (["--driver", "slide"], "--set: device must be given: socket of the slide"),
         (["--driver", "slide", "--set", "colour=red"], "--set: expected any of device, backlash, got colour"),
         (["--driver", "slide", "--set", "device"], "--set: expected NAME=VALUE, got device"),

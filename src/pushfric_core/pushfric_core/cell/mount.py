@@ -76,10 +76,13 @@ class MountConfig:
         """When the body was seen, by the cell's clock [ns]."""
         return body.stamp + round(self.time_offset * 1e9)
 
+    def place(self, body: Body) -> Array:
+        """The place (3,) of the origin, in the tracker's frame [m]."""
+        return np.asarray(body.position + body.axes @ np.array(self.origin))
+
     def point(self, body: Body) -> Array:
         """The place (2,) of the origin, table frame [m]."""
-        place = body.position + body.axes @ np.array(self.origin)
-        return transform(inverse(Pose(*self.table)), place[:2])
+        return transform(inverse(Pose(*self.table)), self.place(body)[:2])
 
     def pose(self, body: Body) -> Pose:
         """The pose of the object in the table frame: the body's, without its tilt.

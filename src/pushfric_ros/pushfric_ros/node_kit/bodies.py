@@ -1,9 +1,13 @@
 """Subscribes to the topics of a source of bodies."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
 from pushfric_ros.adapters.body import Body, Source
 from pushfric_ros.messages.qos import NAMED
@@ -38,6 +42,38 @@ def follow(
             if body is not None:
                 on_body(body)
 
+    for topic, kind, qos in _wanted(source):
+        topics.subscribe(kind, topic, partial(take, topic), qos)
+
+
+def taken(node: Node, source: Source) -> Callable[[], Iterator[Body]]:
+    """A function that returns every body that has come since it was last called; no executor needs to spin the node.
+
+    Args:
+        node: makes the subscriptions.
+        source: of the bodies.
+    Raises:
+        InvalidInput: a message type is not installed.
+        ValueError: from the function: a message is not valid.
+    """
+    made = {topic: node.create_subscription(kind, topic, lambda _: None, qos) for topic, kind, qos in _wanted(source)}
+
+    def take() -> Iterator[Body]:
+        for topic, subscription in made.items():
+            for msg in messages(subscription):
+                if (body := source.body(topic, msg)) is not None:
+                    yield body
+
+    return take
+
+
+def messages(subscription: Subscription) -> Iterator[Any]:
+    """All messages that wait in a subscription's queue."""
+    with subscription.handle:
+        while (found := subscription.handle.take_message(subscription.msg_type, False)) is not None:
+            yield found[0]
+
+
+def _wanted(source: Source) -> Iterator[tuple[str, type, QoSProfile]]:
     for topic, (type_name, quality) in source.topics.items():
-        qos = profile(replace(NAMED[quality], depth=QUEUE))
-        topics.subscribe(message_class(type_name), topic, partial(take, topic), qos)
+        yield topic, message_class(type_name), profile(replace(NAMED[quality], depth=QUEUE))

@@ -22,7 +22,7 @@ from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
 from pushfric_ros.rehearsal.grbl_stage import GrblStage
-from pushfric_ros.rehearsal.stage import MID_PUSH, REACTION, SAME, EndedEarly, Stage, words_of
+from pushfric_ros.rehearsal.stage import MID_PUSH, REACTION, EndedEarly, Stage, words_of
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
 RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
@@ -115,7 +115,7 @@ def _judged(stage: S_contra, fault: Fault[S_contra], begin: float | None, first:
     given = stage.given
     seconds = travelled = allowed = problem = None
     if begin is None:
-        if abs(at_rest.along - stage.reach) > SAME:
+        if abs(at_rest.along - stage.reach) > stage.same:
             problem = f"it rests at {1e3 * at_rest.along:.2f} mm, the push ends at {1e3 * stage.reach:.2f} mm"
         elif (fastest := max(one.speed for one in stage.heard[first:])) > 1.05 * given.speed:
             problem = f"it went at {1e3 * fastest:.1f} mm/s"
@@ -132,7 +132,7 @@ def _judged(stage: S_contra, fault: Fault[S_contra], begin: float | None, first:
     if furthest > given.stroke:
         problem = f"it went to {1e3 * furthest:.1f} mm, beyond the stroke"
     stage.pause(WATCHED)
-    if abs(stage.along() - at_rest.along) > SAME:
+    if abs(stage.along() - at_rest.along) > stage.same:
         problem = "it moved again"
     problem = problem or untrue(stage, stage.heard[first].when, at_rest.when, fault.true)
     return Outcome(fault.name, seconds, travelled, allowed, problem)
@@ -231,7 +231,7 @@ def known_by_another_name(stage: GrblStage) -> str | None:
 def published_nonsense(stage: Stage) -> str | None:
     """A published position that does not lie on the way of the push."""
     for _, state in stage.states:
-        if not -SAME <= state.position - stage.position <= stage.reach + SAME:
+        if not -stage.same <= state.position - stage.position <= stage.reach + stage.same:
             return f"{1e3 * state.position:.1f} mm was published"
     return None
 
@@ -259,6 +259,14 @@ def signalled(number: signal.Signals, client: bool, share: float = MID_PUSH) -> 
     return bring_about
 
 
+def all_stopped(stage: Stage) -> float:
+    """Stop the actuator and its client at once, as a suspension does; the pusher's own controller goes on."""
+    begin = signalled(signal.SIGSTOP, client=False)(stage)
+    assert stage.client is not None
+    stage.client.send_signal(signal.SIGSTOP)
+    return begin
+
+
 def cell_signalled(number: signal.Signals, node: str, share: float = MID_PUSH) -> Callable[[GrblStage], float]:
     """Send a signal to a node of a whole cell, or its "command line", in a push; the cell's other processes live on."""
 
@@ -276,7 +284,7 @@ def cell_ends(stage: GrblStage) -> str | None:
     """All processes of the cell must end, and move nothing."""
     rest = stage.along()
     cell_has_ended(stage)
-    return "it moved again when the cell ended" if abs(stage.along() - rest) > SAME else None
+    return "it moved again when the cell ended" if abs(stage.along() - rest) > stage.same else None
 
 
 def goes_on_and_moves_nothing(stage: Stage) -> str | None:
@@ -287,7 +295,7 @@ def goes_on_and_moves_nothing(stage: Stage) -> str | None:
         if process.poll() is None:
             process.send_signal(signal.SIGCONT)
     stage.pause(2 * WATCHED)
-    return "it moved again when the process went on" if abs(stage.along() - rest) > SAME else None
+    return "it moved again when the process went on" if abs(stage.along() - rest) > stage.same else None
 
 
 def client_is_told(stage: Stage) -> str | None:
@@ -335,7 +343,7 @@ def waits_for_a_person(stage: Stage) -> str | None:
     try:
         stage.person.jog(1e-3, stage.given.speed)
     except NoAnswer:
-        return "it moved unasked" if abs(stage.along() - rest) > SAME else None
+        return "it moved unasked" if abs(stage.along() - rest) > stage.same else None
     return "it accepted a push without a reset"
 
 
@@ -472,6 +480,7 @@ CONTRACT: tuple[Fault[Stage], ...] = (
     Fault("SIGTERM of the actuator", signalled(signal.SIGTERM, client=False), check=client_is_told),
     Fault("kill -9 of the push's client", signalled(signal.SIGKILL, client=True), OWNER),
     Fault("SIGSTOP of the push's client", signalled(signal.SIGSTOP, client=True), OWNER, goes_on_and_moves_nothing),
+    Fault("SIGSTOP of both, as by a suspension", all_stopped, check=goes_on_and_moves_nothing),
     Fault("somebody calls actuator/stop", stopped, check=is_released),
     Fault("the enable is withdrawn", no_more_enable, ENABLE_TIMEOUT + REACTION),
     Fault("the force is too great", too_much_force, check=is_released),

@@ -13,7 +13,7 @@ from pushfric_core.pushers.grbl_settings import AXES
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.rehearsal.stage import SAME, Heard, NotRehearsed, Stage, drive
+from pushfric_ros.rehearsal.stage import Heard, NotRehearsed, Stage, drive
 
 INCH = 25.4  # [mm]
 LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
@@ -22,6 +22,7 @@ LISTENING = 0.02  # the stage asks for a report if none was heard for this long 
 class GrblStage(Stage):
     """A stage that hears all that the controller says, whatever happens to the actuator."""
 
+    same = 2e-5
     line: FaultyLine
     grbl: GrblConfig
 
@@ -125,7 +126,7 @@ class GrblStage(Stage):
         self.ask(" ".join(word for word in self.before["$G"][0].strip("[]GC:").split() if word in RESTORED))
         now = self.known()
         changed = [line for line, answer in self.before.items() if comparable(answer) != comparable(now[line])]
-        return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > SAME)
+        return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > self.same)
 
 
 RESTORED = {"G20", "G21", "G90", "G91", "G17", "G18", "G19", "G93", "G94", *(f"G{n}" for n in range(54, 60))}

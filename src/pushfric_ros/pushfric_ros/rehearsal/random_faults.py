@@ -18,7 +18,7 @@ from pushfric_ros.rehearsal.faults import (
     waits_for_a_person,
 )
 from pushfric_ros.rehearsal.grbl_stage import GrblStage
-from pushfric_ros.rehearsal.stage import SAME, words_of
+from pushfric_ros.rehearsal.stage import words_of
 
 KINDS = ("actuator", "client of a push", "experiment", "command line")
 EARLIEST, LATEST = 0.05, 0.9  # of a push, for a kill
@@ -75,9 +75,9 @@ def _of_a_push(name: str, damage: LineDamage, share: float, stops: bool) -> Faul
     def check(stage: GrblStage) -> str | None:
         assert stage.client is not None
         rest = stage.along()
-        if stage.client.returncode == 0 and abs(rest - stage.reach) > SAME:
+        if stage.client.returncode == 0 and abs(rest - stage.reach) > stage.same:
             return f"it rests at {1e3 * rest:.2f} mm, and the client was told: {words_of(stage.client)}"
-        if not damage.to_controller and rest > stage.reach + SAME:
+        if not damage.to_controller and rest > stage.reach + stage.same:
             return f"it went to {1e3 * rest:.2f} mm, beyond the push"
         return _healed(stage)
 
@@ -91,7 +91,7 @@ def _of_a_connection(name: str, damage: LineDamage) -> Fault[GrblStage]:
         damage.begin(stage.line)
         stage.start_actuator()
         stage.pause(CONNECTING + damage.delay)
-        problem = _healed(stage) if abs(stage.along()) <= SAME else "it moved unasked"
+        problem = _healed(stage) if abs(stage.along()) <= stage.same else "it moved unasked"
         if problem is not None:
             raise Excess(problem)
         stage.states.clear()
@@ -108,7 +108,7 @@ def _healed(stage: GrblStage) -> str | None:
     stage.states.clear()
     stage.wait(lambda: stage.states, "a state")
     state = stage.states[-1][1]
-    if abs(stage.along() - rest) > SAME:
+    if abs(stage.along() - rest) > stage.same:
         return "it moved again when the line was whole"
     there = state.position - stage.position
     if state.mode not in (PusherState.MODE_ALARM, PusherState.MODE_DISCONNECTED) and abs(there - rest) > TRUE:

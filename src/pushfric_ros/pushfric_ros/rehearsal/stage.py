@@ -28,7 +28,6 @@ from pushfric_ros.node_kit.person import NoAnswer, Person
 REACTION = 0.3
 """Whatever breaks, the pusher may go on for this long before it brakes [s]."""
 MID_PUSH = 0.3  # of a push
-SAME = 2e-5  # positions that differ by no more are the same [m]
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
 EVENT_TIMEOUT = 60.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
@@ -68,6 +67,9 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     Where the pusher is, the actuator publishes; if it has died, where the pusher rests is what the next actuator finds.
     """
 
+    same = 2e-4
+    """Positions that differ by no more are the same [m]; an arm neither arrives nor rests as exactly as a screw."""
+
     def __init__(self, given: Rehearsed, say: Callable[[str], None]) -> None:
         """Prepare the stage; nothing is opened yet.
 
@@ -85,6 +87,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.limits = Limits()  # of the controller
         self.position = 0.0  # where the rehearsal began, as the driver counts it [m]
         self._changes: dict[str, Any] = {}  # of the actuator's settings, for one fault
+        self._started = 0.0  # the present actuator, when
         self._leaving = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
@@ -125,7 +128,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     def _check(self) -> None:
         given = self.given
-        if self.position < -SAME:
+        if self.position < -self.same:
             here = f"the controller stands at {1e3 * self.position:.3f} mm"
             raise NotRehearsed(f"{here}, expected 0 or more: set its work zero, or reverse the axis")
         if given.speed > self.limits.max_speed:
@@ -216,14 +219,14 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             if time.monotonic() - self.heard[-1].when > AT_REST:
                 self.witness()
             last = self.heard[-1]
-            moved = [one.when for one in reversed(self.heard[-200:]) if one.along != last.along or one.moves]
+            moved = [one.when for one in reversed(self.heard[-200:]) if abs(one.along - last.along) > self.same or one.moves]
             since = max(since, moved[0]) if moved else since
             return last.when - since > AT_REST
 
         self.wait(rests, "the pusher to rest")
         last = self.heard[-1].along
         first = len(self.heard)
-        while first and abs(self.heard[first - 1].along - last) <= SAME:
+        while first and abs(self.heard[first - 1].along - last) <= self.same:
             first -= 1
         return self.heard[first]
 
@@ -264,6 +267,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         config, driver = self.config()
         spec = NodeSpec("actuator", {**plain(config), **plain(driver)})
         self.states.clear()
+        self._started = time.monotonic()
         with open(self.log, "a") as log:
             self.actuator = self.process(command(spec, self.namespace, self.folder), log)
 
@@ -290,12 +294,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         if self.actuator is None or self.actuator.poll() is not None:
             self.start_actuator()
         self.make_ready()
-        if abs(self.along()) > SAME:
+        if abs(self.along()) > self.same:
             try:
                 self.person.jog(-self.along(), min(5 * self.given.speed, self.limits.max_speed))
             except NoAnswer as error:
                 raise EndedEarly(f"the pusher could not be brought back: {error}") from error
-            self.wait(lambda: abs(self.along()) <= SAME, "the pusher to be back")
+            self.wait(lambda: abs(self.along()) <= self.same, "the pusher to be back")
         self.make_ready()
 
     def make_ready(self) -> None:
@@ -344,8 +348,8 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             raise EndedEarly(f"the push ended before the fault: {words_of(self.client)}")
 
     def mode(self) -> int | None:
-        """The mode that was published last; None if none was."""
-        return self.states[-1][1].mode if self.states else None
+        """The mode that the present actuator published last; None if it has published none."""
+        return self.states[-1][1].mode if self.states and self.states[-1][0] > self._started else None
 
     def _on_state(self, state: PusherState) -> None:
         """Keep a state with the time of its stamp, whenever it comes."""

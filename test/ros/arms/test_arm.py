@@ -1,0 +1,265 @@
+"""The drivers of arms, over the real middleware, against the simulated arm of examples/arm.py: its joints are the truth."""
+
+import contextlib
+import math
+import pathlib
+import time
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import TwistStamped
+
+from pushfric_core.geometry.planar import Pose, inverse, transform
+from pushfric_core.pushers.check import Grade
+from pushfric_core.pushers.clock import suspended
+from pushfric_core.pushers.pusher import (
+    LeftTheWay,
+    Mode,
+    NotConnected,
+    NotReady,
+    PusherConfig,
+    Suspended,
+    Timeout,
+)
+from pushfric_ros.arms import arm as arms
+from pushfric_ros.arms.twist import TwistConfig
+
+EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
+STAGE = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.06, 0.1)
+POSES = {"source": "pose_stamped", "topic": "/tool_pose", "origin": (0.0, 0.0, 0.12), "table": (0.5, 0.1, 0.3)}
+PATIENT = 30.0  # silence, for a busy machine [s]
+DRIVERS = {"twist": TwistConfig}
+
+
+@pytest.fixture
+def example(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import arm
+
+    return arm
+
+
+@pytest.fixture
+def device(ros, example):
+    """The simulated arm."""
+    return ros.compose(example.Arm())
+
+
+@pytest.fixture(params=DRIVERS)
+def kind(request):
+    return DRIVERS[request.param]
+
+
+@contextlib.contextmanager
+def connected(kind=TwistConfig, stage=STAGE, **settings):
+    with contextlib.closing(kind(**{**POSES, "silence": PATIENT, **settings}).open_pusher(stage)) as pusher:
+        pusher.connect()
+        until(pusher, lambda _: not pusher.busy)
+        yield pusher
+
+
+def until(pusher, condition):
+    """Poll until a condition holds for the last report; return all reports."""
+    reports, deadline = [], time.monotonic() + 60.0
+    while not (reports and condition(reports[-1])):
+        assert time.monotonic() < deadline, reports[-3:]
+        pusher.ask(0)
+        if (report := pusher.poll()) is not None:
+            reports.append(report)
+        time.sleep(0.002)
+    return reports
+
+
+def tip(device, example) -> np.ndarray:
+    """Where the tip of the simulated arm is: (2,) on the table, and how high [m]."""
+    place, axes, _ = example.forward(device.joints)
+    x, y, z = place + axes @ (0.0, 0.0, example.TOOL)
+    return np.array((*transform(inverse(Pose(*example.TABLE)), (x, y)), z))
+
+
+def at_rest(ros, device, example) -> np.ndarray:
+    ros.wait_for(lambda: np.abs(device._speeds).max() < 1e-7, what="an arm at rest")
+    return tip(device, example)
+
+
+def test_a_stroke_ends_where_it_was_sent_and_stays_on_its_line(ros, device, example, kind):
+    with connected(kind) as pusher:
+        assert (pusher.mode, pusher.doubt) == (Mode.IDLE, None)
+        height = tip(device, example)[2]
+        pusher.move_to(0.03, 0.03)
+        assert pusher.mode is Mode.RUNNING
+        way = []
+
+        def note(report):
+            way.append(tip(device, example))
+            return report.mode is Mode.IDLE
+
+        reports = until(pusher, note)
+        way = np.array(way)
+        assert way[-1] == pytest.approx((0.0, 0.03, height), abs=2e-4)
+        assert way[:, 1].max() < 0.03 + 1e-4
+        assert np.abs(way[:, (0, 2)] - (0.0, height)).max() < 5e-4
+        assert reports[-1].position == pytest.approx(0.03, abs=1e-4)
+        assert (reports[-1].mode, reports[-1].speed) == (Mode.IDLE, 0.0)
+        assert np.all(np.diff([report.stamp for report in reports]) > 0)
+        pusher.move_to(0.0, 0.05)
+        until(pusher, lambda _: not pusher.busy)
+        assert at_rest(ros, device, example) == pytest.approx((0.0, 0.0, height), abs=2e-4)
+
+
+def test_a_line_anywhere_on_the_table(ros, device, example):
+    """The line is that of the cell's file, in the table frame."""
+    stage = PusherConfig((-0.02, 0.01), (2.0, -1.0), 0.003, 0.1, 0.1)
+    with connected(stage=stage) as pusher:
+        begin = until(pusher, lambda _: True)[-1].position
+        assert begin == pytest.approx(math.sqrt(0.02**2 + 0.01**2), abs=1e-4)
+        pusher.move_to(begin + 0.02, 0.05)
+        until(pusher, lambda _: not pusher.busy)
+        assert at_rest(ros, device, example)[:2] == pytest.approx(0.02 * np.array((2, -1)) / math.sqrt(5), abs=2e-4)
+
+
+def test_a_stop_ends_the_motion(ros, device, example, kind):
+    with connected(kind) as pusher:
+        pusher.move_to(0.05, 0.02)
+        until(pusher, lambda report: report.position > 0.01)
+        pusher.stop()
+        until(pusher, lambda _: not pusher.busy)
+        assert 0.01 < at_rest(ros, device, example)[1] < 0.03
+        assert (pusher.mode, pusher.doubt) == (Mode.IDLE, None)
+
+
+def test_an_arm_whose_driver_is_not_polled_stops_by_itself(ros, device, example, kind):
+    with connected(kind, silence=1.0) as pusher:
+        pusher.move_to(0.05, 0.01)
+        until(pusher, lambda report: report.position > 0.005)
+        time.sleep(1.1)  # what is tested: nobody polls
+        rest = at_rest(ros, device, example)
+        with pytest.raises(Timeout, match=r"this process stood still for 1\.\d\d s"):
+            pusher.poll()
+        until(pusher, lambda _: not pusher.busy)
+        assert at_rest(ros, device, example) == pytest.approx(rest, abs=1e-4)
+
+
+def test_an_arm_that_is_not_seen_is_stopped(ros, device, example):
+    with connected(silence=0.5) as pusher:
+        pusher.move_to(0.05, 0.01)
+        until(pusher, lambda report: report.position > 0.005)
+        device._count = -(10**9) * example.POSES + 1  # no more poses
+        device._publish = lambda *_: None
+        with pytest.raises(NotConnected, match=r"no pose of /base_link/tool0 for 0\.\d\d s"):
+            until(pusher, lambda _: False)
+        assert (pusher.mode, pusher.busy) == (Mode.DISCONNECTED, False)
+        at_rest(ros, device, example)
+        del device._publish
+        pusher.connect()
+        assert until(pusher, lambda _: not pusher.busy)[-1].mode is Mode.IDLE
+        assert pusher.doubt is None
+
+
+def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device, example):
+    with connected() as pusher:
+        pusher.move_to(0.05, 0.01)
+        until(pusher, lambda report: report.position > 0.005)
+        before = device.joints.copy()
+        aside = example.backward(example.forward(before)[0] + (0.0, 0.0, 0.004), example.DOWN, before)
+        device.joints = aside  # 4 mm higher
+        with pytest.raises(LeftTheWay, match=r"the tip is \d\.\d mm beside its line"):
+            until(pusher, lambda _: False)
+        until(pusher, lambda _: not pusher.busy)
+        with pytest.raises(NotReady, match="beside its line"):
+            pusher.move_to(0.05, 0.01)
+        pusher.recover()
+        pusher.move_to(0.02, 0.05)
+        until(pusher, lambda _: not pusher.busy)
+        assert at_rest(ros, device, example)[1] == pytest.approx(0.02, abs=2e-4)
+
+
+def test_a_tip_beside_its_line_is_not_moved(device):
+    with connected(stage=PusherConfig((0.003, 0.0), (0.0, 1.0), 0.003, 0.06, 0.1)) as pusher:
+        for ask in (pusher.recover, lambda: pusher.move_to(0.01, 0.01)):
+            with pytest.raises(NotReady, match=r"the tip is 3\.0 mm beside its line, expected 2 mm at most"):
+                ask()
+
+
+def test_an_arm_that_moves_when_it_is_found_needs_a_person(ros, device):
+    with connected() as first:
+        first.move_to(0.05, 0.005)
+        until(first, lambda report: report.position > 0.001)
+        second = TwistConfig(**POSES, silence=PATIENT).open_pusher(STAGE)
+        second.connect()
+        deadline = time.monotonic() + 60.0
+        while second.busy:
+            assert time.monotonic() < deadline
+            first.poll()
+            second.poll()
+        assert second.doubt == "the arm moved when it was found"
+        assert second.mode is Mode.RUNNING
+        second._visit.close()
+        second._visit = None
+
+
+def test_after_a_suspension_a_person_is_asked(ros, device, example, monkeypatch):
+    with connected() as pusher:
+        pusher.move_to(0.05, 0.01)
+        until(pusher, lambda report: report.position > 0.005)
+        slept = suspended() + 4.0
+        monkeypatch.setattr(arms, "suspended", lambda: slept)
+        with pytest.raises(Suspended, match=r"this computer was suspended for 4\.\d s"):
+            until(pusher, lambda _: False)
+        until(pusher, lambda _: not pusher.busy)
+        with pytest.raises(NotReady, match="suspended"):
+            pusher.move_to(0.05, 0.01)
+
+
+def test_without_an_arm_there_is_one_line(ros, monkeypatch, example):
+    monkeypatch.setattr(arms, "CONNECT", 0.3)
+    pusher = TwistConfig(**POSES).open_pusher(STAGE)
+    for what in ("nobody listens to /servo_node/delta_twist_cmds", "no pose of /base_link/tool0"):
+        pusher.connect()
+        with pytest.raises(NotConnected, match=f"{what}; expected within 0.3 s"):
+            until(pusher, lambda _: False)
+        ros.node("servo").create_subscription(TwistStamped, "/servo_node/delta_twist_cmds", lambda _: None, 10)
+    pusher.close()
+
+
+def test_the_doctor_looks_and_moves_nothing(ros, device, example, monkeypatch):
+    before = device.joints.copy()
+    checks = list(TwistConfig(**POSES).checks(STAGE, 0.05, 0.02))
+    assert [(check.name, check.level) for check in checks] == [("arm", Grade.OK), ("dead-man", Grade.OK)]
+    assert "the tip is 0.0 mm beside its line" in checks[0].finding
+    aside = PusherConfig((0.003, 0.0), (0.0, 1.0), 0.003, 0.06, 0.1)
+    assert next(TwistConfig(**POSES).checks(aside, 0.05, 0.02)).level is Grade.WARNING
+    monkeypatch.setattr(arms, "CONNECT", 0.3)
+    (failed,) = TwistConfig(**POSES | {"topic": "/elsewhere"}).checks(STAGE, 0.05, 0.02)
+    assert (failed.level, failed.finding[:7]) == (Grade.FAILED, "no pose")
+    assert (device.joints == before).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "stage", "error"),
+    [
+        ({"source": "odometry"}, STAGE, "source must be one of transforms, pose_stamped, got 'odometry'"),
+        ({}, PusherConfig((0, 0), (0, 1), 0.003, 0.06, 0.1, home=True), "home must be false"),
+        ({"rate": 1.0}, STAGE, r"rate must lie in \[10.0, 500.0\], got 1.0"),
+        ({"origin": (1.0,)}, STAGE, "origin must be three finite numbers"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(settings, stage, error):
+    with pytest.raises(ValueError, match=error):
+        TwistConfig(**settings).open_pusher(stage)
+
+
+def test_the_tip_is_found_on_tf(ros, device):
+    pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
+    with connected(source="transforms", frame="tool0", reference="base_link") as pusher:
+        pusher.move_to(0.02, 0.05)
+        assert until(pusher, lambda _: not pusher.busy)[-1].position == pytest.approx(0.02, abs=1e-4)
+
+
+def test_a_missing_type_of_message_is_one_line():
+    with contextlib.suppress(ImportError):
+        import tf2_msgs.msg
+
+        pytest.skip(f"{tf2_msgs.msg.__name__} is installed")
+    assert "'tf2_msgs/msg/TFMessage' is not installed" in TwistConfig().absence()
+    assert TwistConfig(**POSES).absence() is None
