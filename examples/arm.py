@@ -1,22 +1,27 @@
-"""A robot arm with six axes, simulated, as the driver `twist` sees one: for examples/arm.yaml.
+"""A robot arm with six axes, simulated, as the drivers `twist` and `trajectory` see one: for examples/arm.yaml.
 
 python3 examples/arm.py                                            # is the arm, until Ctrl-C
 ./pushfric run examples/arm.yaml --simulated-camera                # in another terminal: it pushes a rendered object
 
-It takes what MoveIt Servo takes: velocities of the tool, each good for TIMEOUT. It answers with the tool's pose, on tool_pose
-and, if tf2_msgs is installed, on /tf.
+It takes what MoveIt Servo takes, velocities of the tool, each good for TIMEOUT; and what the joint trajectory controller of
+ros2_control takes. It answers with the tool's pose, on tool_pose and, if tf2_msgs is installed, on /tf, and with its joints.
 """
 
 import math
-import time
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
 from rclpy.node import Node
+from scipy.interpolate import CubicHermiteSpline
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.qos import LATCHED, NEWEST, RELIABLE
 from pushfric_ros.node_kit.transforms import TransformBroadcaster
 
 PERIOD = 0.005  # of the controller [s]
@@ -36,6 +41,29 @@ TIP = (0.0, 0.0)  # where the tip stands at first, on the table [m]
 ABOVE = 0.002  # the tip, over the table [m]
 DOWN = np.diag((1.0, -1.0, -1.0))  # axes of a flange that points down
 ELBOW_UP = np.array((0.2, 0.4, 1.6, 1.1, 0.0, 0.0))  # near such a place [rad]
+
+
+NAMES = [f"joint_{number}" for number in range(1, 7)]
+LINKS = ["base_link", *(f"link_{number}" for number in range(1, 7)), "tool0"]
+
+
+def urdf() -> str:
+    """The arm as robot_state_publisher would describe it."""
+    joints = [
+        f"""<joint name="{name}" type="revolute"><parent link="{LINKS[number]}"/><child link="{LINKS[number + 1]}"/>
+        <origin xyz="{words(offset)}"/><axis xyz="{words(axis)}"/>
+        <limit lower="{-REACH}" upper="{REACH}" velocity="{FASTEST}" effort="100"/></joint>"""
+        for number, (name, offset, axis) in enumerate(zip(NAMES, OFFSETS, AXES, strict=True))
+    ]
+    joints.append(
+        f"""<joint name="flange" type="fixed"><parent link="link_6"/><child link="tool0"/>
+        <origin xyz="{words(FLANGE)}"/></joint>"""
+    )
+    return f"""<robot name="arm">{"".join(f'<link name="{name}"/>' for name in LINKS)}{"".join(joints)}</robot>"""
+
+
+def words(numbers: np.ndarray) -> str:
+    return " ".join(map(str, numbers))
 
 
 def turn(axis: np.ndarray, angle: float) -> np.ndarray:
@@ -74,6 +102,11 @@ def at_first() -> np.ndarray:
     return backward(place, DOWN, ELBOW_UP)
 
 
+def stamp_of(msg: Any) -> float:
+    """When a message was stamped [s]."""
+    return 1e-9 * stamp_from_msg(msg.header.stamp)
+
+
 class Arm(Node):
     """The arm with its controller."""
 
@@ -81,34 +114,63 @@ class Arm(Node):
         super().__init__("arm", **kwargs)
         self.joints, self._speeds = at_first(), np.zeros(6)
         self._wanted, self._good_until = np.zeros(6), 0.0
-        self._then, self._count = time.monotonic(), 0
+        self._course: CubicHermiteSpline | None = None  # of the joints, and since when
+        self._now, self._count = 1e-9 * self.get_clock().now().nanoseconds, 0
         self._pose_out = self.create_publisher(PoseStamped, "/tool_pose", RELIABLE)
+        self._joints_out = self.create_publisher(JointState, "/joint_states", RELIABLE)
+        self._description_out = self.create_publisher(String, "/robot_description", LATCHED)
+        self._description_out.publish(String(data=urdf()))
         self._broadcaster = TransformBroadcaster(self, "")
-        self.create_subscription(TwistStamped, "/servo_node/delta_twist_cmds", self._on_twist, RELIABLE)
+        self.create_subscription(TwistStamped, "/servo_node/delta_twist_cmds", self._on_twist, NEWEST)
+        trajectories = "/joint_trajectory_controller/joint_trajectory"
+        self.create_subscription(JointTrajectory, trajectories, self._on_trajectory, NEWEST)
         self.create_timer(PERIOD, self._step)
 
     def _on_twist(self, msg: TwistStamped) -> None:
+        """Follow a velocity, if it is not too old already."""
+        self._go_on()
+        self._good_until, self._course = stamp_of(msg) + TIMEOUT, None
         linear, angular = msg.twist.linear, msg.twist.angular
         self._wanted = np.array((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
-        self._good_until = time.monotonic() + TIMEOUT
+
+    def _on_trajectory(self, msg: JointTrajectory) -> None:
+        """Go on from here through the points that are not past; the last one is held."""
+        order = [msg.joint_names.index(name) for name in NAMES]
+        self._go_on()
+        times, places, speeds = [self._now], [self.joints], [self._speeds]
+        for point in msg.points:
+            when = stamp_of(msg) + point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+            if when > self._now:
+                times.append(when)
+                places.append(np.array(point.positions)[order])
+                speeds.append(np.array(point.velocities)[order])
+        if len(times) > 1:
+            self._course = CubicHermiteSpline(times, places, speeds)
 
     def _step(self) -> None:
-        """Follow the last command while it is good."""
-        now = time.monotonic()
-        seconds, self._then = min(now - self._then, 0.05), now
-        wanted = np.zeros(6)
-        if now < self._good_until:
-            jacobian = forward(self.joints)[2]
-            wanted = np.clip(np.linalg.solve(jacobian, self._wanted), -FASTEST, FASTEST)
-        self._speeds += (wanted - self._speeds) * (1 - math.exp(-seconds / LAG))
-        self.joints = np.clip(self.joints + self._speeds * seconds, -REACH, REACH)
+        self._go_on()
         self._count += 1
         if self._count % POSES == 0:
             self._publish(*forward(self.joints)[:2])
 
+    def _go_on(self) -> None:
+        """Follow the last command until now, while it is good."""
+        then, self._now = self._now, 1e-9 * self.get_clock().now().nanoseconds
+        seconds = min(self._now - then, 0.05)
+        if self._course is not None:
+            self._speeds = self._course(self._now, 1) if self._now < self._course.x[-1] else np.zeros(6)
+            self.joints = np.clip(self._course(min(self._now, self._course.x[-1])), -REACH, REACH)
+        else:
+            wanted = np.zeros(6)
+            if self._now < self._good_until:
+                jacobian = forward(self.joints)[2]
+                wanted = np.clip(np.linalg.solve(jacobian, self._wanted), -FASTEST, FASTEST)
+            self._speeds = self._speeds + (wanted - self._speeds) * (1 - math.exp(-seconds / LAG))
+            self.joints = np.clip(self.joints + self._speeds * seconds, -REACH, REACH)
+
     def _publish(self, place: np.ndarray, axes: np.ndarray) -> None:
         msg = TransformStamped(child_frame_id="tool0")
-        msg.header.frame_id, msg.header.stamp = "base_link", self.get_clock().now().to_msg()
+        msg.header.frame_id, msg.header.stamp = "base_link", stamp_to_msg(round(1e9 * self._now))
         # the flange always points down, more or less: its axes are about those of half a turn about x
         w = 0.5 * math.sqrt(max(0.0, 1 + axes[0, 0] - axes[1, 1] - axes[2, 2]))
         x, y, z = w, (axes[0, 1] + axes[1, 0]) / (4 * w), (axes[0, 2] + axes[2, 0]) / (4 * w)
@@ -119,6 +181,7 @@ class Arm(Node):
         pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = map(float, place)
         pose.pose.orientation = rotation
         self._pose_out.publish(pose)
+        self._joints_out.publish(JointState(header=msg.header, name=NAMES, position=self.joints.tolist()))
         self._broadcaster.broadcast(msg)
 
 

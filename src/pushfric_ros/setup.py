@@ -46,6 +46,7 @@ setup(
             "stroke = pushfric_ros.commands.stroke:along_the_stroke",
         ],
         "pushfric.pushers": [
+            "trajectory = pushfric_ros.arms.trajectory:TrajectoryConfig",
             "twist = pushfric_ros.arms.twist:TwistConfig",
         ],
         "pushfric.sources": [

@@ -17,6 +17,7 @@ from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 PATIENT = 30.0  # silence, for a busy machine [s]
+DRIVERS = "grbl, slide, trajectory, twist"
 QUICK = {
     "another program sets inches, increments and 200 % feed",
     "kill -9 of the actuator",
@@ -128,7 +129,8 @@ def test_the_contract_of_every_driver(slide, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().err.count("as it must be") == len(names)
 
 
-def test_an_arm_keeps_the_contract(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("driver", ["twist", "trajectory"])
+def test_an_arm_keeps_the_contract(driver, tmp_path, monkeypatch, capsys):
     names = {
         "no fault",
         "kill -9 of the actuator",
@@ -140,7 +142,7 @@ def test_an_arm_keeps_the_contract(tmp_path, monkeypatch, capsys):
     with open(tmp_path / "log", "w") as log:
         arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
     try:
-        rehearse.rehearsal(driver="twist", settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
+        rehearse.rehearsal(driver=driver, settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
     finally:
         arm.terminate()
         arm.wait(60)
@@ -160,7 +162,10 @@ def test_a_driver_whose_device_goes_on_alone_does_not_pass(slide, tmp_path, monk
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (["--driver", "crane"], "--driver must be an entry point of pushfric.pushers (grbl, slide, twist), got 'crane'"),
+        (
+            ["--driver", "crane"],
+            f"--driver must be an entry point of pushfric.pushers ({DRIVERS}), got 'crane'",
+        ),
         (["--driver", "slide"], "--set: device must be given: socket of the slide"),
         (["--driver", "slide", "--set", "colour=red"], "--set: expected any of device, backlash, got colour"),
         (["--driver", "slide", "--set", "device"], "--set: expected NAME=VALUE, got device"),

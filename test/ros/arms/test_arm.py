@@ -8,6 +8,8 @@ import time
 import numpy as np
 import pytest
 from geometry_msgs.msg import TwistStamped
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
 from pushfric_core.geometry.planar import Pose, inverse, transform
 from pushfric_core.pushers.check import Grade
@@ -22,13 +24,15 @@ from pushfric_core.pushers.pusher import (
     Timeout,
 )
 from pushfric_ros.arms import arm as arms
+from pushfric_ros.arms.trajectory import TrajectoryConfig
 from pushfric_ros.arms.twist import TwistConfig
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 STAGE = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.06, 0.1)
 POSES = {"source": "pose_stamped", "topic": "/tool_pose", "origin": (0.0, 0.0, 0.12), "table": (0.5, 0.1, 0.3)}
 PATIENT = 30.0  # silence, for a busy machine [s]
-DRIVERS = {"twist": TwistConfig}
+DRIVERS = {"twist": TwistConfig, "trajectory": TrajectoryConfig}
 
 
 @pytest.fixture
@@ -220,6 +224,47 @@ def test_without_an_arm_there_is_one_line(ros, monkeypatch, example):
             until(pusher, lambda _: False)
         ros.node("servo").create_subscription(TwistStamped, "/servo_node/delta_twist_cmds", lambda _: None, 10)
     pusher.close()
+
+
+def test_a_trajectory_needs_the_joints_and_their_urdf(ros, monkeypatch, example):
+    monkeypatch.setattr(arms, "CONNECT", 0.3)
+    pusher = TrajectoryConfig(**POSES).open_pusher(STAGE)
+    node = ros.node("controller")
+    description = node.create_publisher(String, "/robot_description", LATCHED)
+
+    def lacks(what):
+        pusher.connect()
+        with pytest.raises(NotConnected, match=f"{what}; expected within 0.3 s"):
+            until(pusher, lambda _: False)
+
+    lacks("nobody listens to /joint_trajectory_controller/joint_trajectory")
+    node.create_subscription(JointTrajectory, "/joint_trajectory_controller/joint_trajectory", lambda _: None, 10)
+    lacks("no URDF on /robot_description")
+    description.publish(String(data="<robot"))
+    lacks("the URDF on /robot_description: is not XML: .*")
+    description.publish(String(data=example.urdf()))
+    lacks("no positions of joint_1, .*joint_6 on /joint_states")
+    pusher.close()
+
+
+def test_an_arm_that_is_held_back_is_not_pulled_ever_harder(ros, device, example):
+    sent = []
+    ros.node("listener").create_subscription(
+        JointTrajectory, "/joint_trajectory_controller/joint_trajectory", sent.append, RELIABLE
+    )
+    with connected(TrajectoryConfig) as pusher:
+        go_on, here = device._go_on, device.joints
+
+        def held() -> None:
+            go_on()
+            device.joints = here
+
+        device._go_on = held
+        pusher.move_to(0.05, 0.02)
+        until(pusher, lambda _: len(sent) > 100)
+        off = np.array([point.positions for msg in sent for point in msg.points]) - here
+        speeds = np.linalg.solve(example.forward(here)[2], (*(0.02 * pusher._axes[0]), 0, 0, 0))
+        assert 0.1 < np.linalg.norm(off, axis=1).max() / np.linalg.norm(speeds) < 2 * arms.DEAD_MAN
 
 
 def test_the_doctor_looks_and_moves_nothing(ros, device, example, monkeypatch):

@@ -47,12 +47,14 @@ from pushfric_ros.node_kit.bodies import taken
 from pushfric_ros.node_kit.visit import Visit, visit
 
 CONNECT = 5.0  # the first pose, and whoever takes the commands, may take this long [s]
+AT_REST = 1.0  # nothing is lost if poses of an arm at rest fail to come for this long [s]
 SLEPT = 0.1  # a computer that was suspended for longer than this has lost sight of the arm [s]
 DEAD_MAN = 0.25  # the arm must stop this long after the last command [s]
 WINDOW = 0.1  # speeds are measured over this long [s]
 STILL = 5e-4  # a tip that is slower than this rests [m/s]
-GAIN = 5.0  # speed for each metre that the tip is off, or has left to go [1/s]
+GAIN = 4.0  # speed for each metre that the tip is off, or has left to go [1/s]
 ARRIVED = 5e-5  # [m]
+LATENCIES = 100  # the pose of so many that came soonest after its stamp says what time it is for the arm
 MOST_ASIDE = 0.25  # share of a stroke's speed that may go into corrections
 
 
@@ -126,7 +128,7 @@ class Command(Protocol):
 
         Args:
             velocity: (3,) in the reference frame [m/s].
-            stamp: of the moment, by the arm's clock [ns].
+            stamp: of the moment, by the clock of the poses [ns].
         """
 
 
@@ -160,6 +162,7 @@ class Arm:
         self._config, self._open_command = config, open_command
         self._visit: Visit[Any] | None = None
         self._seen: deque[Seen] = deque()  # within WINDOW
+        self._ahead: deque[float] = deque(maxlen=LATENCIES)  # the clock of the poses is ahead of this one, by each pose [s]
         self._connecting = False
         self._stroke: Stroke | None = None
         self._began = self._height = self._pace = 0.0  # of the stroke: when [s], how high [m], how fast by now [m/s]
@@ -193,6 +196,7 @@ class Arm:
             self._take = taken(node, source)
         self._drain()  # what waited is old
         self._drop()
+        self._ahead.clear()
         self._connecting, self.doubt = True, None
         self._polled = self._heard = self._since = clock()
         self._slept = suspended()
@@ -262,6 +266,7 @@ class Arm:
         """Take all poses that have come; whether there was a newer one."""
         came = False
         for body in self._drain():
+            self._ahead.append(1e-9 * body.stamp - now)
             stamp = self._config.stamp(body)
             if self._seen and stamp <= self._seen[-1].stamp:
                 continue
@@ -319,7 +324,7 @@ class Arm:
             raise Suspended(f"this computer was suspended for {slept:.1f} s")
         if self._stroke is not None and gap > self._config.silence:
             raise Timeout(f"this process stood still for {gap:.2f} s")
-        if now - self._heard > self._config.silence:
+        if now - self._heard > max(self._config.silence, 0.0 if self.busy else AT_REST):
             raise NotConnected(f"no pose of {self.name} for {now - self._heard:.2f} s")
         if self._stroke is None:
             return
@@ -360,8 +365,7 @@ class Arm:
 
     def _send(self, velocity: Array) -> None:
         self._sent = clock()
-        stamp = self._seen[-1].stamp - round(1e9 * self._config.time_offset) + round(1e9 * (self._sent - self._heard))
-        self._command.send(self._axes.T @ velocity, stamp)
+        self._command.send(self._axes.T @ velocity, round(1e9 * (self._sent + max(self._ahead))))
 
     def _drop(self) -> None:
         """The arm is no longer seen: a last word, then its own dead-man."""

@@ -8,7 +8,8 @@ from geometry_msgs.msg import TwistStamped
 from pushfric_core.geometry.planar import Array
 from pushfric_core.settings import setting
 from pushfric_ros.arms.arm import ArmConfig, Command
-from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.node_kit.qos import NEWEST
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Velocities:
 
     def __init__(self, node: Any, topic: str, frame: str) -> None:
         self.topic, self._frame = topic, frame
-        self._out = node.create_publisher(TwistStamped, topic, RELIABLE)
+        # an older command must neither wait for a busy subscriber nor outlive this process
+        self._out = node.create_publisher(TwistStamped, topic, NEWEST)
 
     @property
     def lacks(self) -> str | None:
@@ -39,6 +41,6 @@ class Velocities:
     def send(self, velocity: Array, stamp: int) -> None:
         msg = TwistStamped()
         msg.header.frame_id = self._frame
-        msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, 10**9)
+        msg.header.stamp = stamp_to_msg(stamp)
         msg.twist.linear.x, msg.twist.linear.y, msg.twist.linear.z = map(float, velocity)
         self._out.publish(msg)

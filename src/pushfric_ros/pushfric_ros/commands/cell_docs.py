@@ -8,6 +8,8 @@ from typing import Any
 
 from pushfric_core import settings
 from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
+from pushfric_core.cell.plugins import PUSHERS, plugin
+from pushfric_ros.arms.arm import ArmConfig
 from pushfric_ros.commands.markdown import as_yaml, limits, table
 
 COMMAND = "python -m pushfric_ros.commands.cell_docs docs/cell.md"
@@ -23,7 +25,7 @@ TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
 def tables() -> str:
     """A table for each section, without the keys of the section before if it has them all."""
     parts, before, named = [], set[tuple[str, ...]](), ""
-    for name, rows in sections().items():
+    for name, rows in (sections() | arms()).items():
         more = before <= {*rows} and bool(before)
         title = f"### `{name}`\n\n" + (f"The keys of `{named}`, and\n\n" if more else "") if name else ""
         shown = [
@@ -32,7 +34,8 @@ def tables() -> str:
             if not more or (key, kind, default, span, what) not in before
         ]
         parts.append(title + table(HEAD, shown))
-        before, named = {*rows}, name
+        if not more:
+            before, named = {*rows}, name
     return "\n".join(parts)
 
 
@@ -40,6 +43,12 @@ def sections() -> dict[str, list[tuple[str, ...]]]:
     """The rows of the tables; the keys outside of any section first, with an empty name."""
     rows = {name: _rows([*configs, *driver_kinds(name, {})]) for name, configs in SECTIONS.items()}
     return {"": _rows(ROOT)} | rows
+
+
+def arms() -> dict[str, list[tuple[str, ...]]]:
+    """The rows of `pusher` that belong to the drivers of arms: those of any, then those of each."""
+    drivers = {f"pusher: {{driver: {name}}}": _rows([plugin(PUSHERS, name)]) for name in ("twist", "trajectory")}
+    return {"pusher: an arm": _rows([ArmConfig])} | drivers
 
 
 def written(text: str) -> str:

@@ -211,7 +211,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         return self.heard[max(0, first - 1) : last]
 
     def rest(self) -> Heard:
-        """Wait until the pusher rests; return the first report from there."""
+        """Wait until the pusher rests; return where it does, and the rest of the first report from there."""
         since = time.monotonic()
 
         def rests() -> bool:
@@ -228,7 +228,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         first = len(self.heard)
         while first and abs(self.heard[first - 1].along - last) <= self.same:
             first -= 1
-        return self.heard[first]
+        return self.heard[first]._replace(along=last)
 
     def seconds_until(self, at_rest: Heard, begin: float) -> float | None:
         """The time from a moment until the pusher rested [s]; None if nobody saw it come to rest."""
