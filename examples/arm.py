@@ -2,6 +2,8 @@
 
 python3 examples/arm.py                                            # is the arm, until Ctrl-C
 ./pushfric run examples/arm.yaml --simulated-camera                # in another terminal: it pushes a rendered object
+./pushfric rehearse --driver twist --stroke 0.06 --set source=pose_stamped --set topic=/tool_pose \\
+    --set "origin=[0, 0, 0.12]" --set "table=[0.5, 0.1, 0.3]"      # or this: what happens when things break
 
 It takes what MoveIt Servo takes, velocities of the tool, each good for TIMEOUT; and what the joint trajectory controller of
 ros2_control takes. It answers with the tool's pose, on tool_pose and, if tf2_msgs is installed, on /tf, and with its joints.

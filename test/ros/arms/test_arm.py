@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -158,6 +158,19 @@ def test_an_arm_that_is_not_seen_is_stopped(ros, device, example):
         pusher.connect()
         assert until(pusher, lambda _: not pusher.busy)[-1].mode is Mode.IDLE
         assert pusher.doubt is None
+
+
+def test_a_pose_that_is_none_ends_the_motion(ros, device, example):
+    with connected() as pusher:
+        pusher.move_to(0.05, 0.01)
+        until(pusher, lambda report: report.position > 0.005)
+        nowhere = PoseStamped()
+        nowhere.pose.position.x = math.nan
+        device._pose_out.publish(nowhere)
+        with pytest.raises(NotConnected, match="no pose of the arm: "):
+            until(pusher, lambda _: False)
+        assert (pusher.mode, pusher.busy) == (Mode.DISCONNECTED, False)
+        assert at_rest(ros, device, example)[1] < 0.03
 
 
 def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device, example):

@@ -67,6 +67,11 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
     rate: float = setting(50.0, "number of commands in a second [Hz]", 10.0, 500.0)
     silence: float = setting(0.2, "the tip stops if no pose came, or this process stood still, for so long [s]", 0.05, 60.0)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.source not in (known := ("transforms", "pose_stamped")):
+            raise ValueError(f"source must be one of {', '.join(known)}, got {self.source!r}")
+
     def open_source(self) -> Source:
         """The source of the last link's poses."""
         kind = plugin(SOURCES, self.source)
@@ -78,8 +83,6 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
 
     def open_pusher(self, config: PusherConfig) -> Pusher:
         """The driver, not connected yet."""
-        if self.source not in (known := ("transforms", "pose_stamped")):
-            raise ValueError(f"source must be one of {', '.join(known)}, got {self.source!r}")
         if config.home:
             raise ValueError("home must be false: an arm knows where it stands, got True")
         return Arm(self, config, self.open_command)
@@ -95,8 +98,7 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
 
     def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
         """What the doctor says about the arm; nothing is commanded."""
-        with closing(self.open_pusher(config)) as arm:
-            assert isinstance(arm, Arm)
+        with closing(Arm(self, config, self.open_command)) as arm:
             try:
                 arm.connect()
                 while arm.busy:
@@ -105,11 +107,9 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
             except PusherError as error:
                 yield Check("arm", Grade.FAILED, str(error), "start the arm's driver and its controller: docs/hardware.md")
                 return
-            off = arm.beside
-            level = Grade.OK if off < OFF_WAY else Grade.WARNING
-            yield Check(
-                "arm", level, f"the tip is {1e3 * off:.1f} mm beside its line", "" if off < OFF_WAY else "bring it there"
-            )
+            aside = arm.beside > OFF_WAY
+            found = f"the tip is {1e3 * arm.beside:.1f} mm beside its line"
+            yield Check("arm", Grade.WARNING if aside else Grade.OK, found, "bring it there" if aside else "")
         stops = f"the arm's own controller must stop it {DEAD_MAN:g} s after the last command"
         yield Check("dead-man", Grade.OK, f"{stops}; only ./pushfric rehearse shows whether it does")
 
@@ -242,9 +242,8 @@ class Arm:
         """See Pusher. A report carries the stamp of the pose, not the one given: that is when the tip was there."""
         now, before = clock(), self._polled
         self._polled = now
-        came = self._hear(now)
         try:
-            self._judge(now, now - before, came)
+            self._judge(now, now - before, came=self._hear(now))
         except NotConnected:
             self._drop()
             raise
