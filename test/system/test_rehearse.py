@@ -13,6 +13,7 @@ import pytest
 from pushfric_core.commands.json_option import STDOUT
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
+from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
@@ -142,6 +143,11 @@ def test_an_arm_keeps_the_contract(driver, tmp_path, monkeypatch, capsys):
     with open(tmp_path / "log", "w") as log:
         arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
     try:
+        with visit("waiting") as waiting:
+            deadline = time.monotonic() + 60
+            while not waiting.node.count_publishers("/tool_pose"):
+                assert time.monotonic() < deadline, "the arm does not start"
+                time.sleep(0.05)
         rehearse.rehearsal(driver=driver, settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
     finally:
         arm.terminate()
