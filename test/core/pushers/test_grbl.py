@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, StatusReport, parse_status
+from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, parse_status
 from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
+from pushfric_core.pushers.serial_pusher import StatusReport
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -817,7 +818,7 @@ def test_leaving_in_mid_push_stops_without_losing_the_position(simulated):
 
 def test_a_homing_that_is_stopped_was_not_silent(monkeypatch):
     """Questions stay unanswered while GRBL homes, for longer than is allowed at any other time."""
-    monkeypatch.setattr("pushfric_core.pushers.grbl.SILENCE", 1.0)
+    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.SILENCE", 1.0)
     with SimulatedGrbl(lambda: 0.0, homing=True) as simulated:
         pusher = Grbl(simulated.port, home=True)
         pusher.connect()

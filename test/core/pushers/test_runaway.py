@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pushfric_core.pushers.clock import suspended
+from pushfric_core.pushers.driver_states import Phase
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_states import Phase
 from pushfric_core.pushers.pusher import (
     Jumped,
     LeftTheWay,
@@ -279,7 +279,7 @@ def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, star
 CHILD = """
 import sys, time
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_states import Phase
+from pushfric_core.pushers.driver_states import Phase
 pusher = Grbl(sys.argv[1], silence=0.8)
 pusher.connect()
 while pusher.busy:
@@ -625,7 +625,7 @@ def test_a_computer_that_was_suspended_sends_nothing_more(stage, monkeypatch):
     """The clock of a suspended computer goes on, its processes do not; so does the controller."""
     pusher = under_way(stage, 0.05)
     slept = suspended() + 4.0
-    monkeypatch.setattr("pushfric_core.pushers.grbl.suspended", lambda: slept)
+    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.suspended", lambda: slept)
     stage.fails(pusher, Suspended, r"this computer was suspended for 4\.\d s")
     rest = stage.rest()
     assert rest < 0.01 + DEAD_MAN + LATE

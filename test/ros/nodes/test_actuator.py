@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pushers.grbl_states import Phase
+from pushfric_core.pushers.driver_states import Phase
 from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import Mode, NotReady
