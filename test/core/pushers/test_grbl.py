@@ -207,6 +207,38 @@ def test_compatible_firmware_is_accepted(peer, greeting):
     assert connect(peer, greeting).mode is Mode.IDLE
 
 
+FLUIDNC = {
+    b"$I": "[VER:4.0 FluidNC v4.0.5 (esp32-wifi) :]\r\n[OPT:PHS]\r\n[MSG:INFO: Machine: stage]\r\nok\r\n",
+    b"$$": "$13=0\r\n$10=1\r\n$22=0\r\n$20=1\r\n$100=80.000\r\n$101=80.000\r\n$110=6000.000\r\n$111=6000.000\r\n"
+    "$120=500.000\r\n$121=500.000\r\n$130=300.000\r\n$131=200.000\r\nok\r\n",
+    b"$#": "".join(f"[{name}:0.000,0.000,0.000]\r\n" for name in ("G54", "G55", "G59.3", "G28", "G30", "G92", "TLO"))
+    + "ok\r\n",
+    b"$G": "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n",
+    b"$/axes/y/soft_limits": "$/axes/y/soft_limits=false\r\nok\r\n",
+}
+"""What FluidNC answers, by its source."""
+
+
+@pytest.mark.parametrize(
+    ("axis", "own", "travel"), [("X", "false", 0.3), ("Y", "false", float("inf")), ("Y", "true", 0.2), ("-Y", "true", 0.2)]
+)
+def test_the_soft_limits_of_fluidnc_are_those_of_the_axis(peer, axis, own, travel):
+    """Its $20 is that of X, whatever the axis."""
+    peer.replies |= FLUIDNC | {b"$/axes/y/soft_limits": f"$/axes/y/soft_limits={own}\r\nok\r\n"}
+    pusher = connect(peer, "\r\nGrbl 4.0 [FluidNC v4.0.5 (esp32-wifi) '$' for help]\r\n", axis=axis)
+    assert pusher.name.startswith("Grbl 4.0 FluidNC v4.0.5 (esp32-wifi)")
+    assert pusher.limits == Limits(pytest.approx(travel), pytest.approx(0.1), pytest.approx(0.5))
+    assert (b"soft_limits" in peer.heard) is (axis != "X")
+
+
+def test_an_error_of_fluidnc_comes_with_its_words(peer):
+    peer.replies |= FLUIDNC
+    pusher = connect(peer)
+    peer.replies[b"$J=G21G90X1.500F1200.000"] = "error:3\r\n[MSG:ERR: Invalid $ statement]\r\n"
+    pusher.move_to(0.0015, 0.02)
+    fail(pusher, CommandRefused, "error:3 Invalid statement", peer)
+
+
 def test_noise_at_boot_is_ignored(peer):
     noise = "\x00\xff\r\nerror:7\r\n$0=10\r\n$1=25\r\nok\r\n" + GREETING + "[MSG:Check Limits]\r\n>G20G54:ok\r\n>:error:7\r\n"
     peer.replies[b"$I"] = "$I\r\n[echo: $I]\r\n[VER:1.1f.20170131:bench 3]\r\nok\r\n"
