@@ -140,7 +140,7 @@ def test_a_driver_whose_device_goes_on_alone_does_not_pass(slide, tmp_path, monk
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (["--driver", "crane"], "--driver must be an entry point of pushfric.pushers (grbl, slide), got 'crane'"),
+        (["--driver", "crane"], "--driver must be an entry point of pushfric.pushers (grbl, marlin, slide), got 'crane'"),
         (["--driver", "slide"], "--set: device must be given: socket of the slide"),
         (["--driver", "slide", "--set", "colour=red"], "--set: expected any of device, backlash, got colour"),
         (["--driver", "slide", "--set", "device"], "--set: expected NAME=VALUE, got device"),

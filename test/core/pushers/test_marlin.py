@@ -53,7 +53,7 @@ class Stage:
 
     def driver(self, **options) -> Marlin:
         """A driver that is connected and ready."""
-        pusher = Marlin(self.line.port, **{"silence": 2.0, "greeting_timeout": 20.0} | options)
+        pusher = Marlin(self.line.port, **{"silence": 10.0, "greeting_timeout": 20.0} | options)
         pusher.connect()
         self.drive(pusher, lambda: not pusher.busy)
         return pusher
@@ -123,7 +123,7 @@ def test_a_stroke_ends_where_it_was_sent(stage: Stage, axis: str) -> None:
         reports = stage.push(pusher)
         assert abs(stage.controller.position()) == pytest.approx(FAR, abs=STEP)
         assert reports[-1].position == pytest.approx(FAR, abs=ROUNDED)
-        assert max(report.speed for report in reports) <= SPEED + 1e-6
+        assert max(report.speed for report in reports) <= 1.05 * SPEED  # positions are rounded
         stage.push(pusher, 0.0, 0.05)
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
 
@@ -145,7 +145,7 @@ def test_it_stops_by_itself_when_nobody_polls(stage: Stage) -> None:
         begin = stage.controller.position()
         assert stage.rest() - begin <= DEAD_MAN + LATE
         rest = stage.rest()
-        pusher._polled -= 3.0  # as if this had taken longer than silence allows
+        pusher._polled -= 11.0  # as if this had taken longer than silence allows
         stage.fails(pusher, Timeout, "this process stood still")
         assert stage.rest() == rest
 
@@ -183,10 +183,12 @@ def test_lost_answers_do_not_end_a_stroke(stage: Stage) -> None:
         assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
 
 
-def test_a_firmware_that_reports_planned_positions_is_refused_at_once() -> None:
+def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     with stage_of(real_positions=False) as stage, contextlib.closing(stage.driver()) as pusher:
+        now = time.monotonic()
+        monkeypatch.setattr("pushfric_core.pushers.marlin.clock", lambda: now)  # a busy machine takes its time
         pusher.move_to(FAR, SPEED)
-        stage.fails(pusher, NotReady, r"mm after 0\.\d\d s of a stroke at 20 mm/s: its firmware needs M114_REALTIME")
+        stage.fails(pusher, NotReady, r"mm after 0\.00 s of a stroke at 20 mm/s: its firmware needs M114_REALTIME")
         assert stage.rest() <= DEAD_MAN
 
 
@@ -217,10 +219,11 @@ def test_a_halted_firmware_says_so(stage: Stage) -> None:
         stage.fails(pusher, NotConnected, "no Marlin controller answers .*; if it was halted")
 
 
-def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage) -> None:
+@pytest.mark.parametrize("gone", [-1.0, 0.001], ids=["before it begins", "in motion"])
+def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage, gone: float) -> None:
     stage.line.tell_controller(b"G1 X80 F600\n")
     deadline = time.monotonic() + 60
-    while stage.controller.position() < 0.001:
+    while stage.controller.position() < gone:
         assert time.monotonic() < deadline
     with contextlib.closing(stage.driver()) as pusher:
         assert stage.rest() < 0.08

@@ -1123,8 +1123,8 @@ print(result.result().result.outcome, result.result().result.message, states[-1]
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ({}, "port must be given: serial port of the GRBL controller$"),
-        ({"port": ""}, "port must name the serial port of the GRBL controller, got ''"),
+        ({}, "port must be given: serial port of the controller$"),
+        ({"port": ""}, "port must name the serial port of the controller, got ''"),
         ({"port": "/dev/x", "line_direction": [0.0, 0.0]}, r"line_direction must have a length, got \(0, 0\)"),
         (
             {"port": "/dev/x", "line_origin": [0.0]},
@@ -1132,7 +1132,7 @@ print(result.result().result.outcome, result.result().result.message, states[-1]
         ),
         ({"port": "/dev/x", "axis": "Q"}, "axis must be X, Y, Z, A, B or C, .*got 'Q'"),
         ({"port": "/dev/x", "stroke": 0.0}, r"parameter stroke must lie in \[0.001, 10.0\], got 0.0$"),
-        ({"port": "/dev/x", "driver": "crane"}, r"driver must be an entry point of pushfric.pushers \(grbl\), got 'crane'$"),
+        ({"port": "/dev/x", "driver": "crane"}, r"must be an entry point of pushfric.pushers \(grbl, marlin\), got 'crane'$"),
     ],
 )
 def test_unusable_parameters_are_refused(ros, parameters, text):

@@ -35,6 +35,7 @@ WHO = "M115"
 MODES = ("M84 S0", "G21", "G90", "M220 S100")
 """Before each stroke: keep the motors on, millimetres, absolute positions, the feed as it is told."""
 ASK_WHO_EVERY = 0.5  # [s]
+BEGINS_WITHIN = 0.3  # it waits 0.1 s before it carries out the first line [s]
 MOST_UNANSWERED = 2  # questions; the controller keeps four lines, and reads a stop only if there is room
 REST_WITHIN = 5.0  # [s]
 MEASURED_OVER = 0.3  # a speed is measured over this time [s]
@@ -184,6 +185,7 @@ class Marlin(SerialPusher):
 
     def _connecting(self) -> Script:
         yield from self._ask_who()
+        found = clock()
         yield from self._come_to_rest()
         if self._role is Role.DRIVES:
             yield from self._reset()
@@ -191,6 +193,9 @@ class Marlin(SerialPusher):
         for line in ("M92", "M201", "M203"):
             if not (value := self._setting(line, self._letter)) > 0:
                 raise NotConnected(f"{self.name} is set to {line} {self._letter}{value:g}, expected a positive number")
+        while clock() < found + BEGINS_WITHIN:
+            yield
+        yield from self._come_to_rest()
         yield from self._find_place()
 
     def _ask_who(self) -> Script:
