@@ -7,8 +7,10 @@ import operator
 import re
 import time
 from collections.abc import Callable, Iterator
+from typing import ClassVar
 
 import pytest
+from line_stage import DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.marlin import Marlin
 from pushfric_core.pushers.pusher import (
@@ -17,7 +19,6 @@ from pushfric_core.pushers.pusher import (
     NotConnected,
     NotReady,
     PusherConfig,
-    PusherError,
     Timeout,
 )
 from pushfric_core.pushers.serial_checks import Grade
@@ -26,22 +27,21 @@ from pushfric_core.pushers.serial_pusher import Halted
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_core.simulated.marlin_firmware import SimulatedMarlin
 
-SPEED, ACCELERATION = 0.02, 0.5
 FAR = 0.05
-DEAD_MAN = 0.3 * SPEED + SPEED**2 / (2 * ACCELERATION)
-"""After a fault the pusher may go on for this long [m]."""
-LATE = 1e-3
-"""A busy machine sees a fault later than it happens [m]."""
 STEP = 1e-3 / 80
 ROUNDED = 5e-6
 """A report has two decimals of a millimetre."""
 
 
-class Stage:
-    """A controller that goes on running whoever connects and leaves, behind a line that can fail; it hears what is sent."""
+class Stage(LineStage):
+    """A Marlin controller on a line that can fail; the stage hears what is sent."""
+
+    driver_class = Marlin
+    patience: ClassVar = {"silence": 10.0, "greeting_timeout": 20.0}
 
     def __init__(self, controller: SimulatedMarlin, line: FaultyLine) -> None:
-        self.controller, self.line, self.sent = controller, line, b""
+        super().__init__(controller, line)
+        self.sent = b""
         self.listen()
 
     def listen(self, then: Callable[[bytes], bytes] = bytes) -> None:
@@ -50,23 +50,6 @@ class Stage:
             return then(data)
 
         self.line.to_controller = heard
-
-    def driver(self, **options) -> Marlin:
-        """A driver that is connected and ready."""
-        pusher = Marlin(self.line.port, **{"silence": 10.0, "greeting_timeout": 20.0} | options)
-        pusher.connect()
-        self.drive(pusher, lambda: not pusher.busy)
-        return pusher
-
-    def drive(self, pusher: Marlin, until: Callable[[], object], seconds: float = 60.0) -> list:
-        reports = []
-        deadline = time.monotonic() + seconds
-        while not until():
-            assert time.monotonic() < deadline, f"not within {seconds} s: {pusher.mode}, at {self.controller.position()}"
-            if (report := pusher.poll(time.monotonic_ns())) is not None:
-                reports.append(report)
-            time.sleep(0.002)
-        return reports
 
     def push(self, pusher: Marlin, target: float = FAR, speed: float = SPEED) -> list:
         """Go to a target and return the reports."""
@@ -77,24 +60,6 @@ class Stage:
         """Begin a stroke, and poll until the carriage has passed a place [m]."""
         pusher.move_to(FAR, SPEED)
         self.drive(pusher, lambda: self.controller.position() > place)
-
-    def fails(self, pusher: Marlin, error: type[PusherError], text: str) -> None:
-        """Poll until the error is raised, then until the pusher rests."""
-        with pytest.raises(error, match=text):
-            self.drive(pusher, lambda: False)
-        if pusher.mode is not Mode.DISCONNECTED:
-            with contextlib.suppress(NotConnected):
-                self.drive(pusher, lambda: not pusher.busy)
-
-    def rest(self) -> float:
-        """Where the carriage comes to rest [m]."""
-        deadline = time.monotonic() + 60
-        before, here = math.nan, self.controller.position()
-        while before != here:
-            assert time.monotonic() < deadline, "it does not come to rest"
-            time.sleep(0.05)
-            before, here = here, self.controller.position()
-        return here
 
 
 @pytest.fixture

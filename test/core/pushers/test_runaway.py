@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from line_stage import ACCELERATION, DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.clock import suspended
 from pushfric_core.pushers.driver_states import Phase
@@ -33,47 +34,13 @@ from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.simulated.line_damage import random_damage, straying
 
-SPEED, ACCELERATION = 0.02, 0.5
 FAR = 0.09
-DEAD_MAN = 0.3 * SPEED + SPEED**2 / (2 * ACCELERATION)
-"""After a fault the pusher may go on for this long [m]."""
-LATE = 1e-3
-"""A busy machine sees a fault later than it happens [m]."""
 
 
-class Stage:
-    """A controller that goes on running whoever connects and leaves, behind a line that can fail."""
+class Stage(LineStage):
+    """A GRBL controller on a line that can fail."""
 
-    def __init__(self, controller: SimulatedGrbl, line: FaultyLine) -> None:
-        self.controller, self.line = controller, line
-
-    def driver(self, **options) -> Grbl:
-        """A driver that is connected and ready."""
-        pusher = Grbl(self.line.port, **{"silence": 2.0} | options)
-        pusher.connect()
-        self.drive(pusher, lambda: not pusher.busy)
-        return pusher
-
-    def drive(self, pusher: Grbl, until: Callable[[], object], seconds: float = 60.0) -> list:
-        reports = []
-        deadline = time.monotonic() + seconds
-        while not until():
-            assert time.monotonic() < deadline, f"not within {seconds} s: {pusher.mode}, at {self.controller.position()}"
-            if (report := pusher.poll()) is not None:
-                reports.append(report)
-            time.sleep(0.002)
-        return reports
-
-    def fails(
-        self, pusher: Grbl, error: type[PusherError] | tuple[type[PusherError], ...], text: str | None = None
-    ) -> PusherError:
-        """Poll until the error is raised, then until the pusher rests."""
-        with pytest.raises(error, match=text) as caught:
-            self.drive(pusher, lambda: False)
-        if pusher.mode is not Mode.DISCONNECTED:
-            with contextlib.suppress(NotConnected):
-                self.drive(pusher, lambda: not pusher.busy)
-        return caught.value
+    driver_class = Grbl
 
     def outlast(self, pusher: Grbl, seconds: float = 2.0) -> list:
         """Poll until the driver is not busy, whatever it raises; if it is disconnected, connect again, for this long [s]."""
@@ -93,16 +60,6 @@ class Stage:
                 break
             time.sleep(0.002)
         return reports
-
-    def rest(self) -> float:
-        """Where the carriage comes to rest [m]."""
-        deadline = time.monotonic() + 60
-        before, here = math.nan, self.controller.position()
-        while before != here:
-            assert time.monotonic() < deadline, "it does not come to rest"
-            time.sleep(0.05)
-            before, here = here, self.controller.position()
-        return here
 
 
 class JogsOn(SimulatedGrbl):
