@@ -91,7 +91,10 @@ setup(
     ],
     entry_points={
         "console_scripts": ["pushfric = pushfric_core.__main__:main"],
-        "pushfric.pushers": ["grbl = pushfric_core.pushers.grbl_config:GrblConfig"],
+        "pushfric.pushers": [
+            "grbl = pushfric_core.pushers.serial_config:GrblConfig",
+            "marlin = pushfric_core.pushers.serial_config:MarlinConfig",
+        ],
         "pushfric.trackers": [
             "contour = pushfric_core.vision.tracker_settings:ContourConfig",
             "fiducial = pushfric_core.vision.tracker_settings:FiducialConfig",

@@ -18,7 +18,7 @@ from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 PATIENT = 30.0  # silence, for a busy machine [s]
-DRIVERS = "grbl, slide, trajectory, twist"
+DRIVERS = "grbl, marlin, slide, trajectory, twist"
 QUICK = {
     "another program sets inches, increments and 200 % feed",
     "kill -9 of the actuator",

@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, StatusReport, parse_status
+from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, parse_status
 from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
+from pushfric_core.pushers.serial_pusher import StatusReport
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -204,6 +205,38 @@ def test_a_controller_that_reports_no_limits_has_none(peer):
 )
 def test_compatible_firmware_is_accepted(peer, greeting):
     assert connect(peer, greeting).mode is Mode.IDLE
+
+
+FLUIDNC = {
+    b"$I": "[VER:4.0 FluidNC v4.0.5 (esp32-wifi) :]\r\n[OPT:PHS]\r\n[MSG:INFO: Machine: stage]\r\nok\r\n",
+    b"$$": "$13=0\r\n$10=1\r\n$22=0\r\n$20=1\r\n$100=80.000\r\n$101=80.000\r\n$110=6000.000\r\n$111=6000.000\r\n"
+    "$120=500.000\r\n$121=500.000\r\n$130=300.000\r\n$131=200.000\r\nok\r\n",
+    b"$#": "".join(f"[{name}:0.000,0.000,0.000]\r\n" for name in ("G54", "G55", "G59.3", "G28", "G30", "G92", "TLO"))
+    + "ok\r\n",
+    b"$G": "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n",
+    b"$/axes/y/soft_limits": "$/axes/y/soft_limits=false\r\nok\r\n",
+}
+"""What FluidNC answers, by its source."""
+
+
+@pytest.mark.parametrize(
+    ("axis", "own", "travel"), [("X", "false", 0.3), ("Y", "false", float("inf")), ("Y", "true", 0.2), ("-Y", "true", 0.2)]
+)
+def test_the_soft_limits_of_fluidnc_are_those_of_the_axis(peer, axis, own, travel):
+    """Its $20 is that of X, whatever the axis."""
+    peer.replies |= FLUIDNC | {b"$/axes/y/soft_limits": f"$/axes/y/soft_limits={own}\r\nok\r\n"}
+    pusher = connect(peer, "\r\nGrbl 4.0 [FluidNC v4.0.5 (esp32-wifi) '$' for help]\r\n", axis=axis)
+    assert pusher.name.startswith("Grbl 4.0 FluidNC v4.0.5 (esp32-wifi)")
+    assert pusher.limits == Limits(pytest.approx(travel), pytest.approx(0.1), pytest.approx(0.5))
+    assert (b"soft_limits" in peer.heard) is (axis != "X")
+
+
+def test_an_error_of_fluidnc_comes_with_its_words(peer):
+    peer.replies |= FLUIDNC
+    pusher = connect(peer)
+    peer.replies[b"$J=G21G90X1.500F1200.000"] = "error:3\r\n[MSG:ERR: Invalid $ statement]\r\n"
+    pusher.move_to(0.0015, 0.02)
+    fail(pusher, CommandRefused, "error:3 Invalid statement", peer)
 
 
 def test_noise_at_boot_is_ignored(peer):
@@ -817,7 +850,7 @@ def test_leaving_in_mid_push_stops_without_losing_the_position(simulated):
 
 def test_a_homing_that_is_stopped_was_not_silent(monkeypatch):
     """Questions stay unanswered while GRBL homes, for longer than is allowed at any other time."""
-    monkeypatch.setattr("pushfric_core.pushers.grbl.SILENCE", 1.0)
+    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.SILENCE", 1.0)
     with SimulatedGrbl(lambda: 0.0, homing=True) as simulated:
         pusher = Grbl(simulated.port, home=True)
         pusher.connect()

@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from line_stage import ACCELERATION, DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.clock import suspended
+from pushfric_core.pushers.driver_states import Phase
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_states import Phase
 from pushfric_core.pushers.pusher import (
     Jumped,
     LeftTheWay,
@@ -33,47 +34,13 @@ from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.simulated.line_damage import random_damage, straying
 
-SPEED, ACCELERATION = 0.02, 0.5
 FAR = 0.09
-DEAD_MAN = 0.3 * SPEED + SPEED**2 / (2 * ACCELERATION)
-"""After a fault the pusher may go on for this long [m]."""
-LATE = 1e-3
-"""A busy machine sees a fault later than it happens [m]."""
 
 
-class Stage:
-    """A controller that goes on running whoever connects and leaves, behind a line that can fail."""
+class Stage(LineStage):
+    """A GRBL controller on a line that can fail."""
 
-    def __init__(self, controller: SimulatedGrbl, line: FaultyLine) -> None:
-        self.controller, self.line = controller, line
-
-    def driver(self, **options) -> Grbl:
-        """A driver that is connected and ready."""
-        pusher = Grbl(self.line.port, **{"silence": 2.0} | options)
-        pusher.connect()
-        self.drive(pusher, lambda: not pusher.busy)
-        return pusher
-
-    def drive(self, pusher: Grbl, until: Callable[[], object], seconds: float = 60.0) -> list:
-        reports = []
-        deadline = time.monotonic() + seconds
-        while not until():
-            assert time.monotonic() < deadline, f"not within {seconds} s: {pusher.mode}, at {self.controller.position()}"
-            if (report := pusher.poll()) is not None:
-                reports.append(report)
-            time.sleep(0.002)
-        return reports
-
-    def fails(
-        self, pusher: Grbl, error: type[PusherError] | tuple[type[PusherError], ...], text: str | None = None
-    ) -> PusherError:
-        """Poll until the error is raised, then until the pusher rests."""
-        with pytest.raises(error, match=text) as caught:
-            self.drive(pusher, lambda: False)
-        if pusher.mode is not Mode.DISCONNECTED:
-            with contextlib.suppress(NotConnected):
-                self.drive(pusher, lambda: not pusher.busy)
-        return caught.value
+    driver_class = Grbl
 
     def outlast(self, pusher: Grbl, seconds: float = 2.0) -> list:
         """Poll until the driver is not busy, whatever it raises; if it is disconnected, connect again, for this long [s]."""
@@ -93,16 +60,6 @@ class Stage:
                 break
             time.sleep(0.002)
         return reports
-
-    def rest(self) -> float:
-        """Where the carriage comes to rest [m]."""
-        deadline = time.monotonic() + 60
-        before, here = math.nan, self.controller.position()
-        while before != here:
-            assert time.monotonic() < deadline, "it does not come to rest"
-            time.sleep(0.05)
-            before, here = here, self.controller.position()
-        return here
 
 
 class JogsOn(SimulatedGrbl):
@@ -279,7 +236,7 @@ def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, star
 CHILD = """
 import sys, time
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_states import Phase
+from pushfric_core.pushers.driver_states import Phase
 pusher = Grbl(sys.argv[1], silence=0.8)
 pusher.connect()
 while pusher.busy:
@@ -625,7 +582,7 @@ def test_a_computer_that_was_suspended_sends_nothing_more(stage, monkeypatch):
     """The clock of a suspended computer goes on, its processes do not; so does the controller."""
     pusher = under_way(stage, 0.05)
     slept = suspended() + 4.0
-    monkeypatch.setattr("pushfric_core.pushers.grbl.suspended", lambda: slept)
+    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.suspended", lambda: slept)
     stage.fails(pusher, Suspended, r"this computer was suspended for 4\.\d s")
     rest = stage.rest()
     assert rest < 0.01 + DEAD_MAN + LATE

@@ -1,4 +1,4 @@
-"""The state tables of the actuator and of the GRBL driver, exhaustively; and docs/safety.md, which shows them.
+"""The state tables of the actuator and of the serial drivers, exhaustively; and docs/safety.md, which shows them.
 
 `python3 test/core/pushers/test_states.py` writes the tables of docs/safety.md again.
 """
@@ -11,8 +11,8 @@ from enum import Enum
 
 import pytest
 
-from pushfric_core.pushers import grbl_states as driver
-from pushfric_core.pushers.grbl_states import AT_FIRST, GRBL, Next, Phase, Role, Status, Trust
+from pushfric_core.pushers import driver_states as driver
+from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, Next, Phase, Role, Status, Trust
 from pushfric_core.pushers.push_states import (
     ACTUATOR,
     READY,
@@ -48,7 +48,7 @@ def every_pair(table):
     """Each state of a table with each event and all facts, and what follows."""
     state_of, facts_of, events = {
         id(ACTUATOR): (NODE_STATE, NODE_FACTS, Event),
-        id(GRBL): (DRIVER_STATE, DRIVER_FACTS, driver.Event),
+        id(DRIVER): (DRIVER_STATE, DRIVER_FACTS, driver.Event),
     }[id(table)]
     facts_of_event = {event: named(table, event) & set(facts_of) for event in events}
     for state, event in itertools.product(every(*state_of), events):
@@ -60,7 +60,7 @@ def named(table, event):
     return set().union(*(kinds(row.when) for row in table if event in row.events))
 
 
-@pytest.mark.parametrize(("table", "state_of"), [(ACTUATOR, NODE_STATE), (GRBL, DRIVER_STATE)], ids=["actuator", "grbl"])
+@pytest.mark.parametrize(("table", "state_of"), [(ACTUATOR, NODE_STATE), (DRIVER, DRIVER_STATE)], ids=["actuator", "driver"])
 def test_rows_that_apply_together_agree_and_each_row_changes_or_does_something(table, state_of):
     effective = set()
     for state, event, facts, following in every_pair(table):
@@ -103,7 +103,7 @@ def test_no_event_leads_to_motion_without_a_live_owner_a_confirmed_position_and_
 
 
 def test_the_driver_moves_only_as_told_and_nothing_in_doubt():
-    for state, event, facts, following in every_pair(GRBL):
+    for state, event, facts, following in every_pair(DRIVER):
         if following is None:
             continue
         entered = {phase for phase in following.state - state if isinstance(phase, Phase)}
@@ -123,7 +123,7 @@ def test_the_driver_moves_only_as_told_and_nothing_in_doubt():
 
 
 def test_the_driver_never_interferes_where_it_only_looks_or_is_not_connected():
-    for state, event, facts, following in every_pair(GRBL):
+    for state, event, facts, following in every_pair(DRIVER):
         if Role.LOOKS in facts or state & {Phase.CLOSED, Phase.CONNECTING}:
             assert following is None or not following.actions
             if event in (driver.Event.MOVE, driver.Event.STOP, driver.Event.RECOVER) and not state & {
@@ -134,7 +134,7 @@ def test_the_driver_never_interferes_where_it_only_looks_or_is_not_connected():
 
 
 def test_every_script_of_the_driver_ends_and_every_doubt_counts():
-    for state, event, _, following in every_pair(GRBL):
+    for state, event, _, following in every_pair(DRIVER):
         if event is driver.Event.DONE:
             assert (following is None) == bool(state & {Phase.CLOSED, Phase.RESTING})
             assert following is None or following.state - state & set(Phase)
@@ -171,7 +171,7 @@ P, D = Phase, driver.Event
 def test_the_driver_goes_from_phase_to_phase(homing, events, phases):
     state = AT_FIRST
     for event, phase in zip(events, phases, strict=True):
-        following = step(GRBL, state, event, {homing, Status.IDLE, Role.DRIVES})
+        following = step(DRIVER, state, event, {homing, Status.IDLE, Role.DRIVES})
         state = state if following is None else following.state
         assert phase in state, event
 
@@ -280,7 +280,7 @@ class Pair:
 
     def tell_driver(self, event):
         status = self.facts & set(Status)
-        following = step(GRBL, self.machine, event, {self.homing, Role.DRIVES, *(status or {Status.OTHER})})
+        following = step(DRIVER, self.machine, event, {self.homing, Role.DRIVES, *(status or {Status.OTHER})})
         self.machine = self.machine if following is None else following.state
         return following is not None
 
@@ -492,7 +492,7 @@ def test_an_event_that_no_row_names_is_refused_and_changes_nothing():
 def drawn(table) -> str:
     """A table in Markdown."""
     lines = ["| what happens | if | then | the actuator does |", "|---|---|---|---|"]
-    if table is GRBL:
+    if table is DRIVER:
         lines[0] = "| what happens | if | then | sent at once |"
     for row in table:
         cells = ("; ".join(grouped(members)) for members in (row.events, row.when, row.then))
@@ -511,7 +511,7 @@ def grouped(members):
 
 def document(text: str) -> str:
     """The document with its tables drawn again, each between two marks."""
-    for name, table in (("actuator", ACTUATOR), ("driver", GRBL)):
+    for name, table in (("actuator", ACTUATOR), ("driver", DRIVER)):
         marks = f"<!-- {name} -->", f"<!-- end of {name} -->"
         between = re.compile(f"{marks[0]}.*{marks[1]}", re.DOTALL)
         assert between.search(text)

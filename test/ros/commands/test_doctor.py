@@ -20,9 +20,10 @@ from pushfric_core.commands import cli, dependencies
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.pushers import grbl_checks
-from pushfric_core.pushers.grbl_config import GrblConfig
+from pushfric_core.pushers import serial_checks
+from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig
+from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.settings import plain
 from pushfric_core.simulated import grbl_firmware
 from pushfric_core.simulated.camera import SimulatedCamera
@@ -431,7 +432,7 @@ def test_a_port_without_permission_names_its_group(monkeypatch, tmp_path):
     (tmp_path / "port").touch()
     group = (tmp_path / "port").group()
     monkeypatch.setattr(os, "access", lambda *_: False)
-    check = grbl_checks.check_port(str(tmp_path / "port"))
+    check = serial_checks.check_port(str(tmp_path / "port"))
     assert check.finding == f"no permission to use {tmp_path}/port"
     assert check.advice == f"sudo usermod -aG {group} $USER, then log in again"
 
@@ -439,7 +440,7 @@ def test_a_port_without_permission_names_its_group(monkeypatch, tmp_path):
 def test_other_firmware_is_told(monkeypatch):
     monkeypatch.setattr(grbl_firmware, "GREETING", "\r\nGrbl 0.9j ['$' for help]")
     with SimulatedGrbl(time.monotonic) as controller:
-        check, limits = grbl_checks.check_controller(GrblConfig(controller.port), pusher())
+        check, limits = serial_checks.check_controller(GrblConfig(controller.port), Grbl, pusher())
     assert (check.level, limits) == (FAILED, None)
     assert "Grbl 0.9j" in check.finding
     assert "is too old, expected Grbl 1.1" in check.finding
@@ -447,7 +448,7 @@ def test_other_firmware_is_told(monkeypatch):
 
 def test_a_controller_without_homing_is_idle_where_it_stands():
     with Listening(time.monotonic, travel=0.1) as controller:
-        check, limits = grbl_checks.check_controller(GrblConfig(controller.port), pusher())
+        check, limits = serial_checks.check_controller(GrblConfig(controller.port), Grbl, pusher())
     assert (check.level, check.finding.endswith(", idle, at 0.0 mm")) == (OK, True)
     assert limits == Limits(math.inf, pytest.approx(0.1), pytest.approx(0.5))
     assert set(controller.heard) == {"$I", "$$", "$#", "$G"}
@@ -468,11 +469,12 @@ def test_a_controller_without_homing_is_idle_where_it_stands():
     ],
 )
 def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, level):
-    assert grbl_checks.judge(mode, position, "", pusher(home=home)).level is level
+    assert serial_checks.judge(mode, position, "", pusher(home=home)).level is level
 
 
 def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
-    advice = grbl_checks.check_limits(GrblConfig("none", axis="Y"), pusher(), 0.05, 0.02, Limits(0.059, 0.1, 0.5)).advice
+    limits = Limits(0.059, 0.1, 0.5)
+    advice = serial_checks.check_limits(GrblConfig("none", axis="Y"), Grbl, pusher(), 0.05, 0.02, limits).advice
     expected = (
         "shorten pusher.stroke, 60 mm, or set $131 to the axis's travel; where it homes ($22), the pull-off $27 counts as lost"
     )
@@ -492,7 +494,7 @@ def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
     ],
 )
 def test_the_cell_must_stay_within_what_the_controller_is_set_to(limits, axis, level, words):
-    check = grbl_checks.check_limits(GrblConfig("none", axis=axis), pusher(), 0.05, 0.02, limits)
+    check = serial_checks.check_limits(GrblConfig("none", axis=axis), Grbl, pusher(), 0.05, 0.02, limits)
     assert check.level is level
     assert words in check.finding + check.advice
 

@@ -251,7 +251,7 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
     [
         (
             CELL.replace("port: /dev/ttyUSB0, ", ""),
-            "cell.yaml: pusher: port must be given: serial port of the GRBL",
+            "cell.yaml: pusher: port must be given: serial port of the controller",
         ),
         (CELL.replace("stroke: 0.06", "stroke: -1"), r"pusher: stroke must lie in \[0.001, 10.0\], got -1.0$"),
         (CELL.replace("{calib", "{threshold: 256, calib"), r"camera: threshold must lie in \[0, 255\], got 256$"),

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pushers.grbl_states import Phase
+from pushfric_core.pushers.driver_states import Phase
 from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import Mode, NotReady
@@ -1123,8 +1123,8 @@ print(result.result().result.outcome, result.result().result.message, states[-1]
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ({}, "port must be given: serial port of the GRBL controller$"),
-        ({"port": ""}, "port must name the serial port of the GRBL controller, got ''"),
+        ({}, "port must be given: serial port of the controller$"),
+        ({"port": ""}, "port must name the serial port of the controller, got ''"),
         ({"port": "/dev/x", "line_direction": [0.0, 0.0]}, r"line_direction must have a length, got \(0, 0\)"),
         (
             {"port": "/dev/x", "line_origin": [0.0]},
@@ -1134,7 +1134,7 @@ print(result.result().result.outcome, result.result().result.message, states[-1]
         ({"port": "/dev/x", "stroke": 0.0}, r"parameter stroke must lie in \[0.001, 10.0\], got 0.0$"),
         (
             {"port": "/dev/x", "driver": "crane"},
-            r"driver must be an entry point of .*\(grbl, trajectory, twist\), got 'crane'$",
+            r"driver must be an entry point of .*\(grbl, marlin, trajectory, twist\), got 'crane'$",
         ),
     ],
 )

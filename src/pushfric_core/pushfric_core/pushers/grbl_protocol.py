@@ -2,10 +2,9 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from enum import Enum
 
-from pushfric_core.pushers.pusher import Mode, PusherError
+from pushfric_core.pushers.serial_pusher import Halted, Refused, StatusReport
 
 ERRORS = {
     1: "Expected command letter", 2: "Bad number format", 3: "Invalid statement", 4: "Value < 0", 5: "Setting disabled",
@@ -21,39 +20,25 @@ ALARMS = {
 }  # fmt: skip
 
 
-class CommandRefused(PusherError):
+NOT_IDLE = 8
+"""The error of a jog that came when another line was running."""
+
+
+class CommandRefused(Refused):
     """The controller answered a line with error:n."""
 
     def __init__(self, line: str, code: int) -> None:
         super().__init__(f'"{line}" refused: error:{code} {ERRORS.get(code, "(not of GRBL 1.1)")}')
         self.code = code
+        self.passing = code == NOT_IDLE
 
 
-class Alarm(PusherError):
+class Alarm(Halted):
     """The controller stopped with ALARM:n and refuses to move; the code is None if it is not known."""
 
     def __init__(self, code: int | None) -> None:
         super().__init__("ALARM" if code is None else f"ALARM:{code} {ALARMS.get(code, '(not of GRBL 1.1)')}")
         self.code = code
-
-
-@dataclass(frozen=True)
-class StatusReport:
-    """A status report, in the controller's units (mm or inch, per minute)."""
-
-    state: str  # Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep; grblHAL also Tool
-    substate: int | None = None  # Hold:0 at rest, Hold:1 braking; Door:0-3
-    machine_position: tuple[float, ...] | None = None  # MPos
-    work_position: tuple[float, ...] | None = None  # WPos
-    work_offset: tuple[float, ...] | None = None  # WCO = MPos - WPos
-    buffer: tuple[int, ...] | None = None  # Bf: free blocks of the planner, free bytes of the receiver
-    line: int | None = None  # Ln
-    feed: float | None = None  # F, FS
-    spindle: float | None = None  # FS [1/min]
-    pins: str = ""  # Pn: active inputs, X Y Z for limit switches
-    overrides: tuple[int, ...] | None = None  # Ov: feed, rapids, spindle [%]
-    accessories: str = ""  # A
-    others: dict[str, str] = field(default_factory=dict)  # fields of other firmware
 
 
 STATUS = re.compile(r"<([A-Za-z]+)(?::(\d{1,4}))?((?:\|[^<>|]+)*)>")
@@ -63,15 +48,12 @@ SETTING = re.compile(r"\$(\d{1,4})=([^ (]*)")
 PARAMETER = re.compile(r"\[(G\d\d(?:\.\d)?|TLO):([-\d.,]{1,200})\]", re.ASCII)
 MODES = re.compile(r"\[GC:([ -Z]{1,200})\]")
 TOOL_AXIS = 2  # whose offset a tool's length is part of, where it is one number
+AXIS_SOFT_LIMITS = re.compile(r"\$/axes/[a-z]/soft_limits=(true|false)")
 ERROR = re.compile(r"error:\s*(\d{1,4})")
 ALARM = re.compile(r"ALARM:\s*(\d{1,4})")
 NUMBER = re.compile(r"-?\d{1,7}(?:\.\d{1,6})?", re.ASCII)  # as in a report; controllers send no others
 
 STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
-# in any other state (Hold, Door, Check ...) the pusher rests and accepts no motion: HOLD
-STATE_MODES = {
-    "Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM, "Sleep": Mode.ALARM,
-}  # fmt: skip
 
 
 class RealTime(Enum):

@@ -1,22 +1,17 @@
 """A GRBL 1.1 controller with one motor, simulated on a pseudo-terminal: bytes in and out in real time, motion in any clock."""
 
-import contextlib
 import math
-import os
 import re
-import select
-import threading
-import tty
 from collections import deque
-from collections.abc import Callable, Sequence
-from types import TracebackType
+from collections.abc import Callable
 from typing import NamedTuple
+
+from pushfric_core.simulated.carriage import CarriageMotion, blended, stroke
+from pushfric_core.simulated.serial_controller import SerialController
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]"
 UNLOCK = "[MSG:'$H'|'$X' to unlock]"
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
-BOOT = 0.1  # from the opening of the port to the greeting [s]
-TICK = 0.005  # [s]
 PLANNER_BLOCKS, RECEIVER_BYTES, LONGEST_LINE = 15, 128, 79
 WCO_EVERY, OVERRIDES_EVERY = {True: 10, False: 30}, {True: 10, False: 20}  # reports; at rest, in motion
 INCH = 25.4  # [mm]
@@ -44,29 +39,6 @@ WHOLE = {0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32}
 SHORTEST_PULSE = 3  # $0 [us]
 
 
-class CarriageMotion(NamedTuple):
-    """Pieces of constant acceleration [(s, mm/s^2)], from a position [mm] and speed [mm/s] at a time [s]."""
-
-    begin: float
-    position: float
-    speed: float
-    pieces: tuple[tuple[float, float], ...]
-
-    @property
-    def end(self) -> float:
-        return self.begin + sum(duration for duration, _ in self.pieces)
-
-    def at(self, now: float) -> tuple[float, float]:
-        """Position [mm] and speed [mm/s]."""
-        position, speed, left = self.position, self.speed, max(0.0, now - self.begin)
-        for duration, acceleration in self.pieces:
-            t = min(left, duration)
-            position += speed * t + acceleration * t * t / 2
-            speed += acceleration * t
-            left -= t
-        return position, speed
-
-
 class Block(NamedTuple):
     """A planned line: where to [mm, of the carriage] and how fast [mm/s]."""
 
@@ -76,58 +48,7 @@ class Block(NamedTuple):
     rapid: bool = False
 
 
-def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> CarriageMotion:
-    """From rest to rest [mm, mm/s, mm/s^2]: the speed is a trapezoid, or a triangle if the way is short."""
-    return blended(begin, start, 0.0, [(target, speed)], acceleration)[0]
-
-
-def blended(
-    begin: float, position: float, speed: float, lines: Sequence[tuple[float, float]], acceleration: float
-) -> tuple[CarriageMotion, list[float]]:
-    """The motion through several lines, to rest: GRBL's planner in one dimension.
-
-    If a line goes on in the direction of the line before, the carriage keeps the slower of the two speeds; if the direction
-    is reversed, it stops.
-
-    Args:
-        begin: now [s].
-        position: of the carriage [mm].
-        speed: of the carriage [mm/s].
-        lines: target [mm] and speed [mm/s] of each.
-        acceleration: [mm/s^2]
-    Returns:
-        The motion, and when each line ends [s].
-    """
-    starts = [position, *(target for target, _ in lines[:-1])]
-    ways = [target - start for start, (target, _) in zip(starts, lines, strict=True)]
-    joints = [abs(speed)] + [0.0] * len(lines)  # speed at the beginning of each line, and at the end of the last
-    for i in range(1, len(lines)):
-        joints[i] = min(lines[i - 1][1], lines[i][1]) if ways[i - 1] * ways[i] > 0 else 0.0
-    for i in reversed(range(1, len(lines))):
-        joints[i] = min(joints[i], math.sqrt(joints[i + 1] ** 2 + 2 * acceleration * abs(ways[i])))
-    for i, way in enumerate(ways):
-        joints[i + 1] = min(joints[i + 1], math.sqrt(joints[i] ** 2 + 2 * acceleration * abs(way)))
-    pieces: list[tuple[float, float]] = []
-    ends = []
-    elapsed = begin
-    for i, (way, (_, fastest)) in enumerate(zip(ways, lines, strict=True)):
-        for duration, pull in _ramps(abs(way), joints[i], joints[i + 1], fastest, acceleration):
-            pieces.append((duration, math.copysign(pull, pull * way)))
-            elapsed += duration
-        ends.append(elapsed)
-    return CarriageMotion(begin, position, speed, tuple(pieces)), ends
-
-
-def _ramps(way: float, first: float, last: float, fastest: float, acceleration: float) -> list[tuple[float, float]]:
-    """Ramps up or down to the greatest speed that a line allows, along at it, and down to the speed at its end."""
-    peak = min(max(fastest, last), math.sqrt((first**2 + last**2) / 2 + acceleration * way))
-    up, down = abs(peak - first) / acceleration, (peak - last) / acceleration
-    along = way - up * (first + peak) / 2 - down * (peak + last) / 2
-    level = max(0.0, along) / peak if peak else 0.0
-    return [(up, math.copysign(acceleration, peak - first)), (level, 0.0), (down, -acceleration)]
-
-
-class SimulatedGrbl:
+class SimulatedGrbl(SerialController):
     """GRBL 1.1h on a board with one carriage on axis X, home switch at the negative end.
 
     Its answers are those of GRBL 1.1h to the byte, as far as a pusher needs them; offsets, arcs, probing and spindle are
@@ -148,7 +69,7 @@ class SimulatedGrbl:
             homing: the controller boots locked until it is homed, and enforces the travel ($20, $22).
             restarts: it restarts whenever its port is opened; otherwise it goes on with whatever it does.
         """
-        self._restarts = restarts
+        super().__init__(restarts)
         self._clock = clock
         per_axis = {100: 250.0, 110: max_speed * 1000 * MINUTE, 120: acceleration * 1000, 130: travel * 1000}
         self._settings = {
@@ -157,12 +78,6 @@ class SimulatedGrbl:
             27: f"{PULL_OFF:.3f}", 30: "1000", 31: "0", 32: "0",
             **{first + axis: f"{value:.3f}" for first, value in per_axis.items() for axis in range(len(AXES))},
         }  # fmt: skip
-        self.port = ""  # path of the slave side
-        self.opened = False  # whether somebody has it open
-        self._lock = threading.RLock()  # position() is asked by the simulation, bytes come in the IO thread
-        self._master: int | None = None
-        self._closing = threading.Event()
-        self._thread: threading.Thread | None = None
         self._lose = 0
         self._asked_at = 0.0  # [s]
         self._carriage = 0.0  # where it rests, or the motion begins [mm]
@@ -175,32 +90,6 @@ class SimulatedGrbl:
         self._until_wco = self._until_overrides = 0  # reports
         self._owed = False  # an `ok` for the line that hit a soft limit; it comes with the reset
         self._restart(keep_coordinates=False)
-
-    def start(self) -> "SimulatedGrbl":
-        """Plug in: a new pseudo-terminal, at `port`."""
-        self.opened = False
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.port = os.ttyname(slave)
-        os.close(slave)
-        os.set_blocking(self._master, False)
-        self._closing.clear()
-        self._thread = threading.Thread(target=self._serve, args=(self._master,), name="grbl")
-        self._thread.start()
-        return self
-
-    def close(self) -> None:
-        """Unplug, and wait for the IO thread to end."""
-        if self._thread is not None:
-            self._closing.set()
-            self._thread.join()
-            self._thread = None
-
-    def __enter__(self) -> "SimulatedGrbl":
-        return self.start()
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
 
     def position(self) -> float:
         """The carriage's present distance from its home end [m]."""
@@ -240,38 +129,7 @@ class SimulatedGrbl:
         """A hard limit switch closes."""
         self.alarm(1)
 
-    def say(self, data: bytes) -> None:
-        """Send anything."""
-        with self._lock:
-            self._send(data)
-
-    def unplug(self) -> None:
-        """The port disappears; the board has power of its own and goes on with its motion. `start` plugs it in again."""
-        self.close()
-
     # Bytes
-
-    def _serve(self, master: int) -> None:
-        poller = select.poll()
-        poller.register(master, select.POLLIN)
-        try:
-            while not self._closing.is_set():
-                events = dict(poller.poll(TICK * 1000)).get(master, 0)
-                if not events & select.POLLHUP and not self.opened and self._restarts:
-                    self._closing.wait(BOOT)
-                    self._reset_softly()
-                self.opened = not events & select.POLLHUP
-                if events & select.POLLIN:
-                    self._receive(os.read(master, 4096))
-                elif not self.opened:
-                    self._closing.wait(TICK)
-                with self._lock:
-                    self._advance()
-                    self._execute_lines()
-        finally:
-            with self._lock:
-                self._master = None
-            os.close(master)
 
     def _receive(self, data: bytes) -> None:
         """Real-time bytes are picked out wherever they stand; the rest becomes lines."""
@@ -287,7 +145,7 @@ class SimulatedGrbl:
                     case 0x7E:  # ~
                         self._resume()
                     case 0x18:
-                        self._reset_softly()
+                        self._boot()
                     case 0x85:
                         self._cancel_jog()
                     case _ if byte in OVERRIDES:
@@ -298,14 +156,6 @@ class SimulatedGrbl:
                     case _ if byte < 0x80:
                         self._line += chr(byte)
                 self._answer_question()
-
-    def _send(self, data: bytes) -> None:
-        if self._master is not None:
-            with contextlib.suppress(BlockingIOError):  # nobody reads: a serial line does not wait either
-                os.write(self._master, data)
-
-    def _say(self, line: str) -> None:
-        self._send(line.encode() + b"\r\n")
 
     def _answer_question(self) -> None:
         # during the homing cycle GRBL does not report; after a limit it accepts only a reset
@@ -431,7 +281,7 @@ class SimulatedGrbl:
             self._plan.clear()
             self._brake()
 
-    def _reset_softly(self) -> None:
+    def _boot(self) -> None:
         with self._lock:
             if self._owed:
                 self._respond(0)
@@ -466,6 +316,10 @@ class SimulatedGrbl:
                        "coolant": 9}  # fmt: skip
 
     # Lines
+
+    def _go_on(self) -> None:
+        self._advance()
+        self._execute_lines()
 
     def _execute_lines(self) -> None:
         """Execute lines in order while the plan has room; not in a hold, while homing, or before the reset after a limit."""

@@ -24,8 +24,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.pushers.grbl_config import GrblConfig
 from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.report.report import to_json, truth
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.tracker_settings import ContourConfig

@@ -18,7 +18,7 @@ from pushfric_core.commands.options import in_range
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import check_within
-from pushfric_core.pushers.grbl_settings import GrblSettings
+from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.report.report import to_json
 from pushfric_core.settings import read
 from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS, Outcome, rehearse
@@ -44,7 +44,7 @@ def rehearsal(
     speed: Annotated[float, typer.Option(help="Speed of the pushes [m/s].", **in_range(0.001, FASTEST_STROKE, "m/s"))] = 0.02,
     axis: Annotated[str, typer.Option(help="Axis of the controller; -X: the stroke goes to negative coordinates.")] = "X",
     baud: Annotated[int, typer.Option(help="Speed of the port [bit/s].", min=300, max=4_000_000)] = 115200,
-    silence: Annotated[float, option(GrblSettings, "silence")] = GrblSettings.silence,
+    silence: Annotated[float, option(SerialSettings, "silence")] = SerialSettings.silence,
     driver: Annotated[str, typer.Option(help="What drives the pusher; --set gives the settings of any but grbl.")] = "grbl",
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A setting of the driver; may be repeated.")

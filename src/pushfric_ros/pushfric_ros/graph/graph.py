@@ -10,7 +10,7 @@ from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, Images, Pla
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.pushers.grbl_config import GrblConfig
+from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.settings import merged, plain
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.vision.tracker_settings import ContourConfig

@@ -12,8 +12,9 @@ from std_msgs.msg import Bool
 
 from pushfric_core.errors import PushfricError
 from pushfric_core.pushers.check import Grade
-from pushfric_core.pushers.grbl import RESET_PATIENCE, SILENCE
-from pushfric_core.pushers.grbl_checks import check_controller
+from pushfric_core.pushers.grbl import RESET_PATIENCE, Grbl
+from pushfric_core.pushers.serial_checks import check_controller
+from pushfric_core.pushers.serial_pusher import SILENCE
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.simulated.faulty_line import Filter, nothing, once
 from pushfric_core.simulated.line_damage import in_lines, straying
@@ -418,7 +419,7 @@ def hostile_settings(stage: GrblStage) -> None:
     config, driver = stage.config()
     for key, value in HOSTILE:
         stage.line.to_host = in_lines(key, value)
-        check, limits = check_controller(driver, config)
+        check, limits = check_controller(driver, Grbl, config)
         if check.level is not Grade.FAILED or limits is not None or "\n" in check.finding or len(check.finding) > 300:
             raise Excess(f"{key.decode()}{value[:10].decode()} was answered with {check.finding[:100]!r}")
     stage.line.to_host = bytes
@@ -439,7 +440,7 @@ def looked_at(stage: GrblStage) -> None:
     move_alone(stage)
     stage.line.to_controller = listen
     config, driver = stage.config()
-    check, _ = check_controller(driver, config)
+    check, _ = check_controller(driver, Grbl, config)
     stage.line.to_controller = bytes
     if set(sent) != {ord("?")}:
         raise Excess(f"the doctor sent {bytes(sent)[:40]!r}")

@@ -1,4 +1,4 @@
-"""The settings of the GRBL driver."""
+"""The settings of the drivers of a controller on a serial port."""
 
 import re
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ AXES = "XYZABC"
 
 
 @dataclass(frozen=True)
-class GrblSettings:
+class SerialSettings:
     """The port of the controller, the axis of the stage, and how long to wait for what."""
 
-    port: str = setting(REQUIRED, "serial port of the GRBL controller")
+    port: str = setting(REQUIRED, "serial port of the controller")
     baud: int = setting(115200, "baud rate of the serial port [bit/s]", 300, 4_000_000)
     axis: str = setting("X", "axis of the controller, with a minus sign if the stroke runs towards negative coordinates")
     connect_timeout: float = setting(2.0, "how long the controller may take to boot [s]", 0.1, 60.0)
@@ -28,7 +28,7 @@ class GrblSettings:
         check_ranges(self)
         check_axis(self.axis)
         if not self.port:
-            raise ValueError("port must name the serial port of the GRBL controller, got ''")
+            raise ValueError("port must name the serial port of the controller, got ''")
 
 
 def check_axis(axis: str) -> None:

@@ -1,4 +1,4 @@
-"""The states of the GRBL driver: which script runs, and what ends it."""
+"""The states of the driver of a controller on a serial port: which script runs, and what ends it."""
 
 from enum import Enum
 
@@ -56,7 +56,7 @@ E, P = Event, Phase
 STOPPING: set[Enum] = {P.BRAKING, P.RESETTING}
 STOPPABLE = {Role.DRIVES, P.RESTING, P.STREAMING, P.RECOVERING, P.UNLOCKING}
 
-GRBL = (
+DRIVER = (
     Row((E.CONNECT,), {P.CLOSED}, {P.CONNECTING, Trust.TRUSTED}),
     Row((E.MOVE,), {Role.DRIVES, P.RESTING, Trust.TRUSTED, Status.IDLE}, {P.STREAMING}),
     Row((E.DONE,), {P.CONNECTING, P.STREAMING}, {P.RESTING}),

@@ -1,4 +1,4 @@
-"""The doctor's checks of a GRBL controller; they move, hold, reset and unlock nothing."""
+"""The doctor's checks of a controller on a serial port; they move, hold, reset and unlock nothing."""
 
 import contextlib
 import grp
@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from serial.tools.list_ports import comports
 
 from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.grbl_settings import AXES, GrblSettings
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError, PusherReport
+from pushfric_core.pushers.serial_pusher import SerialPusher
+from pushfric_core.pushers.serial_settings import SerialSettings
 
 RAMP_SHARE = 0.1
 """The ramps to the speed of a push and from it may take this share of the push."""
@@ -20,22 +20,25 @@ ROUNDING = 1e-4
 """Tolerance of the pusher's positions [m]."""
 
 
-def examine(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
+def examine(
+    serial: SerialSettings, driver: type[SerialPusher], config: PusherConfig, distance: float, speed: float
+) -> Iterator[Check]:
     """The checks, one after the other; a check whose premise failed is left out.
 
     Args:
-        grbl: the controller's port and axis.
+        serial: the controller's port and axis.
+        driver: what speaks its protocol.
         config: the stage.
         distance: of the planned pushes [m].
         speed: of the planned pushes [m/s].
     """
-    port = check_port(grbl.port)
+    port = check_port(serial.port)
     yield port
     if port.level is not Grade.FAILED:
-        controller, limits = check_controller(grbl, config)
+        controller, limits = check_controller(serial, driver, config)
         yield controller
         if limits is not None:
-            yield check_limits(grbl, config, distance, speed, limits)
+            yield check_limits(serial, driver, config, distance, speed, limits)
 
 
 def check_port(path: str) -> Check:
@@ -53,9 +56,9 @@ def check_port(path: str) -> Check:
     return Check("port", Grade.OK, path)
 
 
-def check_controller(grbl: GrblSettings, config: PusherConfig) -> tuple[Check, Limits | None]:
-    """Who answers at the port, without doing anything to it; and its limits, if it is a GRBL controller at rest."""
-    pusher = Grbl(grbl.port, grbl.baud, grbl.axis, greeting_timeout=grbl.connect_timeout, only_look=True)
+def check_controller(serial: SerialSettings, driver: type[SerialPusher], config: PusherConfig) -> tuple[Check, Limits | None]:
+    """Who answers at the port, without doing anything to it; and its limits, if it is a controller at rest."""
+    pusher = driver(serial.port, serial.baud, serial.axis, greeting_timeout=serial.connect_timeout, only_look=True)
     last: PusherReport | None = None
     with contextlib.closing(pusher):
         try:
@@ -64,7 +67,7 @@ def check_controller(grbl: GrblSettings, config: PusherConfig) -> tuple[Check, L
                 last = pusher.poll() or last
                 time.sleep(0.005)
         except PusherError as error:
-            advice = "Ctrl-X in a terminal at that baud rate must bring a greeting; docs/hardware.md lists what can go wrong"
+            advice = f"{driver.sign_of_life}; docs/hardware.md lists what can go wrong"
             return Check("controller", Grade.FAILED, str(error), advice), None
         position = last.position if last is not None else math.nan
         finding = f"{pusher.name}, {pusher.mode.value}" + (f", at {1e3 * position:.1f} mm" if not config.home else "")
@@ -90,20 +93,24 @@ def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Ch
     return Check("controller", Grade.OK, finding)
 
 
-def check_limits(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
+def check_limits(
+    serial: SerialSettings, driver: type[SerialPusher], config: PusherConfig, distance: float, speed: float, limits: Limits
+) -> Check:
     """Compare the controller's settings with what the cell's file asks of it."""
-    axis = AXES.index(grbl.axis[-1])
+    travel_setting, speed_setting, acceleration_setting = driver.settings_of(serial.axis[-1])
     travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
     finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
     if config.stroke > limits.travel + ROUNDING:
-        advice = f"shorten pusher.stroke, {1e3 * config.stroke:g} mm, or set ${130 + axis} to the axis's travel"
+        advice = f"shorten pusher.stroke, {1e3 * config.stroke:g} mm, or set {travel_setting} to the axis's travel"
         advice += "; where it homes ($22), the pull-off $27 counts as lost"
         return Check("limits", Grade.FAILED, finding, advice)
     if speed > limits.max_speed:
-        return Check("limits", Grade.FAILED, finding, f"lower plan.speed, {1e3 * speed:g} mm/s, or raise ${110 + axis}")
+        return Check("limits", Grade.FAILED, finding, f"lower plan.speed, {1e3 * speed:g} mm/s, or raise {speed_setting}")
     if config.max_speed > limits.max_speed:
-        advice = f"lower pusher.max_speed, {1e3 * config.max_speed:g} mm/s, or raise ${110 + axis}"
+        advice = f"lower pusher.max_speed, {1e3 * config.max_speed:g} mm/s, or raise {speed_setting}"
         return Check("limits", Grade.WARNING, finding, advice)
     if speed**2 / limits.acceleration > RAMP_SHARE * distance:
-        return Check("limits", Grade.WARNING, finding, f"ramps take much of a push: raise ${120 + axis}, or push more slowly")
+        return Check(
+            "limits", Grade.WARNING, finding, f"ramps take much of a push: raise {acceleration_setting}, or push more slowly"
+        )
     return Check("limits", Grade.OK, finding)

@@ -1,0 +1,742 @@
+"""What all drivers of a controller on a serial port have in common: a stroke is a stream of short pieces.
+
+Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
+arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
+
+The controller never has more of a stroke than it moves through in the time `ahead`, judged by the positions that it reports. If
+this process dies, hangs or loses the line, the pusher therefore stops after that time. Flow control is send-and-wait: a line is
+sent only after the controller has answered the last one.
+
+`driver_states.DRIVER` is the table of a driver's states: each phase is a script of commands and answers, and what happens
+decides which one comes next. If anything goes wrong, `poll()` first tells the pusher to stop and then raises the error.
+Connecting, for the first time or again, never moves the pusher and never ends an alarm: both wait for `recover()`.
+"""
+
+import contextlib
+import math
+import os
+import statistics
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from pushfric_core.pushers.clock import clock, suspended
+from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
+from pushfric_core.pushers.identity import identity_of
+from pushfric_core.pushers.push_states import Homing
+from pushfric_core.pushers.pusher import (
+    Jumped,
+    LeftTheWay,
+    Limits,
+    Mode,
+    NotConnected,
+    NotReady,
+    PusherConfig,
+    PusherError,
+    PusherReport,
+    Suspended,
+    Timeout,
+    TooFast,
+)
+from pushfric_core.pushers.serial_port import open_port, write_all
+from pushfric_core.pushers.serial_settings import AXES, SerialSettings, check_axis
+from pushfric_core.pushers.state_table import step
+from pushfric_core.pushers.stroke import Plausibility, Stroke
+
+if TYPE_CHECKING:
+    import serial
+
+Script = Generator[None, None, None]
+"""A sequence of commands and answers; poll() takes it a step further."""
+FINISHED = object()
+WIPED = "wiped out by a reset"
+
+ANSWER_TIMEOUT = 3.0  # [s], as all below
+HOMING_TIMEOUT = 180.0
+ASK_EVERY = 0.05  # while a script waits for reports
+ASK_MOVING = 0.025  # in a stroke
+ASK_AGAIN = 0.25  # a question that was not answered
+ASK_AGAIN_MOVING = 0.06
+SILENCE = 2.0  # at rest, unless the setting silence allows more
+CLOSE_TIMEOUT = 2.0
+LONGEST_LINE = 4096  # [bytes]
+ASKED_FOR_TWO_ALIKE = 6  # settings and offsets, which have no checksum
+STILL = 0.05  # another axis that is reported farther from its place than this has moved [mm]
+SLEPT = 0.1  # a computer that was suspended for longer than this has lost sight of the pusher
+REPORTS_UNTIL_PLACE = 62  # GRBL's offset comes with every 30th report at the latest, and counts once it has come twice
+REFUSED_OFTEN = 5  # this many pieces may be refused, and sent again, in one stroke
+IMPOSSIBLE_FEED = 1.5  # times the controller's greatest speed
+UNKNOWN_SPEED = 1.0  # greatest speed of a controller that does not say [m/s]
+MM = 1e-3  # [m]
+MM_PER_MINUTE = MM / 60  # [m/s]
+
+# in any other state (Hold, Door, Check ...) the pusher rests and accepts no motion: HOLD
+STATE_MODES = {
+    "Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM, "Sleep": Mode.ALARM,
+}  # fmt: skip
+
+
+class Refused(PusherError):
+    """The controller did not accept a line."""
+
+    passing = False
+    """Whether the same line may be accepted a little later."""
+
+
+class Halted(PusherError):
+    """The controller stopped by itself and refuses to move."""
+
+
+@dataclass(frozen=True)
+class StatusReport:
+    """What a controller reports of itself, in its units (mm or inch, per minute)."""
+
+    state: str  # as GRBL names them: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep; grblHAL also Tool
+    substate: int | None = None  # Hold:0 at rest, Hold:1 braking; Door:0-3
+    machine_position: tuple[float, ...] | None = None  # MPos
+    work_position: tuple[float, ...] | None = None  # WPos
+    work_offset: tuple[float, ...] | None = None  # WCO = MPos - WPos
+    buffer: tuple[int, ...] | None = None  # Bf: free blocks of the planner, free bytes of the receiver
+    line: int | None = None  # Ln
+    feed: float | None = None  # F, FS
+    spindle: float | None = None  # FS [1/min]
+    pins: str = ""  # Pn: active inputs, X Y Z for limit switches
+    overrides: tuple[int, ...] | None = None  # Ov: feed, rapids, spindle [%]
+    accessories: str = ""  # A
+    others: dict[str, str] = field(default_factory=dict)  # fields of other firmware
+
+
+class SerialPusher(ABC):
+    """A Pusher: one linear axis of a controller on a serial port.
+
+    Stroke position 0 is where the axis rests after homing; without homing, the zero of the controller's work coordinates.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        baud: int = SerialSettings.baud,
+        axis: str = SerialSettings.axis,
+        home: bool = PusherConfig.home,
+        greeting_timeout: float = SerialSettings.connect_timeout,
+        ahead: float = SerialSettings.ahead,
+        silence: float = SerialSettings.silence,
+        real_time_factor: float = SerialSettings.real_time_factor,
+        only_look: bool = False,
+    ) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            port: of the controller, such as /dev/ttyUSB0.
+            baud: [bit/s]
+            axis: X, Y, Z, A, B or C, with a minus sign if the stroke runs towards negative coordinates.
+            home: `recover` seeks the home switch; otherwise it unlocks an alarm.
+            greeting_timeout: how long a controller may take to boot [s].
+            ahead: if nothing more is sent, the pusher goes on for this long and then brakes [s of real time].
+            silence: a controller that says nothing for this long while it moves is stopped [s].
+            real_time_factor: seconds of the controller in one of real time; 1 for any but a simulated one.
+            only_look: never move, hold or reset the controller, and send it no line while it moves.
+        Raises:
+            ValueError: axis is not one of these.
+        """
+        check_axis(axis)
+        self._path, self._baud, self._greeting_timeout = port, baud, greeting_timeout
+        self._ahead, self._silence, self._factor = ahead, silence, real_time_factor
+        self._role = Role.LOOKS if only_look else Role.DRIVES
+        self._homing = Homing.HOMES if home else Homing.UNLOCKS
+        self._state = AT_FIRST
+        self._patience = max(SILENCE, silence) + self.deaf_after_stop  # at rest
+        self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
+        self._index = AXES.index(self._letter)
+        self._zero = 0.0  # work coordinate of stroke position 0 [mm]
+        self._port: serial.Serial | None = None
+        self._damaged = 0  # reports
+        self._plausibility = Plausibility()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget all about the controller: nothing is known of it until it has answered."""
+        self._buffer = b""
+        self._script: Script | None = None  # of the phase
+        self._stroke: Stroke | None = None  # until its end, or the end of the stop that broke it off
+        self._doubt = ""  # why the position is in doubt, if it is
+        self._polled: float | None = None  # when poll() was last called
+        self._now_stamp: int | None = None
+        self._asked_last = 0.0  # when the question behind the newest report was sent
+        self._believed = 0  # reports
+        self._feed = math.inf  # in the last report [m/s]
+        self._place: tuple[float, ...] | None = None  # of all axes in the last report
+        self._still: tuple[float, ...] | None = None  # where the other axes must stay
+        self._strayed = False  # whether the last report said that one of them had moved
+        self._slept = suspended()
+        self._latencies: deque[float] = deque(maxlen=9)  # of the last answers to ? [s]
+        self._plausibility.forget()
+        self._status: StatusReport | None = None
+        self._statuses = 0
+        self._offset: tuple[float, ...] | None = None
+        self._last: PusherReport | None = None
+        self._fresh: PusherReport | None = None
+        self._stamp: int | None = None
+        self._asked: float | None = None  # when the last question was sent, if it is unanswered
+        self._last_ask = -math.inf
+        self._silent_since: float | None = None
+        self._pending: str | None = None  # the line sent and not answered yet
+        self._sent_at = 0.0
+        self._answer: Refused | str | None = None
+        self._settings: dict[int | str, str] = {}
+        self._version = ""
+        self._trouble: PusherError | None = None
+
+    # What differs between controllers
+
+    sign_of_life: ClassVar[str]
+    """What a person can try in a terminal, and must see."""
+
+    idle_reports = 10
+    """This many in a row that say so, away from the target, mean that a motion ended early."""
+
+    deaf_after_stop = 0.0
+    """The controller may answer nothing for this long after a stop [s]."""
+
+    @staticmethod
+    @abstractmethod
+    def settings_of(axis: str) -> tuple[str, str, str]:
+        """What the firmware calls the greatest travel, speed and acceleration of an axis."""
+
+    @property
+    @abstractmethod
+    def limits(self) -> Limits: ...
+
+    @property
+    def unit(self) -> float:
+        """Of positions in reports [mm]; settings and commands are always in mm."""
+        return 1.0
+
+    @property
+    @abstractmethod
+    def _resolution(self) -> float:
+        """How near the controller gets to a target [m]."""
+
+    @abstractmethod
+    def hold(self, homing: bool = False) -> None:
+        """Have the controller stop at once, and keep its position unless it is homing. Raises NotConnected."""
+
+    @abstractmethod
+    def _last_words(self, homing: bool) -> bytes:
+        """What stops the pusher when the port is left in mid-motion."""
+
+    @abstractmethod
+    def _send_question(self) -> None:
+        """Ask for a report. Raises NotConnected."""
+
+    @abstractmethod
+    def _piece(self, position: float, speed: float) -> str:
+        """The line that moves the pusher on to a stroke position [m] at a speed [m/s]."""
+
+    @abstractmethod
+    def _take(self, raw: bytes) -> None:
+        """Take one line from the controller, whatever it is."""
+
+    @abstractmethod
+    def _halted(self) -> Halted:
+        """Why the controller that reports an alarm has stopped."""
+
+    @abstractmethod
+    def _connecting(self) -> Script:
+        """Find out who answers, bring it to rest, and learn its limits and its position; move nothing."""
+
+    @abstractmethod
+    def _reset(self) -> Script:
+        """Discard all that the controller has been sent. Raises Timeout if it does not answer afterwards."""
+
+    @abstractmethod
+    def _unlock(self) -> Script:
+        """End an alarm."""
+
+    @property
+    @abstractmethod
+    def _homing_line(self) -> str:
+        """The line that seeks the home switch."""
+
+    @abstractmethod
+    def _ensure_full_feed(self) -> None:
+        """Let the controller move as fast as it is told. Raises NotConnected."""
+
+    @abstractmethod
+    def _take_offset(self, status: StatusReport) -> None:
+        """Take what a report says of the work offset, if the controller has one."""
+
+    # The state
+
+    def _on(self, event: Event) -> bool:
+        """Do what the table says of an event. False: it says nothing, so the event is refused. Raises NotConnected."""
+        status = {Mode.IDLE: Status.IDLE, Mode.ALARM: Status.ALARM}.get(self._reported, Status.OTHER)
+        following = step(DRIVER, self._state, event, {status, self._role, self._homing})
+        if following is None:
+            return False
+        before, self._state = self._state, following.state
+        if Action.HOLD in following.actions:
+            self.hold(homing=Phase.HOMING in before)
+        if any(isinstance(member, Phase) for member in self._state - before):
+            self._begin()
+        return True
+
+    def _begin(self) -> None:
+        """Begin the script of the phase, if it has one."""
+        if self._script is not None:
+            self._script.close()
+        if Phase.RECOVERING in self._state:
+            self._still = None
+        scripts = {
+            Phase.CONNECTING: self._connecting,
+            Phase.STREAMING: self._streaming,
+            Phase.BRAKING: self._resting,
+            Phase.RESETTING: self._reset,
+            Phase.RECOVERING: self._reset,
+            Phase.HOMING: self._seek_home,
+            Phase.UNLOCKING: self._unlock,
+        }
+        self._script = next((script() for phase, script in scripts.items() if phase in self._state), None)
+        if self._script is None:
+            self._stroke = None
+
+    def _suspect(self, why: str) -> None:
+        """From now on, the position is in doubt."""
+        self._doubt = why
+        self._on(Event.DOUBT)
+
+    @property
+    def _connected(self) -> bool:
+        return self._state.isdisjoint({Phase.CLOSED, Phase.CONNECTING})
+
+    @property
+    def _reported(self) -> Mode:
+        """The mode of the last report."""
+        return Mode.DISCONNECTED if self._status is None else STATE_MODES.get(self._status.state, Mode.HOLD)
+
+    @property
+    def mode(self) -> Mode:
+        if not self._connected or self._status is None:
+            return Mode.DISCONNECTED
+        if Phase.HOMING in self._state:
+            return Mode.HOMING
+        if self._reported is Mode.IDLE and self.busy:  # idle means ready for a motion
+            return Mode.RUNNING if Phase.STREAMING in self._state else Mode.HOLD
+        return self._reported
+
+    @property
+    def busy(self) -> bool:
+        return self._script is not None
+
+    @property
+    def name(self) -> str:
+        return f"{self._version or 'no controller'} at {self._path}"
+
+    @property
+    def place(self) -> str:
+        return identity_of(self._path)
+
+    @property
+    def doubt(self) -> str | None:
+        return self._doubt if Trust.DOUBTED in self._state else None
+
+    @property
+    def dropped(self) -> int:
+        return self._damaged + self._plausibility.dropped
+
+    def connect(self) -> None:
+        if self._port is not None:
+            return
+        if not os.path.exists(self._path):
+            raise NotConnected(f"no serial port at {self._path}")
+        self._forget()
+        try:
+            self._port = open_port(self._path, self._baud)
+        except OSError as error:
+            raise NotConnected(f"cannot open {self._path}: {error}") from error
+        self._on(Event.CONNECT)
+
+    def close(self) -> None:
+        deadline = clock() + CLOSE_TIMEOUT
+        # the port is being left whatever goes wrong, and _drop() sends the stop once more if it is still due
+        with contextlib.suppress(PusherError):
+            if self._in_motion:
+                self.stop()
+            while self._in_motion and clock() < deadline:
+                self.poll()
+                time.sleep(0.005)
+        self._drop()
+
+    def recover(self) -> None:
+        if not self._connected:
+            raise NotConnected(f"no controller is connected at {self._path}")
+        if not self._on(Event.RECOVER):
+            raise NotReady(f"the pusher's mode is {self.mode.value}, expected a pusher at rest")
+
+    def move_to(self, position: float, speed: float) -> None:
+        """See Pusher. Raises ValueError if the speed is not positive."""
+        if not speed > 0:
+            raise ValueError(f"speed must be positive, got {speed}")
+        mode, latency = self.mode, statistics.median(self._latencies or [0.0])
+        if mode is Mode.IDLE and latency > self._silence:
+            raise NotReady(f"the controller at {self._path} answers after {latency:.2f} s; silence is {self._silence:g} s")
+        if not self._on(Event.MOVE):
+            if mode is not Mode.IDLE:
+                raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
+            raise NotReady(f"where the pusher stands is not known until it is recovered: {self.doubt}")
+        assert self._last is not None
+        # a longer silence is allowed on a busy machine, to each piece
+        ahead, wait = self._ahead * self._factor, max(0.0, self._silence - SerialSettings.silence)
+        acceleration, latency = self.limits.acceleration, latency * self._factor
+        self._stroke = Stroke(self._last.position, position, speed, acceleration, ahead, wait, latency)
+
+    def stop(self) -> None:
+        self._on(Event.STOP)
+
+    def ask(self, stamp: int) -> None:
+        if self._connected and Phase.HOMING not in self._state:
+            self._ask(stamp)
+
+    def poll(self, stamp: int | None = None) -> PusherReport | None:
+        if self._port is None:
+            raise NotConnected(f"{self._path} is not open")
+        self._fresh, self._now_stamp = None, stamp
+        before, self._polled = self._polled, clock()
+        try:
+            self._read()
+            if self._connected and (slept := suspended() - self._slept) > SLEPT:
+                self._slept += slept
+                raise Suspended(f"this computer was suspended for {slept:.1f} s")
+            if Phase.STREAMING in self._state and before is not None and self._polled - before > self._silence:
+                stood = f"{self._polled - before:.2f} s; silence is {self._silence:g} s"
+                raise Timeout(f"this process stood still for {stood}")
+            self._judge()
+            self._step()
+        except NotConnected:
+            self._drop()
+            raise
+        except PusherError as error:
+            if isinstance(error, Jumped | LeftTheWay | TooFast | Suspended):
+                self._suspect(str(error))
+            if self._connected and STOPPING.isdisjoint(self._state):
+                self.stop()
+                raise
+            lost = NotConnected(f"{self.name}: {error}")
+            self._drop()
+            raise lost from error
+        return self._fresh
+
+    # What poll() does first: bytes, lines, meaning
+
+    def _write(self, data: bytes) -> None:
+        if self._port is None:
+            raise NotConnected(f"{self._path} is not open")
+        try:
+            write_all(self._port, data)
+        except OSError as error:
+            self._drop()
+            raise NotConnected(f"lost {self._path}: {error}") from error
+
+    def _read(self) -> None:
+        assert self._port is not None
+        try:
+            self._buffer += self._port.read(LONGEST_LINE)
+        except OSError as error:
+            raise NotConnected(f"lost {self._path}: {error}") from error
+        *lines, self._buffer = self._buffer.split(b"\n")
+        self._buffer = self._buffer[-LONGEST_LINE:]  # noise without an end of line
+        for line in lines:
+            self._take(line)
+
+    def _take_status(self, status: StatusReport) -> None:
+        """Take a status report; one that cannot be true changes nothing."""
+        now = clock()
+        # the report answers the first open question or an earlier one, so the pusher was there at that time or later
+        asked = self._silent_since if self._silent_since is not None else self._asked_last
+        position, place = status.work_position, status.machine_position or status.work_position
+        if place is not None and not self._others_are_still(place):
+            self._stamp = self._asked = None
+            self._last_ask = -math.inf
+            return
+        self._take_offset(status)
+        if position is None and place is not None:
+            zero = self._offset or (0.0,) * (self._index + 1)
+            position = tuple(m - o for m, o in zip(place, zero, strict=False))
+        stamp = self._now_stamp if self._stamp is None else self._stamp
+        if position is not None and len(position) > self._index:
+            # rounded to the nanometre, far below a report's last digit, so that nothing is shown as -0.000
+            here = round(self._sign * (position[self._index] * self.unit - self._zero) * MM, 9) + 0.0
+            if not self._can_be_true(here, status, asked, now):
+                self._stamp = self._asked = None
+                return
+            # in these states grblHAL reports no feed while it brakes, and the programmed feed at rest
+            feed = None if status.state in ("Hold", "Door") else status.feed
+            report = PusherReport(here, self._speed(here, feed, stamp, moves(status)), self.mode, stamp)
+        else:
+            report = None
+        if self._silent_since is not None:
+            self._latencies.append(now - self._silent_since)
+        self._stamp = self._asked = self._silent_since = None
+        self._status, self._statuses, self._place, self._asked_last = status, self._statuses + 1, place, asked
+        if status.overrides and status.overrides[0] != 100 and Phase.STREAMING in self._state:
+            self._ensure_full_feed()
+        if report is not None:
+            self._fresh = self._last = report._replace(mode=self.mode)
+            self._believed += 1
+
+    def _others_are_still(self, place: tuple[float, ...]) -> bool:
+        """Whether the other axes are where they were; two reports in a row that they are not are the end of any motion."""
+        still = self._still
+        if still is None or Phase.HOMING in self._state or self._role is Role.LOOKS:
+            return True
+        if len(place) != len(still):
+            self._damaged += 1
+            return False
+        away = [abs(now - before) * self.unit for now, before in zip(place, still, strict=True)]
+        away[self._index] = 0.0
+        axis = away.index(max(away))
+        if away[axis] <= STILL:
+            self._strayed = False
+            return True
+        self._damaged += 1
+        if self._strayed and self._connected:
+            went = f"from {still[axis] * self.unit:.3f} mm to {place[axis] * self.unit:.3f} mm"
+            self._trouble = self._trouble or LeftTheWay(f"axis {AXES[axis]} went {went}; only {self._letter} may move")
+            self._still = None
+        self._strayed = True
+        return False
+
+    def _can_be_true(self, position: float, status: StatusReport, asked: float, now: float) -> bool:
+        if Phase.HOMING in self._state:  # positions start again
+            self._plausibility.forget()
+        greatest = self.limits.max_speed
+        limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
+        speed = math.inf if status.feed is None else status.feed * self.unit * MM_PER_MINUTE
+        if limit * IMPOSSIBLE_FEED < speed < math.inf:
+            self._damaged += 1
+            return False
+        # in these states grblHAL reports no feed while it brakes
+        before, self._feed = self._feed, math.inf if status.state in ("Hold", "Door") else speed
+        reported = min(limit, max(before, self._feed))
+        fastest = min(limit, self._stroke.speed) if self._stroke is not None else reported
+        speeds = (speed * self._factor for speed in (fastest, reported, limit))
+        believed, jumped_from = self._plausibility.judge(position, asked, now, *speeds)
+        if jumped_from is not None and self._connected:
+            jump = f"it was at {jumped_from:.4f} m and then, at once, at {position:.4f} m"
+            self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")
+        return believed
+
+    def _speed(self, position: float, feed: float | None, stamp: int | None, moving: bool) -> float:
+        """The controller's feed with the sign of the motion; without a feed, the difference of the positions.
+
+        While the controller says that it moves, two equal positions do not mean rest, but reports of one moment.
+        """
+        if self._last is None:
+            return 0.0
+        moved = position - self._last.position
+        if feed is not None:
+            way = moved or self._last.speed  # without a difference, both reports are of the same moment
+            return math.copysign(feed * self.unit * MM_PER_MINUTE, way) + 0.0 if way else 0.0
+        if moving and not moved:
+            return self._last.speed
+        if stamp is None or self._last.stamp is None or stamp <= self._last.stamp:
+            return 0.0
+        return moved / ((stamp - self._last.stamp) * 1e-9)
+
+    def _judge(self) -> None:
+        """Raise what the lines just read mean for the connection; during a reset, alarms and greetings are expected."""
+        trouble, self._trouble = self._trouble, None
+        if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:
+            return
+        if trouble is not None and not (Phase.BRAKING in self._state and isinstance(trouble, Halted)):
+            raise trouble
+        if self._state & {Phase.BRAKING, Phase.HOMING} or self._silent_since is None:
+            return
+        silent = clock() - self._silent_since
+        if Phase.STREAMING in self._state and silent > self._silence:
+            what = f"said nothing for {silent:.2f} s in mid-stroke; silence is {self._silence:g} s"
+            raise Timeout(f"the controller at {self._path} {what}")
+        if silent > self._patience:
+            raise NotConnected(
+                f"the controller at {self._path} is silent for {silent:.1f} s, the limit is {self._patience:g} s"
+            )
+
+    def _step(self) -> None:
+        while self._script is not None and next(self._script, FINISHED) is FINISHED:
+            self._on(Event.DONE)
+
+    @property
+    def _in_motion(self) -> bool:
+        """Whether it may be moving now or later."""
+        rests = self.mode in (Mode.IDLE, Mode.ALARM) and not self.busy
+        return self._role is Role.DRIVES and self._connected and not rests
+
+    def _drop(self) -> None:
+        """Leave the port; tell a pusher that may be moving to stop, although nobody can wait for it any more."""
+        port, in_motion, homing = self._port, self._in_motion, Phase.HOMING in self._state
+        self._forget()
+        self._on(Event.LOST)
+        self._port = None
+        if port is None:
+            return
+        with contextlib.suppress(OSError):  # the port may be gone already
+            if in_motion:  # a hold cancels a jog; only a reset ends a homing cycle
+                write_all(port, self._last_words(homing))
+        port.close()
+
+    def _ask(self, stamp: int | None) -> None:
+        now = clock()
+        again = ASK_AGAIN_MOVING if Phase.STREAMING in self._state else ASK_AGAIN
+        if self._asked is not None and now - self._asked < again:
+            return
+        self._send_question()
+        self._stamp, self._asked, self._last_ask = stamp, now, now
+        self._silent_since = self._silent_since or now
+
+    def _come_to_rest(self) -> Generator[None, None, StatusReport]:
+        """Hold a moving pusher, at its first report, and wait until it rests; with only_look, do neither."""
+        status = self._status or (yield from self._report())
+        while True:
+            before = self._place
+            if not moves(status):
+                again = yield from self._report()
+                same = before is not None and before == self._place
+                if again.state == status.state == "Alarm" or (same and not moves(again)):
+                    return again
+                status = again
+            self._suspect("it moved when it was found")
+            if self._role is Role.LOOKS:
+                return status
+            self.hold()
+            status = yield from self._report()
+
+    def _ask_for_settings(self, *lines: str) -> Script:
+        """Ask for the settings until two answers agree: they say what a report means, and have no checksum."""
+        before: dict[int | str, str] | None = None
+        for _ in range(ASKED_FOR_TWO_ALIKE):
+            self._settings = {}
+            for line in lines:
+                yield from self._command(line)
+            if self._settings == before:
+                return
+            before = self._settings
+        asked = f"{self.name}: its settings ({lines[0]}) came"
+        raise NotConnected(f"{asked} {ASKED_FOR_TWO_ALIKE} times, each time different")
+
+    def _find_place(self) -> Script:
+        """Wait until two reports in a row give the same place of all axes, at rest, because one may be damaged."""
+        before: tuple[float, ...] | None = None
+        for _ in range(REPORTS_UNTIL_PLACE):
+            status = yield from self._report()
+            known = status.work_position is not None or self._offset is not None
+            here = self._place if known and self._last is not None and not moves(status) else None
+            if here is not None and here == before:
+                self._still, self._strayed = here, False
+                return
+            before = here
+
+    def _seek_home(self) -> Script:
+        yield from self._command(self._homing_line, HOMING_TIMEOUT)
+        yield from self._find_place()
+        if self._last is not None:
+            self._zero += self._sign * self._last.position / MM
+        self._plausibility.forget()
+
+    def _streaming(self) -> Script:
+        """Send the pieces of a stroke, as there is room for them, until the pusher rests at its end."""
+        assert self._last is not None
+        assert self._stroke is not None
+        stroke = self._stroke
+        self._ensure_full_feed()
+        self._answer, began, waits = None, clock(), False
+        idle, seen, believed, patience = 0, self._statuses, self._believed, REFUSED_OFTEN
+        while True:
+            now = clock()
+            if self._pending is not None and (waited := now - self._sent_at) > self._silence:
+                line, self._pending = self._pending, None
+                raise Timeout(f'no answer to "{line}" for {waited:.2f} s; silence is {self._silence:g} s')
+            if isinstance(self._answer, Refused):
+                if not self._answer.passing or not patience:
+                    raise self._answer
+                # a piece that arrives at the very end of the one before runs as an ordinary line, and blocks jogs until its end
+                self._answer, patience, waits = None, patience - 1, True
+                stroke.take_back()
+            if self._believed > believed:
+                believed = self._believed
+                stroke.check(self._last.position, self._last.speed)
+            stroke.check_time(now - began)
+            waits = waits and (self._status is None or self._status.state != "Idle" or self._statuses == seen)
+            if self._pending is None and not waits and (end := stroke.next_piece(self._last.position)) is not None:
+                self._send_line(self._piece(end, stroke.speed))
+                idle, seen = 0, self._statuses
+            elif self._pending is None and self._statuses > seen:
+                seen = self._statuses
+                assert self._status is not None
+                if self.mode is Mode.ALARM:  # the line with its number was lost
+                    raise self._halted()
+                # right after its `ok` a controller may still report that it idles where it was
+                idle = idle + 1 if self._status.state == "Idle" else 0
+                if idle and stroke.all_sent and abs(self._last.position - stroke.target) <= self._resolution:
+                    return
+                if idle >= self.idle_reports:
+                    rests = f"the pusher rests at {self._last.position:.4f} m"
+                    raise Timeout(f"{rests}, was sent to {stroke.sent:.4f} m")
+            if now - self._last_ask >= ASK_MOVING:
+                self._ask(self._now_stamp)
+            yield
+
+    def _resting(self) -> Script:
+        """Wait for the end of a feed hold: a reset before it costs the position. A stuck controller is reset anyway."""
+        braking = self.limits.max_speed / self.limits.acceleration
+        deadline = clock() + 1 + (braking if math.isfinite(braking) else 0)
+        before = None
+        while clock() < deadline:
+            try:
+                status = yield from self._report()
+            except Timeout:
+                return
+            moving = moves(status)
+            place = status.machine_position or status.work_position
+            if not moving and place == before:
+                return
+            if status.state in ("Run", "Jog"):
+                self.hold()  # a line that was on its way starts a motion again; a second hold does no harm
+            before = None if moving else place
+
+    def _send_line(self, line: str) -> None:
+        self._pending, self._answer, self._sent_at = line, None, clock()
+        self._write(line.encode() + b"\n")
+
+    def _command(self, line: str, timeout: float = ANSWER_TIMEOUT) -> Script:
+        self._send_line(line)
+        deadline = clock() + timeout
+        while self._answer is None or self._answer == WIPED:
+            if clock() > deadline:
+                self._pending = None
+                raise Timeout(f'no answer to "{line}" within {timeout:g} s')
+            if self._answer == WIPED:
+                self._send_line(line)
+            if clock() - self._last_ask >= ASK_AGAIN:
+                self._ask(None)  # some firmware reads its input only while more arrives
+            yield
+        if isinstance(self._answer, Refused):
+            raise self._answer
+
+    def _report(self) -> Generator[None, None, StatusReport]:
+        seen = self._statuses
+        deadline = clock() + self._patience
+        while self._statuses == seen or self._status is None:
+            if clock() > deadline:
+                raise Timeout(f"no answer to ? within {self._patience:g} s")
+            if clock() - self._last_ask >= ASK_EVERY:
+                self._ask(None)
+            yield
+        return self._status
+
+
+def moves(status: StatusReport) -> bool:
+    """Whether a controller that says this moves."""
+    return status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)

@@ -1,0 +1,253 @@
+"""The Marlin driver, on a line that can fail, and the simulated firmware."""
+
+import contextlib
+import functools
+import math
+import operator
+import re
+import time
+from collections.abc import Callable, Iterator
+from typing import ClassVar
+
+import pytest
+from line_stage import DEAD_MAN, LATE, SPEED, LineStage
+
+from pushfric_core.pushers.marlin import Marlin
+from pushfric_core.pushers.pusher import (
+    LeftTheWay,
+    Mode,
+    NotConnected,
+    NotReady,
+    PusherConfig,
+    Timeout,
+)
+from pushfric_core.pushers.serial_checks import Grade
+from pushfric_core.pushers.serial_config import MarlinConfig
+from pushfric_core.pushers.serial_pusher import Halted
+from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
+from pushfric_core.simulated.marlin_firmware import SimulatedMarlin
+
+FAR = 0.05
+STEP = 1e-3 / 80
+ROUNDED = 5e-6
+"""A report has two decimals of a millimetre."""
+
+
+class Stage(LineStage):
+    """A Marlin controller on a line that can fail; the stage hears what is sent."""
+
+    driver_class = Marlin
+    patience: ClassVar = {"silence": 10.0, "greeting_timeout": 20.0}
+
+    def __init__(self, controller: SimulatedMarlin, line: FaultyLine) -> None:
+        super().__init__(controller, line)
+        self.sent = b""
+        self.listen()
+
+    def listen(self, then: Callable[[bytes], bytes] = bytes) -> None:
+        def heard(data: bytes) -> bytes:
+            self.sent += data
+            return then(data)
+
+        self.line.to_controller = heard
+
+    def push(self, pusher: Marlin, target: float = FAR, speed: float = SPEED) -> list:
+        """Go to a target and return the reports."""
+        pusher.move_to(target, speed)
+        return self.drive(pusher, lambda: not pusher.busy)
+
+    def under_way(self, pusher: Marlin, place: float = 0.01) -> None:
+        """Begin a stroke, and poll until the carriage has passed a place [m]."""
+        pusher.move_to(FAR, SPEED)
+        self.drive(pusher, lambda: self.controller.position() > place)
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    with stage_of() as stage:
+        yield stage
+
+
+@contextlib.contextmanager
+def stage_of(**options) -> Iterator[Stage]:
+    with SimulatedMarlin(time.monotonic, **options) as controller, FaultyLine(controller.port) as line:
+        yield Stage(controller, line)
+
+
+def test_it_says_who_it_is_and_what_it_can(stage: Stage) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        assert pusher.name == f"Marlin 2.1.2.1 at {stage.line.port}"
+        assert pusher.limits == (math.inf, pytest.approx(0.1), pytest.approx(0.5))
+        assert pusher.mode is Mode.IDLE
+        assert pusher.doubt is None
+
+
+@pytest.mark.parametrize("axis", ["X", "-X"])
+def test_a_stroke_ends_where_it_was_sent(stage: Stage, axis: str) -> None:
+    with contextlib.closing(stage.driver(axis=axis)) as pusher:
+        reports = stage.push(pusher)
+        assert abs(stage.controller.position()) == pytest.approx(FAR, abs=STEP)
+        assert reports[-1].position == pytest.approx(FAR, abs=ROUNDED)
+        assert max(report.speed for report in reports) <= 1.05 * SPEED  # positions are rounded
+        stage.push(pusher, 0.0, 0.05)
+        assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
+
+
+def test_every_line_of_a_stroke_has_a_number_and_a_checksum(stage: Stage) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.push(pusher)
+    numbers = []
+    for text, number, checksum in re.findall(rb"(N(\d+) G\d[^*\n]*)\*(\d+)\n", stage.sent):
+        assert functools.reduce(operator.xor, text) == int(checksum)
+        numbers.append(int(number))
+    assert numbers == sorted(set(numbers))
+    assert not re.search(rb"^G\d", stage.sent, re.MULTILINE)
+
+
+def test_it_stops_by_itself_when_nobody_polls(stage: Stage) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.under_way(pusher)
+        begin = stage.controller.position()
+        assert stage.rest() - begin <= DEAD_MAN + LATE
+        rest = stage.rest()
+        pusher._polled -= 11.0  # as if this had taken longer than silence allows
+        stage.fails(pusher, Timeout, "this process stood still")
+        assert stage.rest() == rest
+
+
+def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.under_way(pusher)
+        begin = stage.controller.position()
+        pusher.stop()
+        stage.drive(pusher, lambda: not pusher.busy)
+        rest = stage.controller.position()
+        assert rest - begin <= LATE
+        assert pusher.doubt is None
+        assert pusher._last.position == pytest.approx(rest, abs=ROUNDED)
+        stage.push(pusher)
+        assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
+
+
+@pytest.mark.parametrize(("old", "new"), [(b"G1 X", b"G1 X9"), (b"F1200", b"F9200"), (b"G1 X", b"G1 Y")])
+def test_a_damaged_line_is_refused_and_sent_again(stage: Stage, old: bytes, new: bytes) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.under_way(pusher)
+        stage.listen(once(old, new))
+        reports = stage.drive(pusher, lambda: not pusher.busy)
+        assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
+        assert max(report.position for report in reports) <= FAR + ROUNDED
+        assert stage.sent.count(b"G90*") == 1  # it was the same stroke
+
+
+def test_lost_answers_do_not_end_a_stroke(stage: Stage) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.under_way(pusher)
+        stage.line.to_host = once(b"ok\r\n", b"")
+        stage.drive(pusher, lambda: not pusher.busy)
+        assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
+
+
+def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    with stage_of(real_positions=False) as stage, contextlib.closing(stage.driver()) as pusher:
+        now = time.monotonic()
+        monkeypatch.setattr("pushfric_core.pushers.marlin.clock", lambda: now)  # a busy machine takes its time
+        pusher.move_to(FAR, SPEED)
+        stage.fails(pusher, NotReady, r"mm after 0\.00 s of a stroke at 20 mm/s: its firmware needs M114_REALTIME")
+        assert stage.rest() <= DEAD_MAN
+
+
+def test_a_silent_controller_is_stopped(stage: Stage) -> None:
+    with contextlib.closing(stage.driver(silence=0.5)) as pusher:
+        stage.under_way(pusher)
+        stage.line.to_host = nothing
+        begin = stage.controller.position()
+        with pytest.raises(Timeout, match=r"said nothing|no answer"):
+            stage.drive(pusher, lambda: False)
+        assert stage.rest() - begin <= DEAD_MAN + LATE
+
+
+def test_a_restart_in_mid_stroke_loses_the_connection(stage: Stage) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.under_way(pusher)
+        stage.controller.reset()
+        stage.fails(pusher, NotConnected, "restarted")
+
+
+def test_a_halted_firmware_says_so(stage: Stage) -> None:
+    with contextlib.closing(stage.driver(greeting_timeout=1.0)) as pusher:
+        stage.under_way(pusher)
+        stage.controller.kill("Heating Failed, system stopped! Heater_ID: 0")
+        stage.fails(pusher, Halted, "switch the controller off and on")
+    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=0.5)) as pusher:
+        pusher.connect()
+        stage.fails(pusher, NotConnected, "no Marlin controller answers .*; if it was halted")
+
+
+@pytest.mark.parametrize("gone", [-1.0, 0.001], ids=["before it begins", "in motion"])
+def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage, gone: float) -> None:
+    stage.line.tell_controller(b"G1 X80 F600\n")
+    deadline = time.monotonic() + 60
+    while stage.controller.position() < gone:
+        assert time.monotonic() < deadline
+    with contextlib.closing(stage.driver()) as pusher:
+        assert stage.rest() < 0.08
+        assert pusher.doubt == "it moved when it was found"
+        with pytest.raises(NotReady, match="not known until it is recovered"):
+            pusher.move_to(0.0, SPEED)
+        pusher.recover()
+        stage.drive(pusher, lambda: not pusher.busy)
+        stage.push(pusher, 0.0)
+        assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
+
+
+def test_another_axis_that_moves_ends_the_stroke(stage: Stage) -> None:
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.under_way(pusher)
+        begin = stage.controller.position()
+        stage.line.to_host = lambda data: data.replace(b"Y:0.00 Z", b"Y:7.00 Z")
+        stage.fails(pusher, LeftTheWay, r"axis Y went from 0\.000 mm to 7\.000 mm; only X may move")
+        assert stage.rest() - begin <= DEAD_MAN
+
+
+def test_it_homes(stage: Stage) -> None:
+    with contextlib.closing(stage.driver(home=True)) as pusher:
+        stage.push(pusher, 0.01)
+        pusher.recover()
+        stage.drive(pusher, lambda: not pusher.busy)
+        assert b" G28 X*" in stage.sent
+        assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
+        assert pusher._last.position == 0.0
+
+
+def test_the_doctor_changes_nothing(stage: Stage) -> None:
+    config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.05, 0.2)
+    checks = list(MarlinConfig(stage.line.port, connect_timeout=20.0).checks(config, 0.05, SPEED))
+    assert [check.level for check in checks] == [Grade.OK, Grade.OK, Grade.WARNING]
+    assert checks[1].finding == f"Marlin 2.1.2.1 at {stage.line.port}, idle, at 0.0 mm"
+    assert checks[2].advice == "lower pusher.max_speed, 200 mm/s, or raise M203 X"
+    assert set(stage.sent.split(b"\n")) == {b"", b"M115", b"M114 R", b"M503"}
+
+
+@pytest.mark.parametrize("setting", [b"M92", b"M201", b"M203"])
+def test_impossible_settings_are_refused(stage: Stage, setting: bytes) -> None:
+    stage.line.to_host = lambda data: re.sub(setting + rb" X[\d.]+", setting + b" X0.00", data)
+    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=20.0)) as pusher:
+        pusher.connect()
+        stage.fails(pusher, NotConnected, rf"is set to {setting.decode()} X0, expected a positive number")
+
+
+def test_an_axis_that_marlin_does_not_report_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"axis must be X, Y or Z, or one of them with a minus sign, got '-A'"):
+        MarlinConfig("/dev/none", axis="-A")
+
+
+def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:
+    with contextlib.closing(stage.driver(home=True)) as pusher:
+        stage.push(pusher, FAR)
+        pusher.recover()
+        stage.drive(pusher, lambda: stage.controller.position() < 0.04)
+    assert 0 < stage.rest() < 0.04
+    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=0.5)) as pusher:
+        pusher.connect()
+        stage.fails(pusher, NotConnected, "if it was halted")
