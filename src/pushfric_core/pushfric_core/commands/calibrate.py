@@ -12,7 +12,6 @@ from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption
 from pushfric_core.commands.console import console
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
-from pushfric_core.commands.node_graph import borrowed
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.board import Board
 from pushfric_core.vision.camera import load_lens, save_camera
@@ -121,8 +120,14 @@ def table(
     with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
         if shown is not None:
             places = [] if marks is None else read_table_places(marks).tolist()
-            click_points = borrowed("clicking", "--view")
-            found = click_points(frames_from(source, namespace, (known.width, known.height)), known, places, shown, camera)
+            from pushfric_core.pages.clicked_points import ClickedPoints  # imported late: only this needs tornado
+            from pushfric_core.pages.picture_server import work_in_a_browser
+
+            clicked = ClickedPoints(known, camera, places)
+            frames = frames_from(source, namespace, (known.width, known.height))
+            work_in_a_browser("points.html", clicked, frames, shown, _say)
+            assert clicked.found is not None
+            found = clicked.found
         elif source.endswith(".csv"):
             found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
             save_camera(found.camera, camera)

@@ -13,10 +13,10 @@ from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from pushfric_core.cell.node_settings import ViewConfig
+from pushfric_core.pages.page_server import Asked, PageServer
 from pushfric_core.report.report import to_json
 from pushfric_core.report.story import Change
 from pushfric_core.trajectories.observation import PUSH_IDS
-from pushfric_ros.view.page_server import Asked, PageServer
 
 ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
 """What a visitor may ask for."""
