@@ -93,7 +93,7 @@ def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Ch
 def check_limits(grbl: GrblSettings, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
     """Compare the controller's settings with what the cell's file asks of it."""
     axis = AXES.index(grbl.axis[-1])
-    travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
+    travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel neither enforced nor known"
     finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
     if config.stroke > limits.travel + ROUNDING:
         advice = f"shorten pusher.stroke, {1e3 * config.stroke:g} mm, or set ${130 + axis} to the axis's travel"
