@@ -134,7 +134,7 @@ class LatencyListener:
         waits = []
         for stamp, published in self._estimates.items():
             last_but_one, newest = stamps[bisect_left(stamps, stamp) + ahead - 1 :][:2]
-            if newest not in self._images:  # this listener missed it
+            if newest not in self._images or newest not in self._ticks:  # this listener missed it
                 continue
             image = self._images[newest]
             pose = self._poses[newest]
