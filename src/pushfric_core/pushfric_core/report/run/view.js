@@ -130,6 +130,7 @@ function redraw() {
     drawn = now;
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
     drawNodes();
+    if (story.object || connection !== "connecting") document.body.classList.remove("waiting");
   });
 }
 
@@ -181,8 +182,7 @@ function drawNow() {
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
   const way = wayToPlace(story);
-  at("place").hidden = !way;
-  if (way) at("place").textContent = plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
+  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
   at("result").hidden = !(story.report && plan?.phase === "finished");
   write("report", story.report ?? "");
