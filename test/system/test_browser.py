@@ -16,6 +16,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
+from axe import AXE, violations
 from geometry_msgs.msg import Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
@@ -31,8 +32,6 @@ from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.view import ViewNode
-
-AXE = pathlib.Path(__file__).parents[1] / "node_modules/axe-core/axe.min.js"
 
 PATIENCE = 120.0  # [s]
 OBJECT = "wood_rect4"
@@ -163,9 +162,7 @@ def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, sche
     with visit(browser, url, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
         first_row(page)
         page.locator("#nodes details").first.evaluate("details => { details.open = true; }")
-        page.evaluate(AXE.read_text())
-        found = page.evaluate("axe.run()")["violations"]
-    assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
+        assert violations(page) == {}
 
 
 def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
@@ -225,10 +222,7 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
         expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
         assert page.evaluate("document.documentElement.scrollWidth") == width
-        if AXE.exists():
-            page.evaluate(AXE.read_text())
-            found = page.evaluate("axe.run()")["violations"]
-            assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
+        assert violations(page) == {}
 
 
 def pushes(state: PusherState) -> bool:
@@ -491,10 +485,7 @@ def test_a_corner_is_dragged_over_a_picture(browser, tmp_path, table):
             with visit(browser, url, viewport={"width": width, "height": 900}, color_scheme=scheme) as page:
                 expect(page.locator("#picture image")).to_have_count(1)
                 assert page.evaluate("document.documentElement.scrollWidth") == width
-                if AXE.exists():
-                    page.evaluate(AXE.read_text())
-                    found = page.evaluate("axe.run()")["violations"]
-                    assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
+                assert violations(page) == {}
                 if width < 1000:
                     continue
                 box = page.locator("#picture").bounding_box()
