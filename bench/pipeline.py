@@ -133,9 +133,10 @@ class LatencyListener:
         ahead = TrajectoryConfig.window // 2 + 1
         waits = []
         for stamp, published in self._estimates.items():
-            last_but_one, newest = stamps[bisect_left(stamps, stamp) + ahead - 1 :][:2]
-            if newest not in self._images:  # this listener missed it
+            last_but_one, *after = stamps[bisect_left(stamps, stamp) + ahead - 1 :][:2] or [0]
+            if not after or after[0] not in self._images or after[0] not in self._ticks:  # this listener missed it
                 continue
+            newest = after[0]
             image = self._images[newest]
             pose = self._poses[newest]
             pusher = self._pusher_states[pusher_stamps[bisect_left(pusher_stamps, last_but_one)]]

@@ -7,6 +7,7 @@ fitted to force and motion is compared on the same strokes.
 
 import math
 import pathlib
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, nearest
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core.estimation.picture import draw_support_friction
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
@@ -51,6 +53,9 @@ LARGEST_START_GAP = 0.005
 
 FINE = 30
 """Points in a row of the uniform pressure."""
+
+NAMES = re.compile("__exp.*")
+"""What is too long to stand over a picture of a set."""
 
 CONTENDERS = {
     "half": "pushfric",
@@ -88,7 +93,7 @@ class PublicPushes:
     Args:
         folders: of sets: CSV files as `import mitpush` and `import cpush` write them, bags as `import zhou2015` writes them, or
             push_points.csv.
-        plot: file for the figure; the table goes next to it, as Markdown.
+        plot: file for the figure; the table goes next to it, as Markdown, and a gallery of the estimates.
     Raises:
         InvalidInput: there is no set in a folder, or one cannot be read.
     """
@@ -106,11 +111,13 @@ class PublicPushes:
             "mu_c_high", "few": [{"p_cf_error", "radius", "held", "use"}], "rolled", "errors": {contender: {"position", "angle",
             "combined"}}}]}; "radius" is that of the 90 % ellipse, "few" has FEW strokes each.
         """
-        rows = []
+        rows, estimates = [], []
         for number, one in enumerate(self._sets):
             progress(f"public pushes: {one.name}")
-            rows.append(_measured(one, np.random.default_rng(number)))
+            estimates.append(of_all(one))
+            rows.append(_measured(one, estimates[-1], np.random.default_rng(number)))
         plot(rows, self._plot)
+        gallery(self._sets, estimates, self._plot.with_stem(f"{self._plot.stem}_gallery"))
         write_whole(self._plot.with_suffix(".md"), "\n".join((*markdown(*_cells(rows)), "")))
         return {"sets": rows}
 
@@ -208,7 +215,13 @@ def _to_outline(stroke: Stroke, outline: Outline) -> Array:
     return rotation(stroke.before.theta) @ np.subtract(foot, place) * (outwards * gap / max(distance, LEAST_DIVISOR))
 
 
-def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
+def of_all(one: PublicSet) -> Estimate:
+    """The estimate from all observations of a set."""
+    data = [point for point in one.observations if point is not None]
+    return estimated(data, one.model.support_points, EstimatorConfig())[1]
+
+
+def _measured(one: PublicSet, whole: Estimate, rng: np.random.Generator) -> Figures:
     outline, points = one.model.outline, one.model.support_points
     data = [point for point in one.observations if point is not None]
     groups = sorted({point.push_id for point in data})
@@ -219,7 +232,6 @@ def _measured(one: PublicSet, rng: np.random.Generator) -> Figures:
     lines = {row: line for row in unseen if (line := line_of(one.strokes[row], outline)) is not None}
     rows = rng.permutation(list(lines))[:ROLLED].tolist()
     draws = [[half[k] for k in rng.permutation(len(half))[:FEW].tolist()] for _ in range(DRAWS)]
-    _, whole = estimated(data, points, EstimatorConfig())
     _, by_half = estimated(half, points, EstimatorConfig())
     by_few = [estimated(draw, points, EstimatorConfig())[1] for draw in draws]
     mu_c = whole.mu_c
@@ -385,7 +397,33 @@ def plot(rows: Sequence[Figures], path: pathlib.Path) -> None:
     axes.set(xlabel="mean error of strokes that were not fitted, position and angle [mm]", xlim=(0, None))
     axes.grid(alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    _save(figure, path)
+
+
+def gallery(sets: Sequence[PublicSet], estimates: Sequence[Estimate], path: pathlib.Path) -> None:
+    """What was estimated of each set, as a figure: w, p_CF with its 90 % ellipse, and the centroid of the outline.
+
+    Raises:
+        InvalidInput: it cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    columns = 4
+    lines = math.ceil(len(sets) / columns)
+    figure = Figure(figsize=(9, 2.3 * lines), layout="constrained")
+    places = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, one, estimate in zip(places, sets, estimates, strict=False):
+        draw_support_friction(axes, estimate, one.model.outline)
+        axes.plot(*(1e3 * one.label), "+", color="black", ms=11)
+        axes.margins(0.12)
+        axes.set_title(NAMES.sub("", one.name), fontsize=9)
+    for axes in places:
+        axes.axis("off")
+    _save(figure, path)
+
+
+def _save(figure: Any, path: pathlib.Path) -> None:
     try:
-        figure.savefig(path, dpi=120)
+        figure.savefig(path, dpi=100)
     except (OSError, ValueError) as error:
         raise InvalidInput(f"{path}: cannot be written: {error}") from error

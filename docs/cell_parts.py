@@ -23,7 +23,7 @@ STYLE = """
       svg { --paper: #16191d; --ink: #e6e6e6; --fill: #262c33; --pale: #aab; --accent: #56b4e9; --warn: #ff8a80; }
     }
     text { font: 14px sans-serif; fill: var(--ink); text-anchor: middle; }
-    .pale { fill: var(--pale); font-size: 13px; } .left { text-anchor: start; }
+    .pale { fill: var(--pale); font-size: 13px; } .left { text-anchor: start; } .end { text-anchor: end; }
     .box { fill: var(--fill); stroke: var(--ink); } .seen { fill: none; stroke: var(--accent); stroke-dasharray: 7 5; }
     path { fill: none; stroke: var(--ink); stroke-width: 1.5; } .power { stroke: var(--warn); stroke-width: 2.5; }
     .accent { stroke: var(--accent); stroke-width: 2; } .tip { fill: var(--accent); }

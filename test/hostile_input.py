@@ -63,6 +63,8 @@ from pushfric_core.mechanics.prediction import friction_model
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.table import write_table
+from pushfric_core.pages.clicked_points import ClickedPoints
+from pushfric_core.pages.drawn_object import DrawnObject
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
@@ -83,7 +85,6 @@ from pushfric_ros.messages.types import definition
 from pushfric_ros.node_kit.domain import domain
 from pushfric_ros.nodes.planner.answers import Answers
 from pushfric_ros.nodes.planner.known import Known
-from pushfric_ros.view.clicked_points import ClickedPoints
 from pushfric_ros.view.server import Answer, Request, Server
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -240,6 +241,10 @@ def targets() -> dict[str, Target]:
                                (InvalidInput,)),
         "clicked points": Target(_click, [b"[[1, 1, 0, 0], [600, 1, 0.5, 0], [600, 400, 0.5, 0.4], [1, 400, 0, 0.4]]"],
                                  (InvalidInput,)),
+        "drawn object": Target(
+            _draw, [b'{"outline": [[0, 0], [1, 0], [0, 1]], "support": {"grid": [3, 3]}, "picture": [0, 0, 9]}'],
+            (InvalidInput,),
+        ),
         "edited file": Target(_edit, [texts["cell"], b"a: 1\npusher: {line_origin: [0, 0]}\n<<: {c: 2}\n"], (ValueError,)),
         "earlier results": Target(_go_on, [_results()], ()),
         "question of a planner": Target(_answer, _questions(), (ValueError, PushfricError)),
@@ -491,9 +496,17 @@ def _follow(path: pathlib.Path) -> None:
 
 
 def _click(data: bytes, _: pathlib.Path) -> None:
-    clicked = ClickedPoints(Lens(640, 480, np.array(((500.0, 0, 320), (0, 500, 240), (0, 0, 1))), np.zeros(5)))
+    clicked = ClickedPoints(
+        Lens(640, 480, np.array(((500.0, 0, 320), (0, 500, 240), (0, 0, 1))), np.zeros(5)), pathlib.Path(), []
+    )
     clicked.take(data)
     to_json(clicked.figures())
+
+
+def _draw(data: bytes, folder: pathlib.Path) -> None:
+    drawn = DrawnObject(folder / "drawn.yaml")
+    drawn.take(data)
+    to_json(drawn.figures())
 
 
 def _edit(data: bytes, _: pathlib.Path) -> None:

@@ -1,7 +1,14 @@
 """Pictures of flat printed patterns as a known camera sees them: lens, perspective, pixel coverage, blur and noise."""
 
+import re
+import zlib
+
 import cv2
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from scipy.interpolate import RectBivariateSpline
 
 from pushfric_core.geometry.planar import Pose
@@ -54,6 +61,34 @@ def picture(
     if blur_px > 0:
         frame = cv2.GaussianBlur(frame, (0, 0), blur_px)
     return np.clip(np.rint(frame + rng.normal(0, noise_sigma, frame.shape)), 0, 255).astype(np.uint8)
+
+
+def black_rings(path) -> list[np.ndarray]:
+    """Outlines (n, 2) [mm] of the one area that a PDF fills."""
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", path.read_bytes(), re.DOTALL)
+    drawing = next(text for text in map(zlib.decompress, streams) if b" l\n" in text).decode()
+    rings: list[list[tuple[float, float]]] = []
+    for x, y, operator in re.findall(r"^([-\d.]+) ([-\d.]+) ([ml])$", drawing[: drawing.index("\nf")], re.MULTILINE):
+        if operator == "m":
+            rings.append([])
+        rings[-1].append((float(x) * 25.4 / 72, float(y) * 25.4 / 72))
+    return [np.array(ring) for ring in rings if len(ring) > 3]
+
+
+def rasterised(path, margin: float, per_metre: float) -> np.ndarray:
+    """A PDF as a printer prints it: its black area on white, with a margin around it [m]."""
+    rings = black_rings(path)
+    every = np.concatenate(rings)
+    low = every.min(axis=0) - 1e3 * margin
+    width, height = np.ptp(every, axis=0) + 2e3 * margin
+    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=per_metre * 0.0254, facecolor="white")
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(low[0], low[0] + width), ylim=(low[1], low[1] + height))
+    axes.set_axis_off()
+    axes.add_patch(PathPatch(Path.make_compound_path(*map(Path, rings)), color="black", linewidth=0, snap=False))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    white = np.asarray(canvas.buffer_rgba())[..., 0]
+    return np.rint(20 + white * (200 / 255)).astype(np.uint8)
 
 
 HALF_SIZE = np.array((0.0635, 0.032))

@@ -83,6 +83,7 @@ setup(
         "pushfric_core": ["py.typed"],
         "": ["*.pxd", "*.html.j2"],
         "pushfric_core.bags": ["msg/*.msg"],
+        "pushfric_core.pages": ["page/*"],
         "pushfric_core.report": ["run/*"],
     },
     data_files=[

@@ -27,7 +27,6 @@ setup(
     packages=find_packages(),
     package_data={
         "pushfric_ros.node_kit": ["fastdds*.xml"],
-        "pushfric_ros.view": ["page/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_ros"]),
@@ -41,7 +40,6 @@ setup(
         ],
         "pushfric.commands": ["cell = pushfric_ros.commands"],
         "pushfric.node_graph": [
-            "clicking = pushfric_ros.commands.clicking:click_points",
             "frames = pushfric_ros.commands.topic_frames:TopicFrames",
             "stroke = pushfric_ros.commands.stroke:along_the_stroke",
         ],

@@ -2,6 +2,7 @@
 
 import math
 import pathlib
+import re
 import sys
 
 import pytest
@@ -18,9 +19,25 @@ def cell_parts(monkeypatch):
     del sys.modules["cell_parts"]
 
 
-def test_the_drawings_are_those_of_the_script(cell_parts):
-    for name, draw in cell_parts.DRAWINGS.items():
-        assert (DOCS / name).read_text(encoding="utf-8") == draw(), "python docs/cell_parts.py --drawings rewrites them"
+@pytest.fixture
+def drawings(cell_parts):
+    import drawings
+
+    yield drawings
+    del sys.modules["drawings"]
+
+
+def test_the_drawings_are_those_of_the_scripts(cell_parts, drawings):
+    for name, draw in (cell_parts.DRAWINGS | drawings.DRAWINGS).items():
+        assert (DOCS / name).read_text(encoding="utf-8") == draw(), "cell_parts.py --drawings and drawings.py rewrite them"
+
+
+def test_the_graph_has_the_names_of_the_nodes_and_topics(drawings):
+    known = (DOCS / "graph.md").read_text(encoding="utf-8")
+    named = re.findall(r'<text class="(?:pale(?: left)?)?"[^>]*>(\w+)</text>', drawings.graph())
+    assert {"tracker", "object_pose", "friction_model"} <= set(named)
+    outside = {"images", "serial", "camera", "controller", "operator", "browser", "bag"}
+    assert [name for name in named if name not in outside and name not in known] == []
 
 
 def test_the_parts_can_be_printed(cell_parts, tmp_path):

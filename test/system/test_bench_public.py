@@ -58,7 +58,8 @@ def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
     assert table.row_count == 2
     lines = (tmp_path / "figure.md").read_text().splitlines()
     assert [line.split(" | ")[0] for line in lines[2:]] == ["| steel_block", f"| {tmp_path.name}: 1 sets"]
-    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("figure.png", "figure_gallery.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_real_triangles_are_rolled_out_from_a_table_and_from_bags(real_pushes, tmp_path):

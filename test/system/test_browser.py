@@ -16,11 +16,13 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
+from axe import AXE, violations
 from geometry_msgs.msg import Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
+from pushfric_core.files.object_file import load_object
 from pushfric_core.vision.camera import Camera, Lens, load_camera, save_camera
 from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PusherState, Reason, RejectedPush
 from pushfric_msgs.srv import SelectPush
@@ -30,8 +32,6 @@ from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.view import ViewNode
-
-AXE = pathlib.Path(__file__).parents[1] / "node_modules/axe-core/axe.min.js"
 
 PATIENCE = 120.0  # [s]
 OBJECT = "wood_rect4"
@@ -162,9 +162,7 @@ def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, sche
     with visit(browser, url, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
         first_row(page)
         page.locator("#nodes details").first.evaluate("details => { details.open = true; }")
-        page.evaluate(AXE.read_text())
-        found = page.evaluate("axe.run()")["violations"]
-    assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
+        assert violations(page) == {}
 
 
 def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
@@ -224,10 +222,7 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
         expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
         assert page.evaluate("document.documentElement.scrollWidth") == width
-        if AXE.exists():
-            page.evaluate(AXE.read_text())
-            found = page.evaluate("axe.run()")["violations"]
-            assert {one["id"]: [node["html"][:120] for node in one["nodes"]] for one in found} == {}
+        assert violations(page) == {}
 
 
 def pushes(state: PusherState) -> bool:
@@ -419,6 +414,99 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
         assert "a place anywhere in the image is off by" in calibration.stderr.read()
     found = load_camera(tmp_path / "camera.yaml")
     np.testing.assert_allclose(found.unproject(table.project(MARKS)), MARKS, atol=1e-3)
+
+
+@contextlib.contextmanager
+def edited(folder: pathlib.Path, *options: str):
+    """A command `edit` of block.yaml in a folder, and the address of its page."""
+    command = [sys.executable, "-m", "pushfric_core", "edit", "block.yaml", "--port", "0", *options]
+    with (
+        subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder) as editor,
+        contextlib.ExitStack() as end,
+    ):
+        end.callback(editor.kill)
+        assert editor.stderr is not None
+        yield editor, editor.stderr.readline().split()[1]
+
+
+def test_an_object_is_drawn_by_keys_alone(browser, tmp_path):
+    """A rectangle of 80 x 60 mm on two feet, on an empty sheet."""
+    with edited(tmp_path) as (editor, url):
+        with visit(browser, url) as page:
+            sheet, prompt, save = page.locator("#picture"), page.locator("#prompt"), page.locator("#save")
+            expect(prompt).to_have_text("Draw the outline: 3 or more corners")
+            for keys in (["ArrowLeft"] * 4 + ["ArrowDown"] * 3, ["ArrowRight"] * 4 + ["ArrowDown"] * 3, ["ArrowUp"] * 3):
+                sheet.press("Enter")
+                for key in keys:
+                    sheet.press(f"Shift+{key}")
+            expect(sheet).to_have_attribute("aria-label", "The object from above, Corner 2 at x 0 mm, y 30 mm")
+            sheet.press("Enter")  # in the middle of the edge after this corner
+            expect(page.locator("#x")).to_have_value("-20")
+            page.locator("#x").fill("40")
+            page.locator("#y").fill("30")
+            expect(page.locator("#trust")).to_contain_text(
+                "the outline must be a simple polygon with an area: Self-intersection"
+            )
+            expect(save).to_be_disabled()
+            sheet.press("PageUp")
+            page.locator("#x").fill("-40")
+            expect(page.locator("#trust")).to_contain_text("Self-intersection")
+            for x in ("40", "-40"):  # the two change places
+                page.locator("#x").fill(x)
+                sheet.press("PageDown")
+            expect(save).to_be_enabled()
+            expect(page.locator("#trust")).to_have_text("4 corners, 36 support points")
+            page.get_by_label("at the points drawn").press("Space")
+            expect(prompt).to_have_text("Draw the points where it touches the table")
+            expect(save).to_be_disabled()
+            for key in ("ArrowLeft", "ArrowRight"):
+                sheet.press("Enter")
+                sheet.press(f"Shift+{key}")
+            expect(page.locator("#trust")).to_have_text("4 corners, 2 support points")
+            expect(page.locator("body")).to_have_attribute("aria-busy", "false")
+            page.reload()
+            expect(page.locator("#trust")).to_have_text("4 corners, 2 support points")
+            save.press("Enter")
+            expect(prompt).to_have_text("Saved")
+        assert editor.wait(PATIENCE) == 0
+        assert editor.stderr.read() == "wrote block.yaml: 80.0 x 60.0 mm, 4 corners, 2 support points\n"
+    model = load_object(str(tmp_path / "block.yaml"))
+    assert sorted(model.outline.vertices.tolist()) == [[-0.04, -0.03], [-0.04, 0.03], [0.04, -0.03], [0.04, 0.03]]
+    assert model.support_points.tolist() == [[-0.01, 0.0], [0.01, 0.0]]
+
+
+def test_a_corner_is_dragged_over_a_picture(browser, tmp_path, table):
+    """On a screen; and people can read and use the page on a phone, too."""
+    corners = [[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]]
+    (tmp_path / "block.yaml").write_text(f"name: block\noutline: {corners}\nsupport: {{points: {corners}}}\n")
+    save_camera(table, tmp_path / "camera.yaml")
+    with edited(tmp_path, "--picture", "pictures", "--camera", "camera.yaml") as (editor, url):
+        for width, scheme in ((360, "dark"), (1280, "light")):
+            with visit(browser, url, viewport={"width": width, "height": 900}, color_scheme=scheme) as page:
+                expect(page.locator("#picture image")).to_have_count(1)
+                assert page.evaluate("document.documentElement.scrollWidth") == width
+                assert violations(page) == {}
+                if width < 1000:
+                    continue
+                box = page.locator("#picture").bounding_box()
+                scale = box["width"] / 160  # px per mm: the sheet shows 160 mm
+                page.mouse.move(box["x"] + 130 * scale, box["y"] + 30 * scale)
+                page.mouse.down()
+                page.mouse.move(box["x"] + 140 * scale, box["y"] + 20 * scale, steps=3)
+                page.mouse.up()
+                expect(page.locator("#rows tr")).to_have_count(4)
+                expect(page.locator("#x")).to_have_value(re.compile(r"^(59\.|60)"))
+                page.locator("#x").fill("60")
+                page.locator("#y").fill("60")
+                page.get_by_label("support points", exact=True).check()
+                page.locator("#rows button").first.click()
+                expect(page.locator("#trust")).to_have_text("4 corners, 3 support points")
+                page.locator("#save").click()
+                expect(page.locator("#prompt")).to_have_text("Saved")
+        assert editor.wait(PATIENCE) == 0
+    model = load_object(str(tmp_path / "block.yaml"))
+    assert model.outline.vertices.tolist() == [*corners[:2], [0.06, 0.06], corners[3]]
+    assert model.support_points.tolist() == corners[1:]
 
 
 @pytest.fixture

@@ -4,24 +4,19 @@ import http.server
 import math
 import re
 import threading
-import zlib
 
 import cv2
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
-from printed import picture
+from printed import black_rings, picture, rasterised
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import rotation
 from pushfric_core.vision.board import Board, BoardFinder
-from pushfric_core.vision.board_pdf import save_board
 from pushfric_core.vision.camera import Camera, Lens, load_lens, save_camera
 from pushfric_core.vision.frame_source import DeviceFrames
 from pushfric_core.vision.lens_calibration import calibrate_lens, lens_from_frames
+from pushfric_core.vision.printed_pdf import save_board
 from pushfric_core.vision.table_calibration import Placement, calibrate_table, read_table_points, table_from_frames
 
 BOARD = Board()
@@ -55,30 +50,7 @@ def printed_board(tmp_path_factory) -> np.ndarray:
     """The board's PDF as a printer prints it: black and white, with MARGIN around the squares."""
     path = tmp_path_factory.mktemp("board") / "board.pdf"
     save_board(BOARD, path)
-    rings = black_rings(path)
-    every = np.concatenate(rings)
-    low = every.min(axis=0) - 1e3 * MARGIN
-    width, height = np.ptp(every, axis=0) + 2e3 * MARGIN
-    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=PER_METRE * 0.0254, facecolor="white")
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(low[0], low[0] + width), ylim=(low[1], low[1] + height))
-    axes.set_axis_off()
-    axes.add_patch(PathPatch(Path.make_compound_path(*map(Path, rings)), color="black", linewidth=0, snap=False))
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    white = np.asarray(canvas.buffer_rgba())[..., 0]
-    return np.rint(20 + white * (200 / 255)).astype(np.uint8)
-
-
-def black_rings(path) -> list[np.ndarray]:
-    """Outlines (n, 2) [mm] of the one area that a PDF fills."""
-    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", path.read_bytes(), re.DOTALL)
-    drawing = next(text for text in map(zlib.decompress, streams) if b" l\n" in text).decode()
-    rings: list[list[tuple[float, float]]] = []
-    for x, y, operator in re.findall(r"^([-\d.]+) ([-\d.]+) ([ml])$", drawing[: drawing.index("\nf")], re.MULTILINE):
-        if operator == "m":
-            rings.append([])
-        rings[-1].append((float(x) * 25.4 / 72, float(y) * 25.4 / 72))
-    return [np.array(ring) for ring in rings if len(ring) > 3]
+    return rasterised(path, MARGIN, PER_METRE)
 
 
 def shown(printed_board, *place) -> np.ndarray:

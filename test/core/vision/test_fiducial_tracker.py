@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from printed import HALF_SIZE, marked_picture
+from printed import HALF_SIZE, black_rings, marked_picture, picture, rasterised
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, transform, wrap
 from pushfric_core.vision.camera import Camera
 from pushfric_core.vision.fiducial_tracker import Fiducials, FiducialTracker, Marker, load_fiducials
+from pushfric_core.vision.printed_pdf import save_markers
 from pushfric_core.vision.sighting import NotSeen
 
 PIXEL = 0.000625
@@ -46,6 +48,22 @@ def test_accuracy(rng, fiducials, noise, bound):
     assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < bound  # rms [px, px, degree]
     if noise:
         assert 0.3 < np.mean(distances) / 3 < 3
+
+
+def test_printed_markers_are_found_where_they_are_pasted(tmp_path, rng):
+    """The PDF, cut along the outline; the area of its black is that of the markers, to scale."""
+    save_markers(TWO, Outline(OUTLINE), tmp_path / "markers.pdf")
+    margin, per_metre = 0.01, 8000
+    face = rasterised(tmp_path / "markers.pdf", margin, per_metre)
+    c, s = np.cos(TRUTH.theta), np.sin(TRUTH.theta)
+    over_object = CAMERA.over(CAMERA.H @ np.array(((c, -s, TRUTH.x), (s, c, TRUTH.y), (0, 0, 1))))
+    corner = np.min([np.subtract(one.center, one.size / 2) for one in TWO.markers], axis=0) - margin
+    frame = picture(over_object, face, corner, per_metre, rng, HEIGHT, noise_sigma=0.0, background=220)
+    sighting = tracker(TWO).track(frame)
+    assert np.hypot(sighting.pose.x - TRUTH.x, sighting.pose.y - TRUTH.y) < 0.05 * PIXEL
+    assert abs(wrap(sighting.pose.theta - TRUTH.theta)) < np.radians(0.05)
+    every = np.concatenate(black_rings(tmp_path / "markers.pdf"))
+    np.testing.assert_allclose(np.ptp(every, axis=0), (110, 40), atol=1e-3)  # [mm]
 
 
 def test_a_hidden_marker_does_no_harm(rng):

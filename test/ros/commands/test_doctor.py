@@ -392,7 +392,14 @@ def test_a_topic_that_nobody_publishes_gives_no_frames(monkeypatch):
     ],
 )
 def test_calibration_against_the_pushing_line_and_itself(camera, changes, level, finding):
-    assert scene.check_calibration(camera, None, pusher(**changes))[1:3] == (level, finding)
+    picture = np.zeros((camera.height, camera.width), np.uint8)
+    assert scene.check_calibration(camera, picture, pusher(**changes))[1:3] == (level, finding)
+
+
+def test_a_calibration_that_no_picture_was_compared_with_is_a_warning():
+    check = scene.check_calibration(SHARP, None, pusher())
+    assert check.level is WARNING
+    assert check.finding.endswith("; not compared with a picture, for want of one")
 
 
 def test_a_calibration_of_another_size_fails():
@@ -485,7 +492,7 @@ def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
     ("limits", "axis", "level", "words"),
     [
         (Limits(0.06, 0.1, 0.5), "X", OK, "travel 60 mm, 100 mm/s, 500 mm/s^2"),
-        (Limits(math.inf, 0.1, 0.5), "X", OK, "travel not enforced"),
+        (Limits(math.inf, 0.1, 0.5), "X", OK, "travel neither enforced nor known"),
         (Limits(0.05, 0.1, 0.5), "X", FAILED, "$130"),
         (Limits(0.05, 0.1, 0.5), "-Y", FAILED, "$131"),
         (Limits(0.06, 0.01, 0.5), "X", FAILED, "lower plan.speed, 20 mm/s, or raise $110"),

@@ -266,7 +266,7 @@ def test_commands_and_options_within_sentences_exist():
             if code.startswith("./pushfric ") and "COMMAND" not in code:
                 name, *rest = re.sub(r"\b(N|MINUTES)\b", "1", code).split()[1:]
                 assert name in {*TOP, *SCRIPT, *COMMANDS, "bench", "faults"}, f"{page}: {code}"
-                if set(rest) - {"verify", "recover", "board", "lens", "table"}:  # else it is only named
+                if set(rest) - {"verify", "recover", "board", "markers", "lens", "table"}:  # else it is only named
                     read([name, *rest])
             elif code.startswith("--"):
                 assert re.match(r"--[\w-]+", code)[0] in known, f"{page}: {code}"

@@ -2,6 +2,7 @@
 
 import csv
 import pathlib
+import re
 import sys
 
 import pytest
@@ -140,6 +141,15 @@ WRONG = [
     (("measure", "cell.yaml", "--speed", 20), {}, "are these millimetres per second?"),
     (("calibrate", "board", "board.pdf", "--square", 28), {}, "smaller than 1 m, got 28: are these millimetres?"),
 ]
+
+
+def test_every_option_is_in_si_units():
+    """What is printed is in millimetres; what is asked for, never."""
+    names = [name for name in cli.catalog() if name != "calibrate"]
+    options = [one for name in names for one in cli.load(name).params]
+    options += [one for name, command in cli.load("calibrate").commands.items() for one in command.params]
+    units = {unit for one in options for unit in re.findall(r"\[([a-z/^0-9]+)\]", one.help or "")}
+    assert units == {"bit/s", "kg", "m", "m/s", "m/s^2", "rad", "s"}
 
 
 @pytest.mark.parametrize("arguments", RIGHT, ids=lambda arguments: " ".join(map(str, arguments)))

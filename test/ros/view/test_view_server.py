@@ -8,6 +8,7 @@ from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from pushfric_core.cell.node_settings import ViewConfig
+from pushfric_core.pages import page_server
 from pushfric_ros.view import server as view_server
 from pushfric_ros.view.server import Server
 
@@ -170,3 +171,41 @@ def test_requests_that_are_none_are_refused(server, told):
 
     asyncio.run(visit())
     assert told.requests == []
+
+
+def test_the_server_ends_when_its_visitors_have_the_report(told, tmp_path):
+    report = tmp_path / "report.html"
+    server = Server(ViewConfig(port=0), told.requests.append, told.looking.append, report)
+
+    async def visit():
+        socket = await websocket_connect(live(server))
+        assert json.loads(await read(socket)) == {"all": {"step": 1}}
+        with pytest.raises(HTTPClientError, match="404"):
+            await AsyncHTTPClient().fetch(f"{server.url}report.html")
+        report.write_text("<p>the result</p>")
+        ended = asyncio.get_running_loop().run_in_executor(None, server.close)
+        assert json.loads(await read(socket)) == {"some": {"reported": True}}
+        answer = await AsyncHTTPClient().fetch(f"{server.url}report.html")
+        assert (answer.headers["Content-Type"], answer.body) == ("text/plain; charset=utf-8", b"<p>the result</p>")
+        assert not ended.done()
+        await socket.write_message(json.dumps({"has_report": True}))
+        assert await read(socket) is None
+        assert socket.close_code == view_server.RUN_ENDED
+        await ended
+
+    server.show({"step": 1})
+    asyncio.run(visit())
+
+
+def test_a_visitor_who_does_not_take_the_report_is_not_awaited_for_ever(told, tmp_path, monkeypatch):
+    monkeypatch.setattr(page_server, "FAREWELL", 0.05)
+    (tmp_path / "report.html").write_text("<p>the result</p>")
+    server = Server(ViewConfig(port=0), told.requests.append, told.looking.append, tmp_path / "report.html")
+
+    async def visit():
+        socket = await websocket_connect(live(server))
+        await read(socket)
+        await asyncio.get_running_loop().run_in_executor(None, server.close)
+
+    server.show({"step": 1})
+    asyncio.run(visit())

@@ -12,10 +12,11 @@ from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption
 from pushfric_core.commands.console import console
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
-from pushfric_core.commands.node_graph import borrowed
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import load_object
 from pushfric_core.vision.board import Board
 from pushfric_core.vision.camera import load_lens, save_camera
+from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.lens_calibration import lens_from_frames
 from pushfric_core.vision.table_calibration import (
     calibrate_table,
@@ -28,6 +29,8 @@ from pushfric_core.wording import counted
 app = Application(no_args_is_help=True)
 
 CAMERA = ACCEPTED_WITH_TOPICS[0].upper() + ACCEPTED_WITH_TOPICS[1:]
+
+PRINT_IT = "print it at 100 %, and compare its ruler with a real one"
 
 Source = Annotated[str, typer.Argument(help=f"{CAMERA}.", show_default=False)]
 Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]
@@ -44,10 +47,23 @@ def board(
     square: Square = Board.square,
 ) -> None:
     """Write a ChArUco board as a PDF to scale. Print it at 100 % and check its ruler."""
-    from pushfric_core.vision.board_pdf import save_board  # imported late: the other commands need no matplotlib
+    from pushfric_core.vision.printed_pdf import save_board  # imported late: the other commands need no matplotlib
 
     save_board(_board(columns, rows, square), out)
-    console.print(f"{out}: print it at 100 %, and compare its ruler with a real one", markup=False)
+    console.print(f"{out}: {PRINT_IT}", markup=False)
+
+
+@app.command()
+def markers(
+    file: Annotated[pathlib.Path, typer.Argument(help="YAML of the markers, as for camera.fiducials.", show_default=False)],
+    object_name: Annotated[str, typer.Argument(metavar="OBJECT", help="Object YAML.", show_default=False)],
+    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.", show_default=False)],
+) -> None:
+    """Write an object's markers as a PDF to scale, each in its place: cut along the outline, paste it onto the object."""
+    from pushfric_core.vision.printed_pdf import save_markers
+
+    save_markers(load_fiducials(file), load_object(object_name).outline, out)
+    console.print(f"{out}: {PRINT_IT}", markup=False)
 
 
 @app.command()
@@ -121,8 +137,14 @@ def table(
     with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
         if shown is not None:
             places = [] if marks is None else read_table_places(marks).tolist()
-            click_points = borrowed("clicking", "--view")
-            found = click_points(frames_from(source, namespace, (known.width, known.height)), known, places, shown, camera)
+            from pushfric_core.pages.clicked_points import ClickedPoints  # imported late: only this needs tornado
+            from pushfric_core.pages.picture_server import work_in_a_browser
+
+            clicked = ClickedPoints(known, camera, places)
+            frames = frames_from(source, namespace, (known.width, known.height))
+            work_in_a_browser("points.html", clicked, frames, shown, _say)
+            assert clicked.found is not None
+            found = clicked.found
         elif source.endswith(".csv"):
             found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
             save_camera(found.camera, camera)

@@ -12,7 +12,7 @@ def borrowed(name: str, what: str) -> Any:
     """What such a package provides.
 
     Args:
-        name: of the entry point: frames (from a topic), clicking (points of the table), stroke (pictures along it).
+        name: of the entry point: frames (from a topic), stroke (pictures along it).
         what: is asked for.
     Raises:
         MissingPackage: no such package is installed.

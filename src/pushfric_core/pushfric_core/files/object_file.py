@@ -3,6 +3,7 @@
 import math
 import os
 import pathlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -15,6 +16,7 @@ from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.bounded_yaml import TEXT_LIMIT, load_yaml
 from pushfric_core.files.csv_table import read_table
 from pushfric_core.files.file_errors import reading, shortened, text_of
+from pushfric_core.files.yaml_edit import Value, with_values
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1
@@ -238,6 +240,34 @@ def save_object(model: ObjectModel, path: pathlib.Path) -> None:
         path.write_text(yaml.safe_dump(content, sort_keys=False))
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def edited_object(target: pathlib.Path, known: ObjectModel | None, values: Mapping[str, Value]) -> tuple[str, ObjectModel]:
+    """The text of an object's file with new values, and the object; everything else in the text stays.
+
+    Args:
+        target: the file, which need not exist.
+        known: the object as it was known so far, for a new file; None if it was not.
+        values: by key.
+    Raises:
+        InvalidInput: the file cannot be read, or does not fit the values; for example, support points lie outside.
+    """
+    if target.exists():
+        with reading(target):
+            text = target.read_text(encoding="utf-8")
+        try:
+            text = with_values(text, None, values)
+        except ValueError as error:
+            raise InvalidInput(f"{target}: {error}") from error
+    else:
+        content: dict[str, Any] = {"name": target.stem}
+        if known is not None:
+            content = known.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+        text = yaml.safe_dump({**content, **values}, sort_keys=False, default_flow_style=None, width=120)
+    try:
+        return text, make_object(ObjectFile.model_validate(load_yaml(text)), str(target))
+    except pydantic.ValidationError as error:
+        raise InvalidInput(f"{target}: {complaint(error)}") from error
 
 
 def read_yaml(path: pathlib.Path, model: type[Model]) -> Model:

@@ -9,8 +9,8 @@ import yaml
 
 from pushfric_core.files.bounded_yaml import load_yaml
 
-Value = float | Sequence[Any]
-"""A number, or a list of values."""
+Value = float | Sequence[Any] | Mapping[str, Any]
+"""A number, or a list of values, or values by key."""
 
 
 def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> str:
@@ -62,10 +62,16 @@ def _end(node: Any) -> int:
 
 
 def _plain(value: Value) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
     return [_plain(one) for one in value] if isinstance(value, Sequence) else value
 
 
 def _written(value: Value) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {_written(one)}' for key, one in value.items())}}}"
     if isinstance(value, Sequence):
         return f"[{', '.join(map(_written, value))}]"
+    if isinstance(value, int):
+        return str(value)
     return np.format_float_positional(value, trim="0")  # YAML 1.1 takes 1e-05 for a text

@@ -98,7 +98,7 @@ def check_limits(
 ) -> Check:
     """Compare the controller's settings with what the cell's file asks of it."""
     travel_setting, speed_setting, acceleration_setting = driver.settings_of(serial.axis[-1])
-    travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel not enforced"
+    travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel neither enforced nor known"
     finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
     if config.stroke > limits.travel + ROUNDING:
         advice = f"shorten pusher.stroke, {1e3 * config.stroke:g} mm, or set {travel_setting} to the axis's travel"

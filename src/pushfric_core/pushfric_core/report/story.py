@@ -85,6 +85,11 @@ class Story:
         self._start: int | None = None  # first stamp [ns]
         self._now = 0  # last stamp [ns]
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the plan is finished."""
+        return self._plan is not None and bool(self._plan.phase == PHASES["PHASE_FINISHED"])
+
     def begin(self) -> Change:
         """What is known before anything comes."""
         model = {"name": self._model.name, "outline": self._model.outline.vertices.tolist()}

@@ -26,9 +26,11 @@ MIN_MODULE_PX = 4.0
 MAX_MISPLACED_PX = 2.0
 """The corners of the markers may lie this far (rms) from the places that the file and the fitted pose give them."""
 
+BORDER_MODULES = 2
+"""Of a marker: one on each side of its code."""
+
 _EDGE_SAMPLES = 160  # of each marker
 _SLACK_PX = 1  # error of a detected corner
-_BORDER_MODULES = 2  # one on each side of the code
 _UPRIGHT = np.array(((-1, 1), (1, 1), (1, -1), (-1, -1))) / 2  # corners in the detector's order, y up
 
 
@@ -90,7 +92,7 @@ class FiducialTracker:
         self._camera, self._height = camera, height
         self._outline = np.asarray(outline_vertices, dtype=float)
         self._pixel = camera.metres_per_pixel(height)
-        modules = fiducials.dictionary.markerSize + _BORDER_MODULES
+        modules = fiducials.dictionary.markerSize + BORDER_MODULES
         module_px = min(marker.size for marker in fiducials.markers) / modules / self._pixel
         if module_px < MIN_MODULE_PX:
             raise InvalidInput(f"the markers are too small: {module_px:.1f} px per module, expected at least {MIN_MODULE_PX:g}")

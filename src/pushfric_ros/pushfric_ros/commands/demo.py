@@ -3,7 +3,8 @@
 import dataclasses
 import pathlib
 import time
-from typing import Annotated
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -37,6 +38,9 @@ from pushfric_ros.graph import graph
 from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.graph.supervisor import Ended
 from pushfric_ros.messages.conversions import report_from_msg
+
+if TYPE_CHECKING:
+    from pushfric_core.offline.estimation import Estimation
 
 SPEED: float = SimulatedRunConfig.speed
 """Multiple of real time at which the simulated cell runs."""
@@ -72,17 +76,22 @@ def demo(
     pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
     shown = view_at(view, ViewConfig())
+    made: list[Estimation] = []
+
+    def report() -> None:
+        made.append(write_report(bag))
+
+    live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)):
-        last, ended = run_demo(console, object_name, seed, bag, console.is_terminal and not headless, pushes, shown, planner)
+        last, ended = run_demo(console, object_name, seed, bag, live, pushes, shown, planner, report)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
     print_summary(console, object_name, last)
     write_json(to_json({**report_from_msg(last).to_dict(), "truth": truth(object_name), "bag": str(bag)}), json)
     from pushfric_core.report.figures import summary_figure  # imported late, or matplotlib would be in memory during the run
 
-    figure = bag / FIGURE
-    made = write_report(bag)
-    summary_figure(figure, made.model.outline, made.course, made.estimator.observations, TABLE_1[object_name])
+    figure, (whole,) = bag / FIGURE, made
+    summary_figure(figure, whole.model.outline, whole.course, whole.estimator.observations, TABLE_1[object_name])
     console.print(f"figure: {figure}\nreport: {bag / REPORT_FILE}\nbag:    {bag}", markup=False)
 
 
@@ -116,8 +125,12 @@ def run_demo(
     plan: PlanConfig,
     view: ViewConfig | None = None,
     planner: bool = False,
+    report: Callable[[], None] | None = None,
 ) -> tuple[FrictionEstimate | None, Ended]:
-    """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
+    """Run the graph until its plan is finished; return the last estimate published, and how the run ended.
+
+    `report` is called as by `watch`.
+    """
     with scratch_folder() as scratch:
         cell = dataclasses.replace(demo_cell(object_name, scratch), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
@@ -126,7 +139,14 @@ def run_demo(
         specs = specs if live or view is not None else graph.unattended(specs)
         console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
         ended, last = watch(
-            console, specs, cell.namespace, f"pushing {object_name}", live, prompts=view is not None, recorded=bag
+            console,
+            specs,
+            cell.namespace,
+            f"pushing {object_name}",
+            live,
+            prompts=view is not None,
+            recorded=bag,
+            report=report,
         )
     return last, ended
 

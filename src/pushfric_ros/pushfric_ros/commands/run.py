@@ -71,6 +71,9 @@ def run(
             return
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
+    def report() -> None:
+        write_report(bag)
+
     live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
         if simulated:
@@ -87,10 +90,11 @@ def run(
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"
-        ended, last = watch(console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag)
+        ended, last = watch(
+            console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag, report=report
+        )
     if ended.code:
         fail(ended.reason, ended.code)
     if last is not None:
-        write_report(bag)
         console.print(f"report: {bag / REPORT_FILE}", markup=False)
     console.print(f"bag:    {bag}", markup=False)

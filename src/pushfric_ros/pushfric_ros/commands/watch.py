@@ -21,7 +21,7 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.keys import Keys
 from pushfric_ros.commands.recorded_run import disagreements, pushes_of
-from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
+from pushfric_ros.graph.graph import COMMAND_LINE, VIEW, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.node_kit.visit import Visit
@@ -62,6 +62,7 @@ def watch(
     prompts: bool = False,
     recorded: pathlib.Path | None = None,
     stay: Callable[[FrictionEstimate | None], None] | None = None,
+    report: Callable[[], None] | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
     """Run a graph with a monitor until it has ended and its last estimate has come; afterwards Ctrl-C ends the process.
 
@@ -76,6 +77,7 @@ def watch(
         recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
             estimate and its plan disagree.
         stay: called with the last estimate when the run has ended well; the other nodes then run on until Ctrl-C.
+        report: called when a run with an estimate has ended well, while only the view is left, which shows what it writes.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
@@ -104,11 +106,16 @@ def watch(
     try:
         with Supervisor(specs, namespace, say) as supervisor:
             ended, monitor = watched(supervisor)
+            supervisor.end(but=VIEW)
+            if ended.code == 0 and supervisor.failed_at_the_end is not None:
+                ended = supervisor.failed_at_the_end
+            elif ended.code == 0 and recorded is not None:
+                found = disagreements(recorded, monitor.estimate, monitor.planned, monitor.aborted)
+                ended = Ended(1, "; ".join(found)) if found else ended
+            if ended.code == 0 and monitor.estimate is not None and report is not None:
+                report()
         if ended.code == 0 and supervisor.failed_at_the_end is not None:
             ended = supervisor.failed_at_the_end
-        elif ended.code == 0 and recorded is not None:
-            found = disagreements(recorded, monitor.estimate, monitor.planned, monitor.aborted)
-            ended = Ended(1, "; ".join(found)) if found else ended
         return ended, monitor.estimate
     finally:
         end_at_once()

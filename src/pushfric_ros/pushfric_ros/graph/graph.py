@@ -23,6 +23,9 @@ PACKAGE = "pushfric_ros"
 
 CLOCK = "/clock"
 
+VIEW = "view"
+"""The node that shows a run to browsers."""
+
 COMMAND_LINE = "command_line"
 """Last part of the enclave of the commands that watch, stop and reset a running cell."""
 
@@ -279,7 +282,7 @@ def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -
     reached = specs[0].environment
     bags = [spec.parameters["bag"] for spec in specs if spec.name == "recorder"]
     left = {"report": str(pathlib.Path(bags[0], REPORT_FILE))} if bags else {}
-    view = NodeSpec("view", {"object": object_name, **left, **plain(config)}, respawn=True, environment=reached)
+    view = NodeSpec(VIEW, {"object": object_name, **left, **plain(config)}, respawn=True, environment=reached)
     return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
 
 

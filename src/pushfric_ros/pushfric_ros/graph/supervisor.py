@@ -91,7 +91,7 @@ class Supervisor:
             self._claim = leaving.enter_context(lock(self._namespace))
             self._folder = leaving.enter_context(scratch_folder())
             self._server = leaving.enter_context(contextlib.closing(fork_server.prepared()))
-            leaving.callback(self._end_all)
+            leaving.callback(self.end)
             while not self._server.ready(0.1):
                 if self._interrupted:
                     raise KeyboardInterrupt
@@ -153,12 +153,12 @@ class Supervisor:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process.pid, signal.SIGKILL)
 
-    def _end_all(self) -> None:
-        """End all processes, the first one last, because the others may depend on it."""
-        started = [self._processes[spec.name] for spec in self._specs if spec.name in self._processes]
+    def end(self, but: str = "") -> None:
+        """End all processes, the first one last, because the others may depend on it; the one named `but` runs on."""
+        started = [self._processes[spec.name] for spec in self._specs if spec.name in self._processes and spec.name != but]
         for processes in (started[1:], started[:1]):
             _end(processes)
-        for listener in self._listeners:
+        for listener in [] if but else self._listeners:
             listener.join(1.0)
         codes = ((spec.name, self._processes[spec.name].returncode) for spec in self._specs if spec.name in self._processes)
         failed = (Ended(code, f"{name} {describe(code)}") for name, code in codes if code is not None and code > 0)

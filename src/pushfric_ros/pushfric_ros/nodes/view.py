@@ -1,5 +1,6 @@
 """The view node: shows a run to browsers, and passes on what their visitors ask for."""
 
+import pathlib
 from collections import deque
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -58,8 +59,9 @@ class ViewNode(Node):
         self._story = Story(load_object(model.object), self.get_namespace())
         self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
         self._wake = self.create_guard_condition(self._do_what_is_asked)
-        self._server = Server(config, self._on_request, self._on_looking)
-        self._server.show(self._story.begin() | {"report": declare(self, ShownConfig).report})
+        report = declare(self, ShownConfig).report
+        self._server = Server(config, self._on_request, self._on_looking, pathlib.Path(report) if report else None)
+        self._server.show(self._story.begin() | {"report": report})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
@@ -188,7 +190,7 @@ class ViewNode(Node):
     def _health(self) -> Health:
         silent = [subscription.topic_name for subscription in self._needed if not subscription.get_publisher_count()]
         values = {"address": self._server.url.partition("?")[0], "somebody looks": self._looking}
-        if silent:
+        if silent and not self._story.is_over:
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         return Health(Level.OK, "serving", values)
 

@@ -6,17 +6,18 @@ waits, in which later values of a key replace earlier ones.
 
 import asyncio
 import json
+import pathlib
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple
 
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from pushfric_core.cell.node_settings import ViewConfig
+from pushfric_core.cell.node_settings import REPORT_FILE, ViewConfig
+from pushfric_core.pages.page_server import Asked, PageServer
 from pushfric_core.report.report import to_json
 from pushfric_core.report.story import Change
 from pushfric_core.trajectories.observation import PUSH_IDS
-from pushfric_ros.view.page_server import Asked, PageServer
 
 ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
 """What a visitor may ask for."""
@@ -53,12 +54,19 @@ class Server(PageServer):
         config: where to serve, and the token that a visitor must show.
         on_request: called from the server's thread with each request.
         on_looking: called from the server's thread with whether anybody looks, whenever that changes.
+        report: file of the page that the run leaves behind; it need not exist before the end. None: there will be none.
     Raises:
         InvalidInput: the server cannot listen there.
     """
 
-    def __init__(self, config: ViewConfig, on_request: Callable[[Request], None], on_looking: Callable[[bool], None]) -> None:
-        self._on_request, self._on_looking = on_request, on_looking
+    def __init__(
+        self,
+        config: ViewConfig,
+        on_request: Callable[[Request], None],
+        on_looking: Callable[[bool], None],
+        report: pathlib.Path | None = None,
+    ) -> None:
+        self._on_request, self._on_looking, self.report = on_request, on_looking, report
         self._story: Change = {}
         self._kept: dict[str, bytes] = {}  # the pictures of the story, by its keys
         self._visitors: set[Visitor] = set()
@@ -66,6 +74,7 @@ class Server(PageServer):
         routes = [
             (r"/live", Visitor),
             (r"/(picture/\d{1,9})", Picture),
+            (rf"/{REPORT_FILE}", Report),
             (r"/(stop|reset|repeat|skip|end)", Action),
             (r"/(exclude|keep)/(-?\d{1,10})", Action),
         ]
@@ -108,7 +117,11 @@ class Server(PageServer):
         return asyncio.wait_for(answered, ANSWER_WITHIN)
 
     async def bid_farewell(self) -> None:
-        """Tell the visitors that the run has ended."""
+        """Tell the visitors that the run has ended, once they have its report."""
+        if self.report is not None and self.report.is_file():
+            self._show({"reported": True}, b"")
+            while any(not visitor.has_report for visitor in self._visitors):
+                await asyncio.sleep(0.02)
         await asyncio.gather(*(visitor.bid_farewell() for visitor in list(self._visitors)), return_exceptions=True)
 
     def _show(self, change: Change, jpeg: bytes) -> None:
@@ -130,7 +143,7 @@ class Visitor(WebSocketHandler):
 
     def initialize(self, server: Server) -> None:
         self._server = server
-        self.looks = True
+        self.looks, self.has_report = True, False
         self._whole = True  # the first parcel is the whole story
         self._parcel: Change = {}
         self._jpeg: bytes | None = None
@@ -156,11 +169,15 @@ class Visitor(WebSocketHandler):
         self._server.welcome(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """A page says whether it is seen: one in the background needs no pictures."""
+        """A page says whether it is seen, as one in the background needs no pictures, or that it has the report."""
         try:
-            self.looks = bool(json.loads(message)["looks"])
+            said = json.loads(message)
+            if "has_report" in said:
+                self.has_report = bool(said["has_report"])
+            else:
+                self.looks = bool(said["looks"])
         except (ValueError, TypeError, KeyError, RecursionError):
-            self.close(1003, "expected whether the page is looked at")
+            self.close(1003, "expected what the page says of itself")
             return
         self._server.look()
 
@@ -216,6 +233,20 @@ class Picture(Asked):
             raise HTTPError(404)
         self.set_header("Content-Type", "image/jpeg")
         self.write(jpeg)
+
+
+class Report(Asked):
+    """The page that the run leaves behind, for those who may read it."""
+
+    server: Server
+
+    def get(self) -> None:
+        """The page, once it is written; it is not to be opened here, where its own scripts are not allowed."""
+        self.admit()
+        if self.server.report is None or not self.server.report.is_file():
+            raise HTTPError(404)
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.write(self.server.report.read_bytes())
 
 
 class Action(Asked):

@@ -16,11 +16,12 @@ from pushfric_core.commands.console import console, warn
 from pushfric_core.commands.frames import frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
-from pushfric_core.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, object_text, permit, write
+from pushfric_core.commands.measure.targets import PUSHER_FILE, cell_text, draw, object_target, permit
 from pushfric_core.commands.node_graph import borrowed
 from pushfric_core.commands.options import in_range
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.object_file import ObjectModel, load_object
+from pushfric_core.files.object_file import ObjectModel, edited_object, load_object
+from pushfric_core.files.whole_file import write_whole
 from pushfric_core.files.yaml_edit import Value
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.report.measurement import (
@@ -177,7 +178,7 @@ def _measure_object(
     corners = [[round(value, 5) for value in corner] for corner in found.outline.vertices.tolist()]
     values: dict[str, Value] = {"outline": corners, "height": round(max(at, 0.0), 5)}
     picture = target.parent / "measured_object.png"
-    write(target, object_text(target, known, values))
+    write_whole(target, edited_object(target, known, values)[0])
     draw(picture, object_picture(camera, places[-1], found))
     figures["files"] += [str(target), str(picture)]
     spread = f", the same in {len(places)} places to {1e3 * measured.spread:.2f} mm (rms)" if len(places) > 1 else ""
@@ -222,7 +223,9 @@ def _measure_tip(
         "tip_radius": round(tip.radius, 5),
     }
     picture = target.parent / "measured_tip.png"
-    write(target, cell_text(path, values) if target == path else yaml.safe_dump({"pusher": values}, default_flow_style=None))
+    write_whole(
+        target, cell_text(path, values) if target == path else yaml.safe_dump({"pusher": values}, default_flow_style=None)
+    )
     draw(picture, tip_picture(camera, images[-1], tip, cell.pusher.stroke))
     figures["files"] += [str(target), str(picture)]
     x, y = 1e3 * tip.origin

@@ -3,17 +3,14 @@
 import pathlib
 import sys
 from collections.abc import Mapping
-from typing import Any
 
 import cv2
 import typer
-import yaml
 
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.file_errors import reading
-from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, make_object
+from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_core.files.yaml_edit import Value, with_values
 from pushfric_core.vision.camera import Image
 
@@ -33,32 +30,6 @@ def object_target(cell: CellFile, path: pathlib.Path, folder: pathlib.Path) -> p
     if own.suffix not in (".yaml", ".yml"):  # of Table 1
         return folder / OBJECT_FILE
     return folder / own.name if folder != path.parent else path.parent / own
-
-
-def object_text(target: pathlib.Path, known: ObjectModel | None, values: Mapping[str, Value]) -> str:
-    """The text of the object's file with the measured values; everything else in it stays.
-
-    Args:
-        target: the file, which need not exist.
-        known: the object as it was known so far, for a new file; None if it was not.
-        values: by key.
-    Raises:
-        InvalidInput: the file cannot be read, or does not fit what was measured; for example, support points lie outside.
-    """
-    if target.exists():
-        with reading(target):
-            text = target.read_text(encoding="utf-8")
-        try:
-            text = with_values(text, None, values)
-        except ValueError as error:
-            raise InvalidInput(f"{target}: {error}") from error
-    else:
-        content: dict[str, Any] = {"name": target.stem}
-        if known is not None:
-            content = known.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-        text = yaml.safe_dump({**content, **values}, sort_keys=False, default_flow_style=None, width=120)
-    make_object(ObjectFile.model_validate(load_yaml(text)), str(target))
-    return text
 
 
 def cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
@@ -88,18 +59,6 @@ def permit(target: pathlib.Path, force: bool) -> None:
     if not sys.stdin.isatty():
         raise InvalidInput(f"{target} exists: give --force, or --out FOLDER to write elsewhere")
     typer.confirm(f"{target} exists. Replace what is measured in it?", abort=True, err=True)
-
-
-def write(path: pathlib.Path, text: str) -> None:
-    """Write a file.
-
-    Raises:
-        InvalidInput: the file cannot be written.
-    """
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def draw(path: pathlib.Path, picture: Image) -> None:

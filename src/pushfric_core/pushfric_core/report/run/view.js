@@ -50,6 +50,7 @@ function connect() {
     connection = "live";
     newsAt = performance.now();
     keepPictures();
+    if (story.reported) takeReport(socket);
     redraw();
   };
   socket.onclose = ({ code }) => {
@@ -59,6 +60,26 @@ function connect() {
     redraw();
     setTimeout(connect, RETRY_MS);
   };
+}
+
+// What only the end of a run can tell, taken from its report before nobody serves it any more; and the report, to be saved
+let report = null;
+async function takeReport(socket) {
+  if (report !== null) return;
+  report = "";
+  try {
+    const answered = await fetch(`report.html?token=${encodeURIComponent(token)}`), text = await answered.text();
+    if (!answered.ok) throw new Error(text);
+    report = URL.createObjectURL(new Blob([text], { type: "text/html" }));
+    const only = text.slice(text.indexOf('<section id="downloads"'), text.indexOf("</main>"));
+    document.querySelector("main").append(...new DOMParser().parseFromString(only, "text/html").body.children);
+    at("downloads").querySelector("a:not([download])")?.remove(); // a file beside the report
+    at("result_page").href = report;
+  } catch {
+    report = null; // it stays in its file
+  }
+  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ has_report: true }));
+  redraw();
 }
 
 function show(blob) {
@@ -109,6 +130,7 @@ function redraw() {
     drawn = now;
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
     drawNodes();
+    if (story.object || connection !== "connecting") document.body.classList.remove("waiting");
   });
 }
 
@@ -160,11 +182,12 @@ function drawNow() {
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
   const way = wayToPlace(story);
-  at("place").hidden = !way;
-  if (way) at("place").textContent = plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
+  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
   at("result").hidden = !(story.report && plan?.phase === "finished");
   write("report", story.report ?? "");
+  at("result_page").hidden = !report;
+  write("result_is", report ? "What only its end can tell follows below. All of it is in" : "The result to hand on will be in");
   write("again", `./pushfric view ${(story.report ?? "").replace(/\/[^/]*$/, "")}`);
   write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
   at("details").hidden = !plan?.details;

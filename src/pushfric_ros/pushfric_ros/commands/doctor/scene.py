@@ -43,6 +43,9 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     if pixel > COARSEST:
         advice = f"{1e3 * COARSEST:g} mm or less are needed: a camera nearer to the table, or with more pixels"
         return Check("calibration", Grade.WARNING, finding, advice)
+    if image is None:
+        advice = "see the camera above, then call doctor again"
+        return Check("calibration", Grade.WARNING, f"{finding}; not compared with a picture, for want of one", advice)
     return Check("calibration", Grade.OK, finding)
 
 

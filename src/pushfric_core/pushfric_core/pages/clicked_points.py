@@ -1,6 +1,7 @@
 """Points of the table that are clicked in a camera's picture: the calibration that they give, and what the page shows of it."""
 
 import math
+import pathlib
 from typing import Annotated, Any
 
 import numpy as np
@@ -9,8 +10,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Array
 from pushfric_core.plausible import FARTHEST
-from pushfric_core.vision.camera import Camera, Lens
-from pushfric_core.vision.table_calibration import Placement, TableCalibration, calibrate_table
+from pushfric_core.vision.camera import Camera, Image, Lens, save_camera
+from pushfric_core.vision.table_calibration import Placement, TableCalibration, calibrate_table, check_size
 from pushfric_core.wording import counted
 
 MOST = 100
@@ -36,15 +37,47 @@ class ClickedPoints:
 
     Args:
         lens: of the camera.
+        target: the file that the calibration is written to.
+        marks: x and y of the points to click [m]; empty: they are typed on the page.
+    Raises:
+        InvalidInput: too many marks.
     """
 
-    def __init__(self, lens: Lens) -> None:
-        self._lens = lens
+    def __init__(self, lens: Lens, target: pathlib.Path, marks: list[list[float]]) -> None:
+        if len(marks) > MOST:
+            raise InvalidInput(f"expected at most {MOST} points to click, got {len(marks)}")
+        self._lens, self._target, self._marks = lens, target, marks
+        self._picture: Image | None = None
         self._points: list[Point] = []
         self.found: TableCalibration | None = None
         """The calibration by the points, if they determine one."""
         self.problem = _missing(0)
         """Why there is no calibration; empty if there is one."""
+
+    def show(self, image: Image, source: str) -> None:
+        """Take the picture in which points are clicked.
+
+        Raises:
+            InvalidInput: it has another size than the lens is calibrated for.
+        """
+        check_size(image, self._lens, source)
+        self._picture = image
+
+    def picture(self) -> Image:
+        """The camera's picture as it is."""
+        assert self._picture is not None
+        return self._picture
+
+    def save(self) -> str:
+        """Write the calibration.
+
+        Raises:
+            InvalidInput: the points give none, or the file cannot be written.
+        """
+        if self.found is None:
+            raise InvalidInput(self.problem)
+        save_camera(self.found.camera, self._target)
+        return f"Saved in {self._target}. You can close this page"
 
     def take(self, body: bytes) -> None:
         """Replace the points by those of a JSON text, a list of [u, v, x, y], and fit them.
@@ -72,6 +105,7 @@ class ClickedPoints:
     def figures(self) -> dict[str, Any]:
         """What the page shows: all lengths in m, all pixels as (u, v)."""
         figures: dict[str, Any] = {"points": self._points, "problem": self.problem, "fit": None}
+        figures |= {"target": str(self._target), "width": self._lens.width, "height": self._lens.height, "marks": self._marks}
         if self.found is not None:
             found, camera = self.found, self.found.camera
             places = np.array(self._points, dtype=float)[:, 2:]

@@ -1,57 +1,13 @@
 // Points of the table, clicked in the camera's picture. The command keeps them, so a reload loses nothing.
-const SVG = "http://www.w3.org/2000/svg";
-const NEAR_PX = 14; // a click this close to a point on the screen chooses it
-const LOUPE = { width: 32, height: 24 }; // px of the picture
+import { ARROWS, NEAR_PX, asked, at, cross, gone, label, loaded, made, round, rowOf, say, tell, under, whenSaved } from "./sheet.js";
 
-const token = new URLSearchParams(location.search).get("token") ?? "";
-const headers = token ? { Authorization: `Bearer ${token}` } : {};
-const at = (id) => document.getElementById(id);
+const LOUPE = { width: 32, height: 24 }; // px of the picture
 let state = null; // what the command says
 let points = []; // [u, v, x, y]; x and y are null until they are typed
 let chosen = -1;
 let picture = ""; // its address
 
 const mm = (metres, digits = 2) => (Number.isFinite(metres) ? (1e3 * metres).toFixed(digits) : "–");
-const round = (value) => Math.round(100 * value) / 100;
-
-function made(tag, attributes, text) {
-  const element = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-  if (text !== undefined) element.textContent = text;
-  return element;
-}
-
-// What is asked of the command, one after the other
-
-let last = Promise.resolve();
-let open = 0;
-function asked(what, options) {
-  document.body.ariaBusy = ++open > 0;
-  last = last.then(async () => {
-    const answer = await fetch(what, { headers, ...options });
-    return answer.headers.get("Content-Type") === "image/png" ? answer.blob() : answer.json();
-  });
-  const mine = last;
-  last = mine.catch(() => {}).finally(() => (document.body.ariaBusy = --open > 0));
-  return mine;
-}
-
-async function tell(what, body) {
-  try {
-    const answer = await asked(what, { method: "POST", body });
-    if (!answer.done) say(answer.message, true);
-    return answer;
-  } catch {
-    say("Nobody answers: the command has ended", true);
-    return { done: false };
-  }
-}
-
-function say(text, failed) {
-  at("answer").textContent = text;
-  at("answer").classList.toggle("failed", failed);
-  at("answer").hidden = false;
-}
 
 async function begin() {
   try {
@@ -61,14 +17,12 @@ async function begin() {
     chosen = points.length - 1;
     await load();
   } catch {
-    say("Nobody answers: the command has ended", true);
+    gone();
   }
 }
 
 async function load() {
-  const before = picture;
-  picture = URL.createObjectURL(await asked("picture.png"));
-  if (before) URL.revokeObjectURL(before);
+  picture = await loaded();
   redraw();
 }
 
@@ -76,7 +30,7 @@ let changes = 0;
 async function changed() {
   redraw();
   const mine = ++changes;
-  const answer = await tell("points", JSON.stringify(points));
+  const answer = await tell("work", JSON.stringify(points));
   if (answer.done && mine === changes) {
     state = answer;
     redraw();
@@ -104,12 +58,6 @@ function put(u, v) {
   changed();
 }
 
-/** Pixels of the picture under a click. */
-function under(svg, event) {
-  const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
-  return [round(x), round(y)];
-}
-
 at("picture").addEventListener("click", (event) => {
   if (!state) return;
   const [u, v] = under(at("picture"), event), scale = perPixel();
@@ -126,7 +74,6 @@ at("loupe").addEventListener("click", (event) => {
   if (points[chosen]) put(...under(at("loupe"), event));
 });
 
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 for (const [id, step] of [["picture", 1], ["loupe", 0.1]]) {
   at(id).addEventListener("keydown", (event) => {
     if (!state) return;
@@ -151,16 +98,7 @@ at("another").addEventListener("click", async () => {
   at("another").disabled = false;
 });
 
-at("save").addEventListener("click", async () => {
-  at("save").disabled = true;
-  const answer = await tell("save");
-  if (!answer.done) return redraw();
-  say(answer.message, false);
-  at("prompt").textContent = "Saved";
-  at("now").className = "finished";
-  for (const control of document.querySelectorAll("button, input")) control.disabled = true;
-  state = null;
-});
+whenSaved(() => (state = null));
 
 // The page
 
@@ -170,8 +108,8 @@ const perPixel = () => state.width / at("picture").clientWidth;
 function redraw() {
   if (!state) return;
   const { fit } = state;
-  at("target").textContent = state.camera.split("/").at(-1);
-  at("target").title = state.camera;
+  at("target").textContent = state.target.split("/").at(-1);
+  at("target").title = state.target;
   at("source").textContent = `from ${state.source}`;
   at("now").className = fit ? "finished" : "placing";
   at("prompt").textContent = prompt();
@@ -199,29 +137,22 @@ function image() {
 
 const path = (line) => line.map(([u, v], index) => `${index ? "L" : "M"}${u} ${v}`).join("");
 
-/** A cross with its middle left open, so that the point can be seen. */
-function cross(u, v, size, name) {
-  const from = size * 0.3, d = `M${u - size} ${v}H${u - from}M${u + from} ${v}H${u + size}M${u} ${v - size}V${v - from}M${u} ${v + from}V${v + size}`;
-  return [made("path", { class: "halo", d }), made("path", { class: name, d })];
-}
-
 function drawPicture() {
   const svg = at("picture"), { fit } = state;
   svg.setAttribute("viewBox", `-0.5 -0.5 ${state.width} ${state.height}`);
   const scale = perPixel(), parts = [image()];
-  const label = (u, v, text) => made("text", { x: u + 10 * scale, y: v - 8 * scale, "font-size": 15 * scale }, text);
   if (fit) {
     for (const line of fit.lines) parts.push(made("path", { class: "grid_line", d: path(line) }));
     const [origin, x, y] = fit.axes;
     for (const [end, name] of [[x, "x"], [y, "y"]]) {
       parts.push(made("path", { class: "axis_line", d: path([origin, end]) }));
-      parts.push(label(...end, name));
+      parts.push(label(...end, name, scale));
     }
     for (const [u, v] of fit.seen) parts.push(made("circle", { class: "seen", cx: u, cy: v, r: 5 * scale }));
   }
   points.forEach(([u, v], index) => {
     parts.push(...cross(u, v, 11 * scale, index === chosen ? "mark chosen" : "mark"));
-    parts.push(label(u, v, `${index + 1}`));
+    parts.push(label(u, v, index + 1, scale));
   });
   svg.replaceChildren(...parts);
 }
@@ -252,30 +183,18 @@ function typed(input) {
 }
 
 function drawRows() {
+  const known = (value) => (value === null ? "–" : `${+(1e3 * value).toFixed(3)}`);
   at("rows").replaceChildren(...points.map(([, , x, y], index) => {
-    const line = document.createElement("tr");
-    line.classList.toggle("chosen", index === chosen);
     const off = state.fit ? mm(state.fit.errors[index]) : "–";
-    const known = (value) => (value === null ? "–" : `${+(1e3 * value).toFixed(3)}`);
-    for (const [label, text] of [["point", index + 1], ["x [mm]", known(x)], ["y [mm]", known(y)], ["off by [mm]", off]]) {
-      const cell = line.insertCell();
-      cell.dataset.label = label;
-      cell.textContent = text;
-    }
-    const remove = document.createElement("button");
-    remove.textContent = "Remove";
-    remove.ariaLabel = `Remove point ${index + 1}`;
-    remove.addEventListener("click", (event) => {
-      event.stopPropagation();
-      points.splice(index, 1);
-      chosen = Math.min(chosen, points.length - 1);
-      changed();
-    });
-    line.insertCell().append(remove);
-    line.addEventListener("click", () => choose(index));
-    return line;
+    return rowOf(index, chosen, [["point", index + 1], ["x [mm]", known(x)], ["y [mm]", known(y)], ["off by [mm]", off]], choose, remove);
   }));
   at("no_rows").hidden = points.length > 0;
+}
+
+function remove(index) {
+  points.splice(index, 1);
+  chosen = Math.min(chosen, points.length - 1);
+  changed();
 }
 
 function drawMap() {

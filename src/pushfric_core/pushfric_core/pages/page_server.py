@@ -1,6 +1,7 @@
 """Serves a page and what belongs to it, on this machine alone or to visitors who show a token; knows no ROS."""
 
 import asyncio
+import contextlib
 import hmac
 import logging
 import pathlib
@@ -28,7 +29,7 @@ PING = 10.0
 LARGEST_REQUEST = 10_000
 """In bytes."""
 
-FAREWELL = 2.0
+FAREWELL = 10.0
 """How long visitors may take to receive the last answers [s]."""
 
 POLICY = (
@@ -78,7 +79,7 @@ class PageServer:
     def close(self) -> None:
         """Take leave of the visitors, and stop serving."""
         if self._thread.is_alive():
-            asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(FAREWELL)
+            asyncio.run_coroutine_threadsafe(self._end(), self._loop).result()
             self.call(self._loop.stop)
             self._thread.join()
         self._loop.close()
@@ -140,8 +141,9 @@ class PageServer:
 
     async def _end(self) -> None:
         assert self._http is not None
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self.bid_farewell(), FAREWELL)
         self._http.stop()
-        await self.bid_farewell()
 
 
 class _Served(RequestHandler):

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import pathlib
 
 import numpy as np
 import pytest
@@ -9,14 +10,15 @@ from tornado.httpclient import AsyncHTTPClient
 
 from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.errors import InvalidInput
+from pushfric_core.pages.clicked_points import MOST, ClickedPoints
+from pushfric_core.pages.picture_server import PNG, PictureServer
 from pushfric_core.report.report import to_json
 from pushfric_core.vision.camera import Camera, Lens
-from pushfric_ros.view.clicked_points import MOST, ClickedPoints
-from pushfric_ros.view.points_server import PNG, PointsServer
 
 CAMERA = Camera.looking_down(640, 480, (0.2, 0.15), 1e-3, distortion=(-0.2, 0.08, 0.001, -0.0005, 0.0))
 LENS = Lens(CAMERA.width, CAMERA.height, CAMERA.K, CAMERA.D)
 PLACES = np.array(((0.0, 0.0), (0.4, 0.0), (0.4, 0.3), (0.0, 0.3), (0.2, 0.15)))
+TARGET = pathlib.Path("camera.yaml")
 TOKEN = "a-secret-word"
 
 
@@ -30,7 +32,7 @@ def clicked(places, pixels=None, untold=()):
 
 
 def test_points_give_the_table_through_the_distorted_lens():
-    points = ClickedPoints(LENS)
+    points = ClickedPoints(LENS, TARGET, [])
     points.take(clicked(PLACES))
     assert points.problem == ""
     np.testing.assert_allclose(points.found.camera.unproject(CAMERA.project(PLACES)), PLACES, atol=1e-6)
@@ -57,7 +59,7 @@ def test_points_give_the_table_through_the_distorted_lens():
     ],
 )
 def test_points_that_give_no_table_are_refused_in_one_line(body, problem):
-    points = ClickedPoints(LENS)
+    points = ClickedPoints(LENS, TARGET, [])
     points.take(clicked(PLACES))
     points.take(body)
     assert points.found is None
@@ -81,7 +83,7 @@ def test_points_that_give_no_table_are_refused_in_one_line(body, problem):
     ],
 )
 def test_what_is_no_list_of_points_changes_nothing(body):
-    points = ClickedPoints(LENS)
+    points = ClickedPoints(LENS, TARGET, [])
     points.take(clicked(PLACES))
     with pytest.raises(InvalidInput, match=r"^expected at most 100 points \[u, v, x, y\]: .") as raised:
         points.take(body)
@@ -101,7 +103,7 @@ def server(asked):
         question.answer(b"\x89PNG" if question.what == PNG else {"done": True, "largest": np.float64(0.5)})
 
     # the address 0.0.0.0 needs the token, as if other machines asked
-    server = PointsServer(ViewConfig(host="0.0.0.0", port=0, token=TOKEN), answer)
+    server = PictureServer(ViewConfig(host="0.0.0.0", port=0, token=TOKEN), "points.html", answer)
     yield server
     server.close()
 
@@ -120,12 +122,12 @@ def test_the_page_asks_with_the_token(server, asked):
     assert b"points.js" in fetched(server, "").body
     picture = fetched(server, PNG, headers=shown)
     assert (picture.headers["Content-Type"], picture.body) == ("image/png", b"\x89PNG")
-    told = fetched(server, "points", method="POST", body=b"[]", headers=shown)
+    told = fetched(server, "work", method="POST", body=b"[]", headers=shown)
     assert json.loads(told.body) == {"done": True, "largest": 0.5}
-    assert asked == [(PNG, b""), ("points", b"[]")]
+    assert asked == [(PNG, b""), ("work", b"[]")]
 
 
-@pytest.mark.parametrize(("what", "method"), [("state", "GET"), (PNG, "GET"), ("points", "POST"), ("save", "POST")])
+@pytest.mark.parametrize(("what", "method"), [("state", "GET"), (PNG, "GET"), ("work", "POST"), ("save", "POST")])
 @pytest.mark.parametrize(
     ("headers", "code"),
     [({}, 401), ({"Authorization": "Bearer x"}, 401), ({"Authorization": f"Bearer {TOKEN}", "Origin": "http://evil"}, 403)],
@@ -138,7 +140,7 @@ def test_strangers_are_refused(server, asked, what, method, headers, code):
 
 
 def test_another_sites_name_for_this_machine_is_refused(asked, caplog):
-    server = PointsServer(ViewConfig(port=0), asked.append)
+    server = PictureServer(ViewConfig(port=0), "points.html", asked.append)
     try:
         assert fetched(server, "state", headers={"Host": "evil.example"}).code == 403
         for name in ("[::1", "::1]:80", "[]"):  # of no address

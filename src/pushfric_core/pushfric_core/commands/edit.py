@@ -1,0 +1,72 @@
+"""The command `edit`."""
+
+import pathlib
+from typing import Annotated
+
+import typer
+
+from pushfric_core.cell.node_settings import NAMESPACE, ViewConfig
+from pushfric_core.commands.application import Application
+from pushfric_core.commands.cell_options import NamespaceOption
+from pushfric_core.commands.console import console
+from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
+from pushfric_core.commands.interrupt import telling_what_is_left
+from pushfric_core.commands.options import in_range
+from pushfric_core.commands.settings_options import option
+from pushfric_core.errors import InvalidInput
+from pushfric_core.plausible import LARGEST
+from pushfric_core.vision.camera import load_camera
+from pushfric_core.wording import counted
+
+app = Application()
+
+
+@app.command()
+def edit(
+    file: Annotated[pathlib.Path, typer.Argument(help="Object YAML, to write or to change.", show_default=False)],
+    picture: Annotated[
+        str, typer.Option(help=f"Draw over a picture: {ACCEPTED_WITH_TOPICS}.", show_default="an empty sheet")
+    ] = "",
+    camera: Annotated[
+        pathlib.Path | None,
+        typer.Option(
+            help="Calibration YAML of the picture's camera. It gives the scale, and the object's place in the picture.",
+            show_default=False,
+        ),
+    ] = None,
+    width: Annotated[
+        float | None,
+        typer.Option(
+            help="Width of the sheet, or of a picture without a calibration, such as a scan of the object's underside [m].",
+            **in_range(0.001, LARGEST, "m"),
+            show_default=False,
+        ),
+    ] = None,
+    port: Annotated[int, option(ViewConfig, "port")] = ViewConfig.port,
+    namespace: NamespaceOption = NAMESPACE,
+) -> None:
+    """The page shows millimetres; the file keeps metres, and everything in it but outline and support stays as it is. Ctrl-C
+    leaves the file alone."""
+    if picture and (camera is None) == (width is None):
+        raise InvalidInput("--picture needs its scale: give --camera, or else --width")
+    if camera is not None and not picture:
+        raise InvalidInput("--camera says where a picture was taken: give --picture as well")
+    if file.suffix not in (".yaml", ".yml") or not file.parent.is_dir():
+        raise InvalidInput(f"{file}: expected a YAML file in a folder that exists")
+    from pushfric_core.pages.drawn_object import DrawnObject  # imported late: only this needs OpenCV and tornado
+    from pushfric_core.pages.picture_server import work_in_a_browser
+
+    known = None if camera is None else load_camera(camera)
+    drawn = DrawnObject(file, known, width)
+    source = frames_from(picture, namespace, None if known is None else (known.width, known.height)) if picture else None
+
+    def announce(line: str) -> None:
+        console.print(line, markup=False)
+
+    with telling_what_is_left(lambda: f"nothing was written to {file}"):
+        work_in_a_browser("drawing.html", drawn, source, ViewConfig(port=port), announce)
+    assert drawn.model is not None
+    length, wide = 1e3 * drawn.model.outline.size
+    corners = counted(len(drawn.model.outline.vertices), "corner")
+    supports = counted(len(drawn.model.support_points), "support point")
+    console.print(f"wrote {file}: {length:.1f} x {wide:.1f} mm, {corners}, {supports}", markup=False, highlight=False)

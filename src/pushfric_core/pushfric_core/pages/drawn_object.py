@@ -1,0 +1,187 @@
+"""An object that is drawn over a picture, or on an empty sheet: its outline, and where it touches the table."""
+
+import contextlib
+import pathlib
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from pydantic import Field, ValidationError
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, Strict, complaint, edited_object, read_yaml
+from pushfric_core.files.whole_file import write_whole
+from pushfric_core.geometry.planar import Array, Pose, inverse, transform
+from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.contour_tracker import ContourTracker
+from pushfric_core.vision.sighting import NotSeen
+from pushfric_core.vision.table_calibration import check_size
+
+MOST = 200
+"""Number of corners, and of support points."""
+
+LONGEST_SIDE_PX = 1600
+"""Of the picture that the page shows."""
+
+EMPTY = 0.3
+"""Width of an empty sheet [m]."""
+
+USUAL: dict[str, Any] = ObjectFile.model_fields["support"].default.model_dump(exclude_none=True)
+"""The support of an object of which nothing is known."""
+
+PRECISION = 5
+"""Lengths are written with this many decimals [m]."""
+
+
+Points = Annotated[list[Point], Field(max_length=MOST)]
+
+
+class DrawnSupport(Strict):
+    """The support of an object's file, which may still be incomplete."""
+
+    grid: tuple[int, int] | None = None
+    inset: Length | None = None
+    points: Points | None = None
+    spacing: Length | None = None
+
+
+class Drawing(Strict):
+    """What the page has drawn."""
+
+    outline: Points = Field(default=[])
+    support: DrawnSupport = DrawnSupport(**USUAL)
+    picture: tuple[Length, Length, float] = (0.0, 0.0, 0.0)  # where its frame lies in the object frame [m, m, degrees]
+
+
+class DrawnObject:
+    """The object of one file.
+
+    Args:
+        target: the object's file; it need not exist.
+        camera: that takes the pictures; its table gives them their scale. None: `width` does.
+        width: of a picture without a camera, or of the empty sheet [m]; None: that of the empty sheet.
+    Raises:
+        InvalidInput: the file is there, but is no object's.
+    """
+
+    def __init__(self, target: pathlib.Path, camera: Camera | None = None, width: float | None = None) -> None:
+        self._target, self._camera, self._width = target, camera, EMPTY if width is None else width
+        self._before = read_yaml(target, ObjectFile) if target.exists() else None
+        self._drawing = Drawing() if self._before is None else Drawing.model_validate(self._written())
+        self._picture: Image | None = None
+        self._region = -self._width / 2, -self._width * 3 / 8, self._width, self._width * 3 / 4
+        self._check()
+
+    def take(self, body: bytes) -> None:
+        """Replace what is drawn by a JSON text, with the fields of `Drawing`; `problem` says what is wrong with it.
+
+        Raises:
+            InvalidInput: the text is no drawing.
+        """
+        try:
+            self._drawing = Drawing.model_validate_json(body)
+        except ValidationError as error:
+            raise InvalidInput(f"expected a drawing: {complaint(error)}") from error
+        self._check()
+
+    def _check(self) -> None:
+        self.model: ObjectModel | None = None
+        """The object as drawn; None if there is a problem."""
+        self.problem = ""
+        """Why what is drawn is no object; empty if it is one."""
+        try:
+            self._text, self.model = edited_object(self._target, None, self._changes())
+        except InvalidInput as error:
+            self.problem = str(error).removeprefix(f"{self._target}: ")
+
+    def _changes(self) -> dict[str, Any]:
+        """What differs from the file."""
+        drawn = self._drawing.model_dump(mode="json", exclude_none=True, exclude={"picture"})
+        return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != self._written().get(key, {})}
+
+    def _written(self) -> dict[str, Any]:
+        """What is in the file."""
+        if self._before is None:
+            return {}
+        return self._before.model_dump(mode="json", exclude_none=True, include={"outline", "support"})
+
+    def figures(self) -> dict[str, Any]:
+        """What the page shows: all lengths in m, in the object frame, or the picture's where it says so."""
+        left, bottom, wide, high = self._region
+        return {
+            "target": str(self._target),
+            **self._drawing.model_dump(exclude_none=True),
+            "supports": [] if self.model is None else self.model.support_points,
+            "problem": self.problem,
+            "region": {"left": left, "bottom": bottom, "width": wide, "height": high},  # of the picture, in its own frame
+            "usual": USUAL,
+            "has_picture": self._picture is not None,
+        }
+
+    def show(self, image: Image, source: str) -> None:
+        """Take a picture, and put it where the object that it shows lies under the drawing, if that can be found.
+
+        Raises:
+            InvalidInput: it has another size than the camera.
+        """
+        if self._camera is None:
+            self._picture, high = image, self._width * image.shape[0] / image.shape[1]
+            self._region = -self._width / 2, -high / 2, self._width, high
+        else:
+            check_size(image, self._camera, source)
+            pose = self._seen(self._camera, image)
+            self._picture, self._region = _from_above(self._camera, image, pose, self._height)
+        self._drawing = self._drawing.model_copy(update={"picture": (0.0, 0.0, 0.0)})
+
+    @property
+    def _height(self) -> float:
+        return 0.0 if self._before is None else self._before.height
+
+    def _seen(self, camera: Camera, image: Image) -> Pose:
+        """Where the object of the file lies on the table; in the middle of the picture if it is not found."""
+        with contextlib.suppress(NotSeen):
+            if self.model is not None:
+                return ContourTracker(camera, self.model.outline.vertices, self._height).track(image).pose
+        x, y = camera.unproject([((camera.width - 1) / 2, (camera.height - 1) / 2)], self._height)[0]
+        return Pose(float(x), float(y), 0.0)
+
+    def picture(self) -> Image:
+        """The picture as seen from straight above."""
+        assert self._picture is not None
+        return self._picture
+
+    def save(self) -> str:
+        """Write the file.
+
+        Raises:
+            InvalidInput: what is drawn is no object, or the file cannot be written.
+        """
+        if self.model is None:
+            raise InvalidInput(self.problem)
+        write_whole(self._target, self._text)
+        return f"Saved in {self._target}. You can close this page"
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
+    return [_rounded(one) for one in value] if isinstance(value, list | tuple) else round(value, PRECISION)
+
+
+def _from_above(camera: Camera, image: Image, pose: Pose, height: float) -> tuple[Image, tuple[float, float, float, float]]:
+    """What a picture shows of the plane at a height over the table, from straight above, along the axes of a pose.
+
+    Returns:
+        The picture, and its left, bottom, width and height in the frame of the pose [m].
+    """
+    u, v = camera.width - 1, camera.height - 1
+    border = camera.unproject([(0, 0), (u / 2, 0), (u, 0), (u, v / 2), (u, v), (u / 2, v), (0, v), (0, v / 2)], height)
+    seen = transform(inverse(pose), border)
+    low, size = seen.min(axis=0), np.ptp(seen, axis=0)
+    pixel = max(camera.metres_per_pixel(height) / 2, float(size.max()) / LONGEST_SIDE_PX)
+    columns, rows = np.ceil(size / pixel).astype(int).tolist()
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * pixel, (rows - 0.5 - np.arange(rows)) * pixel)
+    places: Array = transform(pose, low + np.stack((x, y), axis=-1).reshape(-1, 2))
+    pixels = camera.project(places, height).reshape(rows, columns, 2).astype(np.float32)
+    above = cv2.remap(image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderValue=255.0)
+    return above, (float(low[0]), float(low[1]), columns * pixel, rows * pixel)
