@@ -11,6 +11,7 @@ import subprocess
 import sys
 import typing
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -192,6 +193,7 @@ ROWS = {
         CONTACT | {"half_widths": HALVES, "centers": CENTERS, "turns": TURNS},
     ),
     "HalfPlanes": (half_planes, {"normal": (0.6, 0.8)}),
+    "slip_pushes": (partial(pushfric_core.slip_pushes, OUTLINE), {"center": (0.01, -0.005)}),
     "Hypothesis": (ranking, {"support_points": POINTS, "center": POINTS.mean(axis=0), "weights": W[0]}),
     "Hypothesis.turned": (
         lambda points, center, pivot: pushfric_core.Hypothesis("", points, center).turned(0.3, pivot),

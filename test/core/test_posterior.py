@@ -51,7 +51,7 @@ def test_without_data_the_chain_samples_the_prior(studied, observations):
         scales.append(np.array(chain.scales))
         moments.append(np.array(chain.moments))
     shares = np.bincount(counts, minlength=4)[:4] / len(counts)
-    even, more = posterior_module.EVEN, posterior_module.MORE
+    even, more = posterior_module.NO_FEET, posterior_module.MORE
     assert shares == pytest.approx([even, *((1 - even) * (1 - more) * more**k for k in range(3))], rel=0.15)
     assert np.mean(masses) == pytest.approx(1.0, rel=0.1)
     assert np.mean(at_points) == pytest.approx(0.5, abs=0.05)

@@ -22,7 +22,7 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "shapes", lambda: {"ring": trials.shapes()["ring"]})
     monkeypatch.setattr(study, "TABLE_1", {})
     monkeypatch.setattr(simulation, "STEP", 1.2e-3)
-    monkeypatch.setattr(choice, "MOST", 4)
+    monkeypatch.setattr(choice, "PUSHES", 4)
     summary = study.study(tmp_path / "out", 1, None, 1, None, Console(quiet=True))
     assert json.loads((tmp_path / "out/study.json").read_text()) == summary
     cells = summary["simulated"]
