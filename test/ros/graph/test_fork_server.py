@@ -102,12 +102,20 @@ def test_an_end_that_is_reported_together_with_the_start_is_known(server, start,
 
 def test_a_process_is_what_a_fresh_interpreter_would_be(start):
     program = "import sys, os, signal; print(sys.argv[1:], __name__, os.getpgrp() == os.getpid(), sys.stdin.read() == '')\n"
-    program += "print([signal.getsignal(n) is h for n, h in ((2, signal.default_int_handler), (17, signal.SIG_DFL))])\n"
+    program += "print([signal.getsignal(n) is h for n, h in ((2, signal.SIG_DFL), (17, signal.SIG_DFL))])\n"
     program += "import random; print(os.listdir('/proc/self/fd').__len__(), file=sys.stderr)"
     process = start(program, "--ros-args", "-r", "__node:=tracker")
     lines = sorted(process.output.read().splitlines())
     assert lines[1:] == ["['--ros-args', '-r', '__node:=tracker'] __main__ True True", "[True, True]"]
     assert int(lines[0]) == 4  # three streams, and the folder that is listed
+
+
+def test_a_process_that_is_interrupted_before_it_is_a_node_says_nothing(start):
+    process = start(WAITS)
+    assert process.output.readline() == "waits\n"
+    os.kill(process.pid, signal.SIGINT)
+    process.wait(PATIENCE)
+    assert process.output.read() == ""
 
 
 def test_ps_shows_the_name_of_a_process_and_its_environment(server, start):

@@ -303,7 +303,8 @@ def _run_node(output: int, arguments: list[str], environment: Mapping[str, str])
     """Become what `arguments` would have started."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    # until the node takes its signals over, there is nothing to wind up: it ends at once, and without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     die_with_parent(signal.SIGTERM)
     for stream in (1, 2):
         os.dup2(output, stream)
