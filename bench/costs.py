@@ -6,8 +6,7 @@ turn, so that a disturbance affects all alike.
 
 import pathlib
 import time
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,14 @@ from rclpy.serialization import serialize_message
 
 from bench import footprint, pipeline
 from pushfric_core import load
+from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import load_object
+from pushfric_core.files.whole_file import write_whole
+from pushfric_msgs.msg import FrictionEstimate
+from pushfric_ros.commands.markdown import replaced, table
 from pushfric_ros.messages.conversions import estimate_to_msg
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -89,11 +93,14 @@ def _observation() -> Figures:
             spent["verdict"].append(took)
             friction, took = _timed(FrictionReport.of, estimate)
             spent["mu_c"].append(took)
-            report = partial(EstimateReport.of, estimate, footprint.OBJECT, verdict=verdict, friction=friction)
-            msg, took = _timed(lambda report: estimate_to_msg(report()), report)
+            msg, took = _timed(_message, estimate, verdict, friction)
             spent["message"].append(took)
             spent["serialised"].append(_timed(serialize_message, msg)[1])
     return {part: 1e3 * float(np.median(seconds)) for part, seconds in spent.items()}
+
+
+def _message(estimate: Estimate, verdict: Verdict, friction: FrictionReport) -> FrictionEstimate:
+    return estimate_to_msg(EstimateReport.of(estimate, footprint.OBJECT, verdict=verdict, friction=friction))
 
 
 def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
@@ -103,18 +110,8 @@ def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
     return found, time.process_time() - begin
 
 
-def _write(document: pathlib.Path, name: str, head: tuple[str, str], rows: Mapping[str, float], form: str) -> None:
+def _write(document: pathlib.Path, name: str, head: tuple[str, str], figures: Mapping[str, float], form: str) -> None:
     """Put a table in the place of the one between the document's marks of this name."""
-    text = document.read_text(encoding="utf-8")
-    begin, end = f"<!-- bench --costs: {name} -->\n", "<!-- end -->\n"
-    before, found, rest = text.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not (found and closed):
-        raise ValueError(f"{document}: expected the lines {begin.strip()} and {end.strip()}")
-    document.write_text(before + begin + "".join(_table(head, rows, form)) + end + after, encoding="utf-8")
-
-
-def _table(head: tuple[str, str], rows: Mapping[str, float], form: str) -> Iterable[str]:
-    yield f"| {head[0]} | {head[1]} |\n|---|---|\n"
-    for name, figure in rows.items():
-        yield f"| {name} | {figure:{form}} |\n"
+    rows = [(part, format(figure, form)) for part, figure in figures.items()]
+    begin, end = f"<!-- bench --costs: {name} -->\n", f"<!-- end of {name} -->\n"
+    write_whole(document, replaced(document.read_text(encoding="utf-8"), begin, end, table(head, rows)))

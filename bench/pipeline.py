@@ -133,13 +133,13 @@ class LatencyListener:
         ahead = TrajectoryConfig.window // 2 + 1
         waits = []
         for stamp, published in self._estimates.items():
-            last_but_one, *after = stamps[bisect_left(stamps, stamp) + ahead - 1 :][:2] or [0]
-            if not after or after[0] not in self._images or after[0] not in self._ticks:  # this listener missed it
+            last_but_one = bisect_left(stamps, stamp) + ahead - 1
+            newest = stamps[last_but_one + 1] if last_but_one + 1 < len(stamps) else None
+            if newest not in self._images or newest not in self._ticks:  # this listener missed it
                 continue
-            newest = after[0]
             image = self._images[newest]
             pose = self._poses[newest]
-            pusher = self._pusher_states[pusher_stamps[bisect_left(pusher_stamps, last_but_one)]]
+            pusher = self._pusher_states[pusher_stamps[bisect_left(pusher_stamps, stamps[last_but_one])]]
             both = max(pose, pusher)
             waits.append((published - image, published - self._ticks[newest], pose - image, both - pose, published - both))
         whole, from_stamp, until_pose, until_pusher, rest = np.array(waits).T / 1e6

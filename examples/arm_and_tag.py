@@ -3,6 +3,7 @@
 python3 examples/arm_and_tag.py
 """
 
+import contextlib
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from pushfric_core import Pose, PushedObject, PushingLine
@@ -97,7 +99,8 @@ class ArmAndTag(Node):
 
 def main() -> None:
     rclpy.init()
-    rclpy.spin(ArmAndTag(namespace="/cell"))
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(ArmAndTag(namespace="/cell"))
 
 
 if __name__ == "__main__":

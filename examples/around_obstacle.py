@@ -10,6 +10,7 @@ planner node predicts where strokes lead; the estimator learns the friction from
 """
 
 import argparse
+import contextlib
 import math
 import time
 from typing import NamedTuple
@@ -28,6 +29,7 @@ from push_to_pose import (
     turned,
     uniform,
 )
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from pushfric_core import Pose, PushedObject
@@ -180,4 +182,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        main()

@@ -11,6 +11,7 @@ simulated.
 """
 
 import argparse
+import contextlib
 import math
 import time
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import rclpy
 from geometry_msgs.msg import Point, Vector3
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -46,7 +48,10 @@ CANDIDATES, GOOD, REFINEMENTS = 200, 10, (0.1, 0.03, 0.01, 0.003)
 TIP_RADIUS, APPROACH, SPEED, FRAME_RATE = 0.003, 0.01, 0.02, 14.0  # [m], [m], [m/s], [Hz]
 LONGEST, STEEPEST = 0.05, math.radians(25)  # of a stroke [m], against the contact normal [rad]
 STEP = 0.004  # of the prediction [m]
-PATIENCE = 3.0
+PATIENCE = 20.0
+"""For a node, or its answer [s]."""
+
+SETTLED = 3.0
 """For a model with all observations [s]; the estimator may refuse the last ones."""
 
 
@@ -76,15 +81,29 @@ class Cell:
         self._basis = Basis()
 
     def wait(self, learns: bool = True) -> None:
-        """Wait until the planner is there, and the estimator of a cell that learns."""
-        while not (
-            self._strokes.wait_for_service(1.0)
-            and (self._observations.get_subscription_count() if learns else self._models.get_subscription_count())
-        ):
-            print(f"waiting for the nodes in {self._node.get_namespace()}", flush=True)
+        """Wait until the planner is there, and the estimator of a cell that learns.
+
+        Raises:
+            SystemExit: one of them is missing.
+        """
+        listeners = self._observations if learns else self._models
+        needed = {
+            "planner": self._strokes.service_is_ready,
+            "estimator" if learns else "planner": listeners.get_subscription_count,
+        }
+        deadline = time.monotonic() + PATIENCE
+        while missing := [name for name, there in needed.items() if not there()]:
+            if time.monotonic() > deadline:
+                where = self._node.get_namespace()
+                raise SystemExit(f"error: no {missing[0]} in {where}: start the nodes as the first lines of the example say")
+            rclpy.spin_once(self._node, timeout_sec=0.1)
 
     def ends(self, poses: Array, strokes: Array) -> Array | None:
-        """Poses (k, 3) after strokes (k, 4) from poses (k, 3); None while there is no model."""
+        """Poses (k, 3) after strokes (k, 4) from poses (k, 3); None while there is no model.
+
+        Raises:
+            SystemExit: the planner refuses the request, or knows another object.
+        """
         contacts, directions = tips(self.known, poses, strokes)
         origins = contacts - APPROACH * directions
         request = PredictStroke.Request(
@@ -98,7 +117,13 @@ class Cell:
         )
         answer = self._called(self._strokes, request)
         self._basis = answer.basis
-        return np.array([(end.x, end.y, end.theta) for end in answer.ends]) if answer.success else None
+        if not answer.basis.has_model:
+            return None
+        if answer.basis.object != self._name:
+            answer.success, answer.message = False, f"it knows {answer.basis.object}, not {self._name}"
+        if not answer.success:
+            raise SystemExit(f"error: {self._strokes.service_name}: {answer.message}")
+        return np.array([(end.x, end.y, end.theta) for end in answer.ends])
 
     def learn(self, observations: Sequence[Observation]) -> None:
         """Send observations to the estimator."""
@@ -107,7 +132,7 @@ class Cell:
 
     def settle(self, newest: int, pose: Array) -> None:
         """Wait for a model with the observation of this time [ns]."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + SETTLED
         while stamp_from_msg(self._basis.header.stamp) < newest and time.monotonic() < deadline:
             rclpy.spin_once(self._node, timeout_sec=0.05)
             self.ends(pose[None], np.zeros((1, 4)))
@@ -129,7 +154,9 @@ class Cell:
 
     def _called(self, client, request):
         future = client.call_async(request)
-        rclpy.spin_until_future_complete(self._node, future)
+        rclpy.spin_until_future_complete(self._node, future, timeout_sec=PATIENCE)
+        if not future.done():
+            raise SystemExit(f"error: {client.service_name} has not answered for {PATIENCE:.0f} s")
         return future.result()
 
 
@@ -187,7 +214,10 @@ def best_stroke(cell: Cell, pose: Array, rng: np.random.Generator) -> tuple[Arra
     """The stroke (4,) that leaves the object nearest to the goal, and how near that is [m]: random, then refined."""
     strokes = random_strokes(cell.known, CANDIDATES, rng)
     for share in (*REFINEMENTS, None):
-        costs = distance(cell.known, cell.ends(np.repeat(pose[None], len(strokes), axis=0), strokes))
+        ends = cell.ends(np.repeat(pose[None], len(strokes), axis=0), strokes)
+        if ends is None:
+            raise SystemExit("error: no friction model after the strokes to learn it: does the estimator know this object?")
+        costs = distance(cell.known, ends)
         if share is not None:
             good = strokes[np.argsort(costs)[:GOOD]]
             strokes = np.concatenate((good, nearby(np.repeat(good, CANDIDATES // GOOD, axis=0), share, rng)))
@@ -299,4 +329,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        main()

@@ -3,10 +3,12 @@
 python3 examples/subscriber.py          while ./pushfric demo runs
 """
 
+import contextlib
 import math
 from typing import Any
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -34,7 +36,8 @@ class Subscriber(Node):
 
 def main() -> None:
     rclpy.init()
-    rclpy.spin(Subscriber(namespace="/cell"))
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(Subscriber(namespace="/cell"))
 
 
 if __name__ == "__main__":

@@ -138,3 +138,38 @@ def test_the_planner_brings_the_object_nearer(push_to_pose, ros, monkeypatch, tm
     assert courses["learned"][0].poses[-1] != courses["uniform"][0].poses[-1] != courses["wrong"][0].poses[-1]
     push_to_pose.draw(courses, str(tmp_path / "errors.png"))
     assert (tmp_path / "errors.png").stat().st_size > 1000
+
+
+@pytest.fixture
+def cell(push_to_pose, ros):
+    """A function that makes a cell, its node not spun by others."""
+    nodes = []
+
+    def made(name, namespace):
+        nodes.append(Node(f"planner_of_{name}", namespace=namespace))
+        return push_to_pose.Cell(nodes[-1], name, 0.015)
+
+    yield made
+    for node in nodes:
+        node.destroy_node()
+
+
+def test_a_node_that_is_missing_is_named(push_to_pose, cell, ros, monkeypatch):
+    monkeypatch.setattr(push_to_pose, "PATIENCE", 0.5)
+    with pytest.raises(SystemExit, match="error: no planner in /uniform: start the nodes as the first lines"):
+        cell(push_to_pose.NAME, "/uniform").wait(learns=False)
+    monkeypatch.setattr(push_to_pose, "PATIENCE", 10.0)
+    ros.compose(PlannerNode(namespace="/learned"))
+    with pytest.raises(SystemExit, match="error: no estimator in /learned: start the nodes as the first lines"):
+        cell(push_to_pose.NAME, "/learned").wait()
+
+
+def test_a_planner_of_another_object_or_without_a_model_ends_the_example(push_to_pose, cell, ros):
+    ros.compose(PlannerNode(namespace="/uniform"))
+    told, other = cell(push_to_pose.NAME, "/uniform"), cell("wood_rect4", "/uniform")
+    told.wait(learns=False)
+    with pytest.raises(SystemExit, match="error: no friction model after the strokes to learn it"):
+        push_to_pose.best_stroke(other, np.zeros(3), np.random.default_rng(0))
+    told.tell(push_to_pose.uniform(told.known))
+    with pytest.raises(SystemExit, match="/uniform/planner/predict_stroke: it knows delrin_rect_right, not wood_rect4"):
+        other.ends(np.zeros((1, 3)), np.zeros((1, 4)))

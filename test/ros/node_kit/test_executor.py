@@ -71,8 +71,8 @@ def test_it_calls_whatever_is_ready(ros, spun):
 
 def test_it_leaves_requests_to_a_waitable_that_takes_them(ros, spun):
     """Also those that come after the waitable has taken all there were."""
-    turns = Turns(spun.node, lambda kind, reason: kind.Response(), 10.0)
-    turns.serve(StablePushes, "asked", lambda request: iter_to(StablePushes.Response()))
+    turns = Turns(spun.node, 10.0)
+    turns.serve(StablePushes, "asked", lambda _: (iter_to(StablePushes.Response()), None))
     take_data, late = turns.take_data, []
 
     def taken():

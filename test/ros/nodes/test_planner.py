@@ -18,7 +18,7 @@ from pushfric_core.mechanics.prediction import friction_model, motion_cone, pred
 from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.mechanics.strokes import predict_strokes
 from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid
-from pushfric_msgs.msg import FrictionModel, Observation, PlanarPose
+from pushfric_msgs.msg import Basis, FrictionModel, Observation, PlanarPose
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
 from pushfric_ros.node_kit.diagnostics import Level
@@ -388,3 +388,16 @@ def test_a_model_that_makes_no_sense_answers_nothing(ros):
     assert answer.message == "the message on friction_model is wrong: w must have 1 x 1 numbers, got 2"
     assert not answer.basis.has_model
     assert cell.planner._health().level is Level.ERROR
+
+
+def test_a_refusal_rests_on_what_was_known_when_the_work_began(ros):
+    """A model that comes between the request and its first slice changes neither the reason nor the basis beside it."""
+    planner = PlannerNode(namespace="/cell")
+    answer, refuse = planner._begins("predict_push", PredictPush)(push_request())
+    planner._on_model(FrictionModel(basis=Basis(object=NAME)))
+    with pytest.raises(ValueError, match="no model has come yet") as failed:
+        next(answer)
+    response = refuse(str(failed.value))
+    planner.destroy_node()
+    assert not response.success
+    assert response.basis.object == ""

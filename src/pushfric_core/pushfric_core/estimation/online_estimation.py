@@ -39,7 +39,7 @@ class OnlineEstimation:
         self._outline, self._margin = outline, margin
         self._estimator, self._recognizer, self._refuse = estimator, recognizer, refuse
         self._half_planes = HalfPlanes(outline, margin)
-        self._ranked: tuple[Polygon, list[RankedPush]] | None = None  # the next pushes, and the region that they narrow
+        self._chosen: tuple[Polygon, list[RankedPush], list[PlannedPush]] | None = None  # pushes, and the region they are for
         self._left_out: set[int] = set()  # pushes that the region does not use
         self._unranked: set[int] = set()  # pushes that the ranking does not use
         self.estimate: Estimate | None = None
@@ -131,14 +131,17 @@ class OnlineEstimation:
 
     def next_pushes(self) -> list[RankedPush]:
         """The pushes that are expected to shrink the region most, best first."""
-        region = self._half_planes.polygon
-        if self._ranked is None or self._ranked[0] is not region:
-            self._ranked = region, next_pushes(self._half_planes)
-        return self._ranked[1]
+        return self._choice()[1]
 
     def slip_pushes(self) -> list[PlannedPush]:
         """The pushes that slip, for mu_c, best first."""
-        return slip_pushes(self._outline, self.region().center)
+        return self._choice()[2]
+
+    def _choice(self) -> tuple[Polygon, list[RankedPush], list[PlannedPush]]:
+        region = self._half_planes.polygon
+        if self._chosen is None or self._chosen[0] is not region:
+            self._chosen = region, next_pushes(self._half_planes), slip_pushes(self._outline, self.region().center)
+        return self._chosen
 
     def _rejected(self) -> set[int]:
         return {one.push_id for one in self._estimator.rejected}

@@ -10,7 +10,7 @@ from pushfric_core import settings
 from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
 from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_ros.arms.arm import ArmConfig
-from pushfric_ros.commands.markdown import as_yaml, limits, table
+from pushfric_ros.commands.markdown import as_yaml, limits, replaced, table
 
 COMMAND = "python -m pushfric_ros.commands.cell_docs docs/cell.md"
 
@@ -51,10 +51,9 @@ def arms() -> dict[str, list[tuple[str, ...]]]:
     return {"pusher: an arm": _rows([ArmConfig])} | drivers
 
 
-def written(text: str) -> str:
+def written(document: str) -> str:
     """The document with its tables replaced."""
-    before, rest = text.split(BEGIN)
-    return f"{before}{BEGIN}\n{tables()}\n{END}{rest.split(END)[1]}"
+    return replaced(document, BEGIN, END, f"\n{tables()}\n")
 
 
 def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:

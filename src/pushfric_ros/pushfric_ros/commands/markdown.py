@@ -1,10 +1,13 @@
 """Tables in the generated documents, and how the settings stand in them."""
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import yaml
+
+from pushfric_core.errors import InvalidInput
 
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
@@ -14,6 +17,18 @@ def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
         f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in zip(*filled, strict=True)
     )
     return "".join((first, f"{'|---' * len(filled)}|\n", *others))
+
+
+def replaced(document: str, begin: str, end: str, text: str) -> str:
+    """The document with another text between these two marks.
+
+    Raises:
+        InvalidInput: it does not hold both marks, each once.
+    """
+    parts = re.split(f"({re.escape(begin)}|{re.escape(end)})", document)
+    if parts[1::2] != [begin, end]:
+        raise InvalidInput(f"expected the lines {begin.strip()} and {end.strip()}, each once")
+    return "".join((*parts[:2], text, *parts[3:]))
 
 
 def as_yaml(value: Any) -> str:

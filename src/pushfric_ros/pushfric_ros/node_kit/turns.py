@@ -29,13 +29,15 @@ PATIENCE = 1.0
 Answer = Generator[None, None, Any]
 """The work for a request: it pauses after each slice, and returns the response."""
 
+Refuse = Callable[[str], Any]
+"""Makes the response to a request that failed; called with the reason."""
+
 
 class Turns(Waitable):
     """The services of a node that are worked on in turns.
 
     Args:
         node: the node.
-        refuse: makes the response of a service to a request that failed; called with the service's type and the reason.
         longest: the work for a request ends after this long [s].
     Attributes:
         answered: number of requests that were answered.
@@ -43,11 +45,11 @@ class Turns(Waitable):
         dropped: number of requests without an answer, as no client was left.
     """
 
-    def __init__(self, node: Node, refuse: Callable[[Any, str], Any], longest: float) -> None:
+    def __init__(self, node: Node, longest: float) -> None:
         super().__init__(node.default_callback_group)
-        self._node, self._refuse, self._longest = node, refuse, longest
+        self._node, self._longest = node, longest
         self.answered = self.refused = self.dropped = 0
-        self._answers: dict[Service, Callable[[Any], Answer]] = {}
+        self._begin: dict[Service, Callable[[Any], tuple[Answer, Refuse]]] = {}
         self._indices: dict[Service, int] = {}
         self._ready: list[Service] = []
         self._calls: deque[_Call] = deque()
@@ -59,16 +61,16 @@ class Turns(Waitable):
         """Number of requests that have no answer yet."""
         return len(self._calls)
 
-    def serve(self, kind: Any, name: str, answer: Callable[[Any], Answer]) -> None:
+    def serve(self, kind: Any, name: str, begin: Callable[[Any], tuple[Answer, Refuse]]) -> None:
         """Offer a service.
 
         Args:
             kind: type of the service; its requests have a `deadline`.
             name: of the service.
-            answer: begins the work for a request; a ValueError or PushfricError says why it fails.
+            begin: begins the work for a request, in which a ValueError or PushfricError says why it fails.
         """
         service = self._node.create_service(kind, name, _taken_here, qos_profile=REQUESTS, callback_group=_TakenHere())
-        self._answers[service] = answer
+        self._begin[service] = begin
 
     def _work(self) -> None:
         begin = time.monotonic()
@@ -95,7 +97,7 @@ class Turns(Waitable):
         except (ValueError, PushfricError) as error:
             self.answered += 1
             self.refused += 1
-            return self._refuse(call.service.srv_type, str(error))
+            return call.refuse(str(error))
         return None
 
     def _respond(self, call: "_Call", response: Any) -> None:
@@ -111,7 +113,7 @@ class Turns(Waitable):
     def __enter__(self) -> None:
         self._entered = ExitStack()
         with self._entered as entered:
-            for service in self._answers:
+            for service in self._begin:
                 entered.enter_context(service.handle)
             self._entered = entered.pop_all()
 
@@ -119,10 +121,10 @@ class Turns(Waitable):
         self._entered.close()
 
     def get_num_entities(self) -> NumberOfEntities:
-        return NumberOfEntities(num_services=len(self._answers))
+        return NumberOfEntities(num_services=len(self._begin))
 
     def add_to_wait_set(self, wait_set: Any) -> None:
-        self._indices = {service: wait_set.add_service(service.handle) for service in self._answers}
+        self._indices = {service: wait_set.add_service(service.handle) for service in self._begin}
 
     def is_ready(self, wait_set: Any) -> bool:
         self._ready = [service for service, index in self._indices.items() if wait_set.is_ready("service", index)]
@@ -136,7 +138,7 @@ class Turns(Waitable):
             waited = (time.time_ns() - header.received_timestamp) / 1e9 if header.received_timestamp else 0.0
             allowed = min(request.deadline, self._longest) if request.deadline else self._longest
             came = time.monotonic() - max(waited, 0.0)
-            self._calls.append(_Call(service, header, came, allowed, self._answers[service](request)))
+            self._calls.append(_Call(service, header, came, allowed, *self._begin[service](request)))
         self._more.trigger()
 
 
@@ -148,6 +150,7 @@ class _Call(NamedTuple):
     came: float  # by time.monotonic() [s]
     allowed: float  # how long the work may take [s]
     answer: Answer
+    refuse: Refuse
 
 
 class _TakenHere(CallbackGroup):

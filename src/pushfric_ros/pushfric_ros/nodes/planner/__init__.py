@@ -14,7 +14,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, withou
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED
-from pushfric_ros.node_kit.turns import Answer, Turns
+from pushfric_ros.node_kit.turns import Answer, Refuse, Turns
 from pushfric_ros.nodes.planner.answers import Answers
 from pushfric_ros.nodes.planner.known import Known
 
@@ -40,16 +40,19 @@ class PlannerNode(Node):
         self._known = Known()
         self._diagnostics = topics = Diagnostics(self, self._health)
         topics.subscribe(FrictionModel, MODEL_TOPIC, self._on_model, LATCHED)
-        self._turns = Turns(self, self._refusal, self._config.longest)
+        self._turns = Turns(self, self._config.longest)
         for name, kind in QUESTIONS.items():
-            self._turns.serve(kind, f"~/{name}", self._begins(name))
+            self._turns.serve(kind, f"~/{name}", self._begins(name, kind))
 
-    def _begins(self, name: str) -> Callable[[Any], Answer]:
-        """What begins the work for a request of a service: by what is known at that time, whatever comes later."""
-        return lambda request: getattr(Answers(self._known, self._config), name)(request)
+    def _begins(self, name: str, kind: Any) -> Callable[[Any], tuple[Answer, Refuse]]:
+        """What begins the work for a request of a service, and refuses it: by what is known then, whatever comes later."""
 
-    def _refusal(self, kind: Any, reason: str) -> Any:
-        return kind.Response(message=reason, basis=self._known.basis)
+        def begin(request: Any) -> tuple[Answer, Refuse]:
+            known = self._known
+            answer = getattr(Answers(known, self._config), name)(request)
+            return answer, lambda reason: kind.Response(message=reason, basis=known.basis)
+
+        return begin
 
     def _on_model(self, msg: FrictionModel) -> None:
         self._known = Known.of(msg)
