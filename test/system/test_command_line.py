@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,7 +25,8 @@ object: rubber_rect4
 camera: {{source: "{source}", calibration: {calibration}}}
 pusher: {{port: {port}, line_origin: [0, 0], line_direction: [0, 1], tip_radius: 0.003, stroke: 0.06, max_speed: 0.1}}
 """
-BAG = pathlib.Path(__file__).resolve().parents[2] / "bags/rubber_rect4"
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BAG = ROOT / "bags/rubber_rect4"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
 
 
@@ -188,8 +190,6 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call,
     ],
 )
 def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
-    from pushfric_core.vision.camera import Camera, save_camera
-
     monkeypatch.chdir(tmp_path)
     save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), tmp_path / "camera.yaml")
     parts = {"source": "topic", "calibration": "camera.yaml", "port": "/dev/null"} | change
@@ -198,6 +198,20 @@ def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
     assert run.returncode == 2, run.stderr
     assert error in run.stderr
     assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize("missing", ["object.yaml", "plan.yaml", "camera.yaml"])
+def test_a_missing_file_of_a_cell_is_named_before_anything_starts(tmp_path, missing):
+    cell = tmp_path / "my_cell"
+    shutil.copytree(ROOT / "docs/example_cell", cell)
+    save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), cell / "camera.yaml")
+    (cell / missing).unlink()
+    run = pushfric("run", cell / "cell.yaml", "--simulated", "--bag", tmp_path / "bag", "--headless")
+    assert run.returncode == 2
+    (line,) = run.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert str(cell / missing) in line
+    assert not (tmp_path / "bag").exists()
 
 
 def test_the_doctor_says_what_its_exit_codes_mean(call):

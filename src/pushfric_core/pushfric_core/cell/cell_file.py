@@ -177,11 +177,13 @@ def _mapping(name: str, content: Any) -> dict[Any, Any]:
 
 
 def _beside(values: Mapping[str, Any], folder: pathlib.Path, configs: Sequence[type]) -> dict[str, Any]:
-    """The values, with paths of files that exist in the cell's folder made absolute."""
+    """The values, with paths into the cell's folder made absolute: of files there, and of YAML files that are nowhere."""
     paths = {key_of(field) for config in configs for field in fields_of(config) if field.metadata.get("path")}
+
+    def lies_there(value: str) -> bool:
+        return os.path.exists(folder / value) or (value.endswith(".yaml") and not os.path.exists(value))
+
     return {
-        key: str(folder / value)
-        if key in paths and isinstance(value, str) and value and os.path.exists(folder / value)
-        else value
+        key: str(folder / value) if key in paths and isinstance(value, str) and value and lies_there(value) else value
         for key, value in values.items()
     }

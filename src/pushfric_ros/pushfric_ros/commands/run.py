@@ -18,6 +18,8 @@ from pushfric_core.commands.options import RUNS
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.vision.camera import load_camera
 from pushfric_ros.commands.recorded_run import left_behind, write_report
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
@@ -60,6 +62,9 @@ def run(
     given = {"model": model_file, "save": save}
     file = replace(file, model=replace(file.model, **{name: str(path) for name, path in given.items() if path is not None}))
     model = load_object(file.object)
+    load_plan(file.plan.plan, model)  # here, so that no node starts if one of the cell's files is missing or wrong
+    if file.camera is not None:
+        load_camera(file.camera.calibration)
     bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
     if not simulated and file.driver is not None and (absence := file.driver.absence()) is not None:
         raise InvalidInput(f"{cell}: pusher: {absence}")
