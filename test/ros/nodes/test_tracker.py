@@ -517,7 +517,7 @@ def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
         ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
         ({"calibration": ""}, "calibration must name the camera's calibration YAML, got ''"),
         ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read: "),
-        ({"object": "absent.yaml"}, "no object 'absent.yaml'"),
+        ({"object": "absent.yaml"}, "absent.yaml: cannot be read"),
         ({"threshold": 300}, r"parameter threshold must lie in \[0, 255\], got 300$"),
         ({"tracker": "fiducial"}, "fiducials must name the YAML file of the markers on the object, got ''"),
         ({"object_height": -1.0}, "object_height"),

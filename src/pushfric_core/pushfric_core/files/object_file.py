@@ -175,7 +175,7 @@ def load_object(name_or_path: str) -> ObjectModel:
         file = ObjectFile(name=name_or_path, outline=_points(known.outline.vertices), support=support, hypotheses=hypotheses)
         return make_object(file, name_or_path)
     path = pathlib.Path(name_or_path)
-    if not os.path.isfile(path):
+    if path.suffix != ".yaml" and not os.path.isfile(path):
         raise InvalidInput(f"no object {shortened(name_or_path)}: expected a YAML file or one of {', '.join(TABLE_1)}")
     return make_object(read_yaml(path, ObjectFile), str(path))
 
