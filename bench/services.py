@@ -224,6 +224,8 @@ def _crowd() -> Figures:
             begin = time.perf_counter()
 
             def on_answer(answer: Future) -> None:
+                if not answer.result().success:
+                    raise RuntimeError(f"the planner refused a request: {answer.result().message}")
                 answers.append(1e3 * (time.perf_counter() - begin))
                 if left > 1:
                     ask(client, left - 1)

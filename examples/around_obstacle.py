@@ -126,6 +126,7 @@ def reach(node: Node, strokes: int, seed: int, pace: float = 1.0) -> Outcome:
     rng = np.random.default_rng(seed)
     cell = Cell(node, NAME, STEP)
     cell.wait()
+    cell.forget()  # the pushes of a try before have the same numbers
     pushed = PushedObject(OUTLINE, KNOWN.support, KNOWN.mu_c, START)
     plans, rounds = random_strokes(KNOWN, (ROLLOUTS, AHEAD), rng), []
     outcome = Outcome([], [], rounds)

@@ -63,6 +63,29 @@ def test_so_few_supports_that_each_is_a_foot():
     assert single.support.points.tolist() == [[0.01, 0.02]]
 
 
+def test_a_support_that_bears_nearly_all_on_one_point_stands_for_itself():
+    support = Support([(-0.05, 0.0), (0.05, 0.0), (0.0, 0.02)], [1 - 1e-5, 1e-5, 0.0])
+    feet = few_feet(support).support
+    assert feet.points.tolist() == support.points[:2].tolist()
+    assert feet.weights == pytest.approx(support.weights[:2])
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_hyphens_and_line_breaks_in_what_it_rests_on_break_no_file(to, tmp_path):
+    files = exported("wood_rect4", to, rests_on="runs/a---b-\nc: 1: rests--")
+    for name, text in files.items():
+        assert "c: 1: rests" in text
+        (json.loads if name.endswith("json") else yaml.safe_load if name.endswith("yaml") else ElementTree.fromstring)(text)
+
+
+@pytest.mark.parametrize("to", ["pusher-slider", "nmpc"])
+def test_a_rectangle_that_is_not_about_the_centre_of_friction_is_named(to):
+    (text,) = exported("delrin_rect_right", to).values()
+    assert "The middle of the outline lies at (-0.007, " in text
+    (text,) = exported("triangle", to).values()
+    assert "The middle of the outline's bounding box lies at " in text
+
+
 @pytest.mark.parametrize("to", FORMATS)
 def test_each_file_begins_with_what_it_rests_on(to):
     text = next(iter(exported("delrin_rect_right", to, rests_on="a box: 9 observations -- a test").values()))
@@ -228,6 +251,8 @@ def test_the_command_writes_the_mean_or_samples(model_file, tmp_path):
     assert len({scene.read_text().partition("<worldbody>")[2] for scene in scenes}) == 2
     with pytest.raises(InvalidInput, match=r"model.yaml: cannot be exported: expected one of the formats"):
         run("export", model_file, "--to", "usd", "--out", out)
+    with pytest.raises(InvalidInput, match=r"height must be .*, got 0"):
+        run("export", model_file, "--to", "mjcf", "--height", 0, "--out", out)
     with pytest.raises(InvalidInput, match="cannot be written"):
         run("export", model_file, "--to", "mjcf", "--out", tmp_path / "none")
     content = yaml.safe_load(model_file.read_text())

@@ -53,7 +53,7 @@ def export(
                 table_friction=table_friction,
                 total_friction=file.total_friction,
                 gravity=gravity,
-                height=height or pushed.height or HEIGHT,
+                height=height if height is not None else pushed.height or HEIGHT,
                 pusher_radius=pusher_radius,
                 rests_on=file.rests_on,
             )

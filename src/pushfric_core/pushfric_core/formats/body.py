@@ -171,7 +171,7 @@ class Body:
         feet, load = self.feet, self.load
         bearing = np.count_nonzero(self.friction.support.weights)
         return [
-            self.rests_on,
+            " ".join(self.rests_on.split()),
             f"{len(feet.support.weights)} feet for {bearing} support points: the load that makes the object slide differs by"
             f" {100 * feet.error.load:.2g} % (rms), its motion by {np.degrees(feet.error.twist):.2g} degrees (median).",
             f"Mass {load.mass:.4g} kg, table friction {load.table_friction:.4g}; assumed:"

@@ -31,7 +31,8 @@ def few_feet(support: Support) -> Feet:
     """Some of the support points, reweighted, with the same total force and centre of friction and nearly the same surface.
 
     One point after another is added: the one that lowers the residual of the wrenches most steeply. After each, the weights are
-    the nonnegative least squares of the wrenches over motions of all directions (orthogonal matching pursuit).
+    the nonnegative least squares of the wrenches over motions of all directions (orthogonal matching pursuit). If nearly all
+    rests on one point, the feet are the support points themselves.
 
     Args:
         support: of the object.
@@ -54,11 +55,14 @@ def few_feet(support: Support) -> Feet:
         found, _ = nnls(wrenches[:, chosen], goal)
         residual = goal - wrenches[:, chosen] @ found
         bears = found > NOTHING * found.sum()
+        every = len(chosen) == len(points)
         if np.count_nonzero(bears) < 2:
+            if every:
+                return Feet(Support(points, weights / weights.sum()), SurfaceError(0.0, 0.0))
             continue
         feet = Support(points[chosen][bears], found[bears] / found[bears].sum())
         error = support_error(feet, support)
-        if len(chosen) == len(points) or (error.load <= TOLERANCE.load and error.twist <= TOLERANCE.twist):
+        if every or (error.load <= TOLERANCE.load and error.twist <= TOLERANCE.twist):
             return Feet(feet, error)
 
 

@@ -79,7 +79,8 @@ def pusher_slider(body: Body) -> dict[str, str]:
     }
     ratio = body.ellipsoid.m_max / body.ellipsoid.f_max
     note = (
-        "pusher_slider assumes a rectangle with uniform pressure, whose ratio of moment to force is"
+        f"{_rectangle(body)}"
+        " pusher_slider assumes uniform pressure, whose ratio of moment to force is"
         f" {1e3 * uniform:.3g} mm; that of this object is {1e3 * ratio:.3g} mm."
     )
     return _yaml(body, "pusher-slider", content, note)
@@ -100,7 +101,16 @@ def nmpc(body: Body) -> dict[str, str]:
         "c_ellipse": body.ellipsoid.m_max / body.ellipsoid.f_max,
         "outline": _about_center(body),
     }
-    return _yaml(body, "nmpc", content, "Take tau_max as it is: uniform pressure would give another one.")
+    note = f"{_rectangle(body)} Take tau_max as it is: uniform pressure would give another one."
+    return _yaml(body, "nmpc", content, note)
+
+
+def _rectangle(body: Body) -> str:
+    """What the planner's rectangle leaves out."""
+    polygon = body.outline.polygon
+    x, y = (as_array(polygon.envelope.centroid.coords[0]) - as_array(body.ellipsoid.center)).tolist()
+    what = "outline" if polygon.equals(polygon.envelope) else "outline's bounding box"
+    return f"The middle of the {what} lies at ({x:.6g}, {y:.6g}) m; a planner that centres its rectangle on p_CF errs by that."
 
 
 def _about_center(body: Body) -> list[list[float]]:

@@ -1,5 +1,6 @@
 """XML as the writers of MJCF, SDF and URDF share it: elements, numbers, and the comment on top."""
 
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element
@@ -20,7 +21,7 @@ def numbers(*values: float) -> str:
 def document(root: Element, comments: Iterable[str]) -> str:
     """The file: the comments, in which XML allows no double hyphen, and the element."""
     ElementTree.indent(root)
-    lines = "\n".join(comments).replace("--", "- -")
+    lines = re.sub("-(?=-)", "- ", "\n".join(comments))
     return f'<?xml version="1.0"?>\n<!--\n{lines}\n-->\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 

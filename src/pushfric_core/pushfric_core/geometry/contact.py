@@ -33,9 +33,19 @@ class PushingLine(NamedTuple):
 
         `distance` is the stroke position at that moment; point and normal are in the object frame.
         """
+        start, direction = self._seen_from(pose)
+        return outline.first_touch(start, direction, self.tip_radius)
+
+    def passed(self, outline: Outline, pose: Pose) -> bool:
+        """Whether an object at `pose` lies wholly behind stroke position 0, so that no stroke meets it."""
+        start, direction = self._seen_from(pose)
+        last = outline.first_touch(start, -direction, self.tip_radius)
+        return last is not None and last.distance >= 0
+
+    def _seen_from(self, pose: Pose) -> tuple[Array, Array]:
+        """Origin and direction in the frame of an object at `pose`."""
         back = rotation(-pose.theta)  # `transform` by the inverse of the pose, and the direction turned back by it
-        start = as_array(self.origin) @ back.T - back @ (pose.x, pose.y)
-        return outline.first_touch(start, back @ as_array(self.direction), self.tip_radius)
+        return as_array(self.origin) @ back.T - back @ (pose.x, pose.y), back @ as_array(self.direction)
 
 
 def pushing_line(origin: Sequence[float], direction: Sequence[float], tip_radius: float) -> PushingLine:

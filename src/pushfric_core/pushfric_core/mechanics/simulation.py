@@ -174,6 +174,8 @@ class PushedObject:
             SolverFailed: no motion balances the forces.
         """
         mode = ContactMode.FREE
+        if line.passed(self.outline, self.pose):
+            return mode
         while (touch := line.touch(self.outline, self.pose)) and position - touch.distance > TOUCHING:
             depth = min(position - touch.distance, STEP)
             halfway = compose(self.pose, exp(self._motion(line, touch, self.pose).twist, depth / 2))

@@ -20,6 +20,10 @@ STEP = 1e-3
 """Longest advance of the tip in one step of the midpoint rule [m]; the error over 50 mm is below 0.05 mm."""
 
 
+OVERLAP = 1e-3
+"""A tip may overlap the object at first, as poses err, and pushes it on: by its radius, and at least by this much [m]."""
+
+
 @comparable
 class Strokes(NamedTuple):
     """Where k strokes leave the object, with the mean friction of its model and with each of the s samples.
@@ -50,7 +54,8 @@ def predict_strokes(
     """Bring the tip on each of k lines to a stroke position, and move the object out of its way.
 
     The method is that of `simulation.PushedObject.push`, for all strokes at once. Each step finds where the tip touches the
-    object, measures from there what is left to push, and takes the motion halfway for the whole step.
+    object, measures from there what is left to push, and takes the motion halfway for the whole step. An object behind
+    stroke position 0 stays where it is.
 
     Args:
         model: of the object.
@@ -60,7 +65,7 @@ def predict_strokes(
         positions: (k,) stroke position of the tip at the end of each [m].
         step: longest advance of the tip in one step [m].
     Raises:
-        ValueError: poses, lines and positions differ in length, or the step is not positive.
+        ValueError: poses, lines and positions differ in length, the step is not positive, or a tip starts inside an object.
         SolverFailed: a motion did not converge.
 
     Example:
@@ -103,7 +108,7 @@ def stroke_steps(
     radii = as_array([line.tip_radius for line in lines])[rows]
     stops = stops[rows]
     modes = np.full(len(rows), quasi_static.FREE, dtype=np.int8)
-    going = np.arange(len(rows))
+    going = np.flatnonzero(_ahead(outline, state, origins, directions, radii))
     samples = np.tile(np.arange(s), k)
     while len(going):
         pose = state[going]
@@ -123,6 +128,17 @@ def stroke_steps(
     means, poses_of_samples = ends[:, -1], ends[:, :count]
     covariance = scattered(poses_of_samples, means, model.share)
     return Strokes(means, poses_of_samples, modes.reshape(k, s)[:, :count], covariance)
+
+
+def _ahead(outline: Outline, poses: Array, origins: Array, directions: Array, radii: Array) -> npt.NDArray[np.bool_]:
+    """Whether the objects at poses (r, 3) are not wholly behind the tips. Raises ValueError if a tip starts inside one."""
+    starts, along = _turned(origins - poses[:, :2], -poses[:, 2]), _turned(directions, -poses[:, 2])
+    first = outline.first_touches(starts, along, radii).distances
+    last = -outline.first_touches(starts, -along, radii).distances
+    for row in np.flatnonzero((first < -np.maximum(radii, OVERLAP)) & (last > 0)):
+        where = f"{origins[row].tolist()} m, {-1e3 * first[row]:.1f} mm inside the object at {poses[row, :2].tolist()} m"
+        raise ValueError(f"a tip starts at {where}, expected it beside or before the object")
+    return np.asarray(last > 0)
 
 
 class _Motion:

@@ -20,7 +20,6 @@ from pushfric_ros.messages.conversions import (
     add_stability,
     add_strokes,
     contacts_from_msg,
-    limit_surface_to_msg,
     pushes_from_msg,
     strokes_from_msg,
     turns_from_msg,
@@ -103,9 +102,8 @@ class Answers:
         return response
 
     def limit_surface(self, _: GetLimitSurface.Request) -> Generator[None, None, GetLimitSurface.Response]:
-        model, _ = self._asked()
-        found = limit_surface_to_msg(self._known.basis, self._known.total_friction, model)
-        return GetLimitSurface.Response(success=True, basis=self._known.basis, limit_surface=found)
+        self._asked()
+        return GetLimitSurface.Response(success=True, basis=self._known.basis, limit_surface=self._known.limit_surface)
         yield  # so that this is a generator, too
 
     def _asked(self, mean_only: bool = False) -> tuple[FrictionModel, Outline]:

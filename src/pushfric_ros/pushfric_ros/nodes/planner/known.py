@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.mechanics.prediction import FrictionModel
-from pushfric_msgs.msg import Basis
+from pushfric_msgs.msg import Basis, LimitSurface
 from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
-from pushfric_ros.messages.conversions import friction_model_from_msg
+from pushfric_ros.messages.conversions import friction_model_from_msg, limit_surface_to_msg
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,12 @@ class Known:
     total_friction: float = math.nan  # [N]
     why_not: str = "no model has come yet on friction_model: is the estimator running?"
     wrong: bool = False  # it is not known because the message makes no sense
+
+    @cached_property
+    def limit_surface(self) -> LimitSurface:
+        """Of the model, which there is; computed when it is first asked for."""
+        assert self.model is not None
+        return limit_surface_to_msg(self.basis, self.total_friction, self.model)
 
     @classmethod
     def of(cls, msg: FrictionModelMsg) -> "Known":
