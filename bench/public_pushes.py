@@ -86,6 +86,11 @@ class PublicSet(NamedTuple):
         centroid = self.model.outline.polygon.centroid
         return np.array((centroid.x, centroid.y))
 
+    @property
+    def data(self) -> list[Observation]:
+        """The observations of the strokes that are data points."""
+        return [one for one in self.observations if one is not None]
+
 
 class PublicPushes:
     """A section of the benchmarks.
@@ -217,17 +222,15 @@ def _to_outline(stroke: Stroke, outline: Outline) -> Array:
 
 def of_all(one: PublicSet) -> Estimate:
     """The estimate from all observations of a set."""
-    data = [point for point in one.observations if point is not None]
-    return estimated(data, one.model.support_points, EstimatorConfig())[1]
+    return estimated(one.data, one.model.support_points, EstimatorConfig())[1]
 
 
 def _measured(one: PublicSet, whole: Estimate, rng: np.random.Generator) -> Figures:
     outline, points = one.model.outline, one.model.support_points
-    data = [point for point in one.observations if point is not None]
-    groups = sorted({point.push_id for point in data})
+    groups = sorted({point.push_id for point in one.data})
     shuffled = rng.permutation(groups)
     fitted = set(shuffled[: len(groups) // 2].tolist())
-    half = [point for point in data if point.push_id in fitted]
+    half = [point for point in one.data if point.push_id in fitted]
     unseen = [row for row in range(len(one.strokes)) if _group(one, row) not in fitted]
     lines = {row: line for row in unseen if (line := line_of(one.strokes[row], outline)) is not None}
     rows = rng.permutation(list(lines))[:ROLLED].tolist()
@@ -239,7 +242,7 @@ def _measured(one: PublicSet, whole: Estimate, rng: np.random.Generator) -> Figu
         "folder": one.folder,
         "set": one.name,
         "strokes": len(one.strokes),
-        "data_points": len(data),
+        "data_points": len(one.data),
         **_center(whole, one.label),
         "mu_c": None if mu_c is None else mu_c.value,
         "mu_c_low": None if mu_c is None else mu_c.low,

@@ -137,4 +137,4 @@ def _recorded(file: McapFile) -> tuple[int, int]:
     """Number of data points and of chunks of a finished bag."""
     assert file.statistics is not None
     made = [number for number, channel in file.channels.items() if channel.topic.endswith("/observation")]
-    return int(np.isin(file.entries.channels, made).sum()), file.statistics.chunks
+    return int(np.isin(file.entries.channels, made).sum()), file.statistics.chunk_count

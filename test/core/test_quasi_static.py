@@ -118,9 +118,9 @@ def test_a_center_at_a_distance_holds_where_the_moment_fits_the_width():
 
 
 def test_wrong_arguments_are_named(rng):
-    with pytest.raises(ValueError, match=r"weights must have shape \(s, 2\)"):
+    with pytest.raises(ValueError, match=r"w must have shape \(s, 2\)"):
         motions(ROD, (0.5, 0.5), (0.3,), ((0, 0),), ((0, -1),), ((0, 1),))
-    with pytest.raises(ValueError, match="the sum of each row 1"):
+    with pytest.raises(ValueError, match="the sum of each sample 1"):
         motions(ROD, ((0.5, 0.6),), (0.3,), ((0, 0),), ((0, -1),), ((0, 1),))
     with pytest.raises(ValueError, match="mu_c must be at least 0"):
         motions(ROD, HALVES, (-0.1,), ((0, 0),), ((0, -1),), ((0, 1),))

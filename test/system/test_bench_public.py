@@ -5,8 +5,6 @@ import pathlib
 import numpy as np
 import pytest
 
-from pushfric_core import EstimatorConfig
-
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
@@ -94,13 +92,8 @@ def test_an_option_may_take_several_folders():
 
 def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):
     """With all pushes, where what friction does otherwise than Coulomb's is most of the error."""
-    from bench.public_pushes import _center, sets_in
-    from pushfric_core.paper.trials import estimated
+    from bench.public_pushes import _center, of_all, sets_in
 
-    sets = [one for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
-    found = []
-    for one in sets:
-        data = [observation for observation in one.observations if observation is not None]
-        found.append(_center(estimated(data, one.model.support_points, EstimatorConfig())[1], one.label)["held"])
+    found = [_center(of_all(one), one.label)["held"] for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
     assert len(found) == 16
     assert 13 <= sum(found) <= 15

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import pytest
 from line_stage import DEAD_MAN, LATE, SPEED, LineStage
+from marlin_firmware import SimulatedMarlin
 
 from pushfric_core.pushers.marlin import Marlin
 from pushfric_core.pushers.pusher import (
@@ -25,7 +26,6 @@ from pushfric_core.pushers.serial_checks import Grade
 from pushfric_core.pushers.serial_config import MarlinConfig
 from pushfric_core.pushers.serial_pusher import Halted
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
-from pushfric_core.simulated.marlin_firmware import SimulatedMarlin
 
 FAR = 0.05
 STEP = 1e-3 / 80

@@ -197,7 +197,7 @@ def test_messages_around_a_lost_block_of_an_uncompressed_chunk_are_saved(tmp_pat
     path = tmp_path / "whole.mcap"
     write_uncompressed(path, recorded, indexed)
     content, known = path.read_bytes(), set(recorded)
-    assert McapFile(path).statistics.chunks == 2
+    assert McapFile(path).statistics.chunk_count == 2
     saved = []
     blocks = rng.choice(len(content) // SECTOR, 12, replace=False)
     for number, block in enumerate(blocks):

@@ -17,7 +17,7 @@ from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, 
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.mcap_file import GrowingFile
-from pushfric_core.bags.recorded import Recorded, prior_beside
+from pushfric_core.bags.recorded import Recorded, beside
 from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.resumption import Resumption
 from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
@@ -25,7 +25,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, prior, save_model
-from pushfric_core.files.object_file import load_object
+from pushfric_core.files.object_file import PRIOR_FILE, load_object
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.trajectories.trajectory import Trajectory
@@ -217,7 +217,7 @@ def test_a_model_is_published_at_once_gone_on_from_and_written(ros, cell_of, tmp
     assert (written.made.data_points, written.made.pushes) == (5 + both, 7)
     assert [point.push_id for point in prior(out, MODEL)[:5]] == [2**31 - 7 + k for k in range(5)]
     recover(tmp_path / "bag", tmp_path / "recovered")
-    assert prior_beside(tmp_path / "recovered") is not None
+    assert beside(tmp_path / "recovered", PRIOR_FILE) is not None
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import zstandard
+from mcap.records import Channel, Schema
 
 from pushfric_core.bags import agreement, parts
 from pushfric_core.bags.cdr import Decoder, decoder
@@ -29,7 +30,7 @@ from pushfric_core.bags.contents import (
 )
 from pushfric_core.bags.former import present
 from pushfric_core.bags.mcap_file import UNCONFIRMED, Gap, McapFile, Span, Standings
-from pushfric_core.bags.mcap_records import HELD_LIMIT, Channel, Schema
+from pushfric_core.bags.mcap_records import HELD_LIMIT, definition_of
 from pushfric_core.bags.offered_qos import profiles_from
 from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, embedded_metadata, read_metadata
 from pushfric_core.errors import InvalidInput, PushfricError
@@ -461,13 +462,13 @@ class _McapBagFile:
         if statistics is None:
             return None
         by_topic: Counter[str] = Counter()
-        for number, count in statistics.by_channel.items():
+        for number, count in statistics.channel_message_counts.items():
             by_topic[self.topics[number].name if number in self.topics else agreement.UNKNOWN_TOPIC] += count
         if not by_topic:  # a writer may count all messages, but not channel by channel
             for standing, counts in agreement.by_topic(self.entries, self.standings, self.topics).items():
                 if standing <= LAST_READ:
                     by_topic += counts
-        if (more := statistics.messages - by_topic.total()) > 0:
+        if (more := statistics.message_count - by_topic.total()) > 0:
             by_topic[agreement.UNKNOWN_TOPIC] += more
         return by_topic
 
@@ -519,7 +520,7 @@ def _topic(file: pathlib.Path, channel: Channel, schema: Schema | None) -> Topic
         profiles = profiles_from(channel.metadata.get("offered_qos_profiles", ""))
     except ValueError as error:
         raise InvalidInput(f"{where} has QoS profiles that are not those of rosbag2: {error}") from error
-    return Topic(channel.topic, schema.name, profiles, channel.metadata.get("topic_type_hash", ""), 0, schema.definition)
+    return Topic(channel.topic, schema.name, profiles, channel.metadata.get("topic_type_hash", ""), 0, definition_of(schema))
 
 
 def _compared(expected: Counter[str], found: Counter[str], said: str, contradictions: list[str]) -> dict[str, int]:

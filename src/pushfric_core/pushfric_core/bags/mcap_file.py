@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from mcap.records import Channel, ChunkIndex, DataEnd, Header, McapRecord, Metadata, Schema, Statistics
 
 from pushfric_core.bags import salvage
 from pushfric_core.bags.agreement import AMBIGUOUS
@@ -34,10 +35,7 @@ from pushfric_core.bags.mcap_records import (
     CHANNEL_ID,
     CHUNK,
     CHUNK_HEAD,
-    CHUNK_INDEX,
-    DATA_END,
     FOOTER,
-    HEADER,
     HELD_LIMIT,
     LAST_KNOWN,
     LATEST_NS,
@@ -46,29 +44,20 @@ from pushfric_core.bags.mcap_records import (
     MESSAGE,
     MESSAGE_HEAD,
     MESSAGE_INDEX,
-    METADATA,
     RECORD_HEAD,
     SCHEMA,
-    STATISTICS,
-    Channel,
     ChunkHead,
     CutShort,
-    Schema,
-    Statistics,
     Unsound,
-    channel_of,
     checksum_of,
     chunk_content,
-    chunk_index_of,
-    header_of,
+    definition_of,
     index_of,
     message_head,
-    metadata_of,
+    parsed,
     read,
     records,
-    schema_of,
     sound_record,
-    statistics_of,
 )
 from pushfric_core.errors import InvalidInput
 
@@ -251,8 +240,9 @@ class McapFile:
             except Unsound as error:
                 position = self._skip(stream, position, size, str(error))
         if not self.finished:
-            counts = self.statistics
-            if counts is not None and counts.by_channel and sum(counts.by_channel.values()) != counts.messages:
+            said = self.statistics
+            by_channel = said.channel_message_counts if said is not None else {}
+            if said is not None and by_channel and sum(by_channel.values()) != said.message_count:
                 self.statistics = None  # damaged, like the end of the file with the checksum
             self.gaps.append(Gap(size, size, "the recording was cut short", self._last_ns(), None))
         elif position < size:
@@ -324,27 +314,31 @@ class McapFile:
         elif code == FOOTER:
             self._take_footer(stream, position, end)
             return end + len(MAGIC)
-        elif code in (HEADER, SCHEMA, CHANNEL, STATISTICS, CHUNK_INDEX, METADATA, DATA_END):
-            content = read(stream, begin, length)
-            in_summary = self._summary is not None
-            if code == HEADER:
-                _, self.library = header_of(content)
-            elif code == SCHEMA:
-                self._note_definitions(dict([schema_of(content)]), {}, in_summary)
-            elif code == CHANNEL:
-                self._note_definitions({}, dict([channel_of(content)]), in_summary)
-            elif code == STATISTICS:
-                self.statistics = statistics_of(content)
-            elif code == CHUNK_INDEX:
-                self._index[chunk_index_of(content)] += 1
-            elif code == METADATA:
-                self.metadata.append(metadata_of(content))
-            else:
-                self._check_data(stream, position, content)
-                self._summary = end
-        elif code == ATTACHMENT and checksum_of(stream, begin, end - 4) != int.from_bytes(read(stream, end - 4, 4), "little"):
-            raise Unsound("an attachment fails its checksum")
+        elif code == ATTACHMENT:
+            if checksum_of(stream, begin, end - 4) != int.from_bytes(read(stream, end - 4, 4), "little"):
+                raise Unsound("an attachment fails its checksum")
+        elif code <= LAST_KNOWN and code != MESSAGE_INDEX:
+            self._take_small(stream, position, end, parsed(code, read(stream, begin, length)))
         return end
+
+    def _take_small(self, stream: BinaryIO, position: int, end: int, record: McapRecord) -> None:
+        in_summary = self._summary is not None
+        match record:
+            case Header(library=library):
+                self.library = library
+            case Schema():
+                self._note_definitions({record.id: record}, {}, in_summary)
+            case Channel():
+                self._note_definitions({}, {record.id: record}, in_summary)
+            case Statistics():
+                self.statistics = record
+            case ChunkIndex():
+                self._index[ChunkHead.of_index(record)] += 1
+            case Metadata():
+                self.metadata.append((record.name, record.metadata))
+            case DataEnd():
+                self._check_data(stream, position, record.data_section_crc)
+                self._summary = end
 
     def _take_chunk(self, stream: BinaryIO, position: int, end: int, size: int) -> None:
         self._places = None
@@ -359,11 +353,11 @@ class McapFile:
                     places.setdefault(channel_id, array("Q")).extend((log_time, begin - RECORD_HEAD.size))
                     entries.append(channel_id, sequence, log_time, view[begin + 2 : begin + length])
                 elif code == SCHEMA:
-                    number, schema = schema_of(content[begin : begin + length])
-                    schemas[number] = schema
+                    schema = parsed(SCHEMA, content[begin : begin + length])
+                    schemas[schema.id] = schema
                 elif code == CHANNEL:
-                    number, channel = channel_of(content[begin : begin + length])
-                    channels[number] = channel
+                    channel = parsed(CHANNEL, content[begin : begin + length])
+                    channels[channel.id] = channel
         except Unsound as error:
             # if a sound record follows, the length of the chunk can be trusted, and only the chunk is lost
             try:
@@ -405,8 +399,7 @@ class McapFile:
             self._note_piece(begin, end, None, entries, False)
         return position if unsound is None else self._skip(stream, end, size, str(unsound), position)
 
-    def _check_data(self, stream: BinaryIO, position: int, content: bytes) -> None:
-        expected = int.from_bytes(content, "little")
+    def _check_data(self, stream: BinaryIO, position: int, expected: int) -> None:
         if expected and not self.gaps:
             self._holds = checksum_of(stream, 0, position) == expected
             if not self._holds:
@@ -711,13 +704,13 @@ class GrowingFile:
             schema = self._schemas.get(self.channels[message.channel_id].schema_id)
             if schema is None:
                 raise ValueError(f"{self.path}: {self.channels[message.channel_id].topic[:80]} has no type")
-            self._decoders[message.channel_id] = Decoder(schema.name, schema.definition)
+            self._decoders[message.channel_id] = Decoder(schema.name, definition_of(schema))
         return self._decoders[message.channel_id](message.data)
 
     def _define(self, code: int, content: bytes) -> None:
         if code == SCHEMA:
-            number, schema = schema_of(content)
-            self._schemas.setdefault(number, schema)
+            schema = parsed(SCHEMA, content)
+            self._schemas.setdefault(schema.id, schema)
         else:
-            number, channel = channel_of(content)
-            self.channels.setdefault(number, channel)
+            channel = parsed(CHANNEL, content)
+            self.channels.setdefault(channel.id, channel)

@@ -1,9 +1,10 @@
 """The records of MCAP files, each checked before it is trusted.
 
 The format is that of https://mcap.dev/spec. A chunk is trusted if its checksum is right, and any other record if its inner
-lengths add up to its outer one.
+lengths add up to its outer one. The library mcap reads the small records; chunks are read here, within limits.
 """
 
+import io
 import struct
 import sys
 import zlib
@@ -13,6 +14,22 @@ from typing import BinaryIO, NamedTuple
 
 import lz4.frame
 import zstandard
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import McapError
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 
 from pushfric_core.bags.contents import Definition
 
@@ -38,6 +55,7 @@ BLOCK = 2**20
 RECORD_HEAD = struct.Struct("<BQ")  # operation code, length
 CHUNK_HEAD = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of the compression's name
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_INDEX_HEAD = struct.Struct("<HI")  # channel, length of the entries
 _INDEX_ENTRY = struct.Struct("<QQ")  # log time, place in the chunk
 LENGTH = struct.Struct("<Q")
 CHANNEL_ID = struct.Struct("<H")
@@ -49,36 +67,6 @@ class Unsound(Exception):
 
 class CutShort(Unsound):
     """A record within which the file ends."""
-
-
-class Schema(NamedTuple):
-    """The definition of a message type."""
-
-    name: str
-    encoding: str
-    data: bytes
-
-    @property
-    def definition(self) -> Definition:
-        """The text; bytes that are not UTF-8 are replaced."""
-        return Definition(self.encoding, self.data.decode("utf-8", "replace"))
-
-
-class Channel(NamedTuple):
-    """A channel: the messages of one publisher or topic."""
-
-    schema_id: int
-    topic: str
-    message_encoding: str
-    metadata: dict[str, str]
-
-
-class Statistics(NamedTuple):
-    """The contents of the file, according to the file itself."""
-
-    messages: int
-    chunks: int
-    by_channel: dict[int, int]  # empty if the writer did not count them
 
 
 def read(stream: BinaryIO, position: int, count: int) -> bytes:
@@ -121,11 +109,12 @@ def sound_record(stream: BinaryIO, position: int, size: int) -> tuple[int, int]:
         message_head(stream.read(MESSAGE_HEAD.size), 0, length)
         check_held("a message", length)
     elif code == ATTACHMENT:
-        _attachment(stream, length)
+        _check_attachment(stream, length)
     elif code < FIRST_PRIVATE:
         if length > RECORD_LIMIT:
             raise Unsound(f"a record is longer than {RECORD_LIMIT} bytes")
-        _CHECKS[code](stream.read(length))
+        content = stream.read(length)
+        index_of(content) if code == MESSAGE_INDEX else parsed(code, content)
     return code, length
 
 
@@ -166,6 +155,10 @@ class ChunkHead(NamedTuple):
     size: int  # after decompression
     length: int  # of the whole record in the file
 
+    @classmethod
+    def of_index(cls, index: ChunkIndex) -> "ChunkHead":
+        return cls(index.message_start_time, index.message_end_time, index.uncompressed_size, index.chunk_length)
+
 
 def chunk_content(stream: BinaryIO, position: int, end: int) -> tuple[ChunkHead, bytes, bool]:
     """Head of a chunk, its records, decompressed, and whether it has a checksum, which is then right.
@@ -202,89 +195,43 @@ def chunk_content(stream: BinaryIO, position: int, end: int) -> tuple[ChunkHead,
     return ChunkHead(start_ns, end_ns, size, end - position), raw, bool(expected)
 
 
-class _Fields:
-    """Reads the content of a record; raises Unsound if it ends too early."""
+def parsed(code: int, content: bytes) -> McapRecord:
+    """A record that is no chunk, message, message index or attachment.
 
-    def __init__(self, content: bytes) -> None:
-        self._content = content
-        self._position = 0
-
-    def number(self, size: int) -> int:
-        return int.from_bytes(self.raw(size), "little")
-
-    def raw(self, size: int) -> bytes:
-        begin, self._position = self._position, self._position + size
-        if self._position > len(self._content):
-            raise Unsound("a record is shorter than what it holds")
-        return self._content[begin : self._position]
-
-    def sized(self) -> bytes:
-        return self.raw(self.number(4))
-
-    def text(self) -> str:
-        try:
-            text = self.sized().decode()
-        except UnicodeDecodeError as error:
-            raise Unsound("a text in a record is not UTF-8") from error
-        if "\0" in text:  # as in a sector that was never written
-            raise Unsound("a text in a record holds zeros")
-        return text
-
-    def texts(self) -> dict[str, str]:
-        inner = _Fields(self.sized())
-        found = {}
-        while not inner.ended:
-            key = inner.text()
-            found[key] = inner.text()
-        return found
-
-    @property
-    def ended(self) -> bool:
-        return self._position == len(self._content)
-
-    def finish(self) -> None:
-        if not self.ended:
-            raise Unsound("a record is longer than what it holds")
-
-
-def header_of(content: bytes) -> tuple[str, str]:
-    """Profile and library."""
-    fields = _Fields(content)
-    found = fields.text(), fields.text()
-    fields.finish()
-    return found
-
-
-def schema_of(content: bytes) -> tuple[int, Schema]:
-    fields = _Fields(content)
-    number, schema = fields.number(2), Schema(fields.text(), fields.text(), fields.sized())
-    fields.finish()
-    if number == 0:
+    Raises:
+        Unsound: writing what was read does not give the same bytes again; or a text holds zeros, as a sector does that was
+            never written.
+    """
+    again = RecordBuilder()
+    try:
+        record = _READERS[code](ReadDataStream(io.BytesIO(content)))
+        record.write(again)
+    except (McapError, struct.error, UnicodeError) as error:
+        raise Unsound("a record is not what its length says") from error
+    if again.end()[RECORD_HEAD.size :] != content:
+        raise Unsound("a record is not what its length says")
+    texts = [value for value in vars(record).values() if isinstance(value, str)]
+    for mapping in (value for value in vars(record).values() if isinstance(value, dict)):
+        texts += [text for item in mapping.items() for text in item if isinstance(text, str)]
+    if any("\0" in text for text in texts):
+        raise Unsound("a text in a record holds zeros")
+    if isinstance(record, Schema) and record.id == 0:
         raise Unsound("a schema has the number 0")
-    return number, schema
+    return record
 
 
-def channel_of(content: bytes) -> tuple[int, Channel]:
-    fields = _Fields(content)
-    number, schema_id = fields.number(2), fields.number(2)
-    channel = Channel(schema_id, fields.text(), fields.text(), fields.texts())
-    fields.finish()
-    return number, channel
-
-
-def metadata_of(content: bytes) -> tuple[str, dict[str, str]]:
-    fields = _Fields(content)
-    name, texts = fields.text(), fields.texts()
-    fields.finish()
-    return name, texts
+def definition_of(schema: Schema) -> Definition:
+    """The text of a schema; bytes that are not UTF-8 are replaced."""
+    return Definition(schema.encoding, schema.data.decode("utf-8", "replace"))
 
 
 def index_of(content: bytes) -> "tuple[int, array[int]]":
     """The channel of a message index; log time and place in the chunk of each of its messages, in turn."""
-    fields = _Fields(content)
-    channel_id, entries = fields.number(2), fields.sized()
-    fields.finish()
-    if len(entries) % _INDEX_ENTRY.size:
+    entries = content[_INDEX_HEAD.size :]
+    if len(content) < _INDEX_HEAD.size or len(entries) % _INDEX_ENTRY.size:
+        raise Unsound("a message index is not what its length says")
+    channel_id, size = _INDEX_HEAD.unpack_from(content)
+    if size != len(entries):
         raise Unsound("a message index is not what its length says")
     found = array("Q", entries)
     if sys.byteorder == "big":
@@ -292,73 +239,29 @@ def index_of(content: bytes) -> "tuple[int, array[int]]":
     return channel_id, found
 
 
-def chunk_index_of(content: bytes) -> ChunkHead:
-    """What the index of the file says of a chunk."""
-    fields = _Fields(content)
-    start_ns, end_ns = fields.number(8), fields.number(8)
-    fields.raw(8)
-    length = fields.number(8)
-    fields.sized()
-    fields.raw(8)
-    fields.sized()
-    fields.raw(8)
-    found = ChunkHead(start_ns, end_ns, fields.number(8), length)
-    fields.finish()
-    return found
-
-
-def statistics_of(content: bytes) -> Statistics:
-    fields = _Fields(content)
-    messages = fields.number(8)
-    fields.raw(2 + 4 + 4 + 4)
-    chunks = fields.number(4)
-    fields.raw(8 + 8)
-    inner = _Fields(fields.sized())
-    fields.finish()
-    by_channel = {}
-    while not inner.ended:
-        channel_id = inner.number(2)
-        by_channel[channel_id] = inner.number(8)
-    return Statistics(messages, chunks, by_channel)
-
-
-def _attachment(stream: BinaryIO, length: int) -> None:
-    head = stream.read(min(length, 16 + RECORD_LIMIT))
-    fields = _Fields(head)
-    fields.raw(16)
-    fields.sized()
-    fields.sized()
-    size = fields.number(8)
-    if fields._position + size + 4 != length:
+def _check_attachment(stream: BinaryIO, length: int) -> None:
+    fields = ReadDataStream(io.BytesIO(stream.read(min(length, 16 + RECORD_LIMIT))))
+    try:
+        fields.read(16)
+        fields.read_prefixed_string()
+        fields.read_prefixed_string()
+        size = fields.read8()
+    except (McapError, struct.error, UnicodeError) as error:
+        raise Unsound("an attachment is not what its length says") from error
+    if fields.count + size + 4 != length:
         raise Unsound("an attachment is not what its length says")
 
 
-def _parts(*sizes: int | None) -> Callable[[bytes], None]:
-    """A check that a record consists of numbers of these sizes; None stands for a part with its own size."""
-
-    def check(content: bytes) -> None:
-        fields = _Fields(content)
-        for size in sizes:
-            if size is None:
-                fields.sized()
-            else:
-                fields.raw(size)
-        fields.finish()
-
-    return check
-
-
-_CHECKS: dict[int, Callable[[bytes], object]] = {
-    HEADER: header_of,
-    FOOTER: _parts(8, 8, 4),
-    SCHEMA: schema_of,
-    CHANNEL: channel_of,
-    MESSAGE_INDEX: _parts(2, None),
-    CHUNK_INDEX: chunk_index_of,
-    ATTACHMENT_INDEX: _parts(8, 8, 8, 8, 8, None, None),
-    STATISTICS: statistics_of,
-    METADATA: metadata_of,
-    METADATA_INDEX: _parts(8, 8, None),
-    SUMMARY_OFFSET: _parts(1, 8, 8),
-    DATA_END: _parts(4),
+_READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    HEADER: Header.read,
+    FOOTER: Footer.read,
+    SCHEMA: Schema.read,
+    CHANNEL: Channel.read,
+    CHUNK_INDEX: ChunkIndex.read,
+    ATTACHMENT_INDEX: AttachmentIndex.read,
+    STATISTICS: Statistics.read,
+    METADATA: Metadata.read,
+    METADATA_INDEX: MetadataIndex.read,
+    SUMMARY_OFFSET: SummaryOffset.read,
+    DATA_END: DataEnd.read,
 }

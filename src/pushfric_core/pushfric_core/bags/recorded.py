@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pushfric_core.bags.contents import Standing
+from pushfric_core.bags.parts import PATTERNS
 from pushfric_core.bags.rosbag2_metadata import METADATA
 from pushfric_core.bags.run_record import RunRecord, content
 from pushfric_core.bags.samples import (
@@ -59,7 +60,7 @@ TYPES = {
 }
 """Types of the messages on these topics."""
 
-BAG_FILES = (METADATA, "*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
+BAG_FILES = (METADATA, *PATTERNS)
 """Patterns of files, of which a bag's folder contains at least one."""
 
 
@@ -95,15 +96,9 @@ def bags_in(path: pathlib.Path) -> list[pathlib.Path]:
     return sorted({file.parent for name in BAG_FILES for file in path.glob(f"*/{name}")})
 
 
-def object_beside(path: pathlib.Path) -> pathlib.Path | None:
-    """The object's YAML file in a bag's folder, if there is one."""
-    file = (path if path.is_dir() else path.parent) / OBJECT_FILE
-    return file if path.suffix != ".csv" and file.is_file() else None
-
-
-def prior_beside(path: pathlib.Path) -> pathlib.Path | None:
-    """The model in a bag's folder that the recorded run went on from, if there is one."""
-    file = (path if path.is_dir() else path.parent) / PRIOR_FILE
+def beside(path: pathlib.Path, name: str) -> pathlib.Path | None:
+    """The file of this name in a bag's folder, such as OBJECT_FILE or PRIOR_FILE, if there is one."""
+    file = (path if path.is_dir() else path.parent) / name
     return file if path.suffix != ".csv" and file.is_file() else None
 
 
@@ -194,7 +189,7 @@ class Recorded:
         Raises:
             InvalidInput: the bag, or a file next to it, cannot be read.
         """
-        ledger, file, settings = Ledger(), object_beside(self.path), self.settings
+        ledger, file, settings = Ledger(), beside(self.path, OBJECT_FILE), self.settings
         try:
             source = self.source(settings.with_forces)
         except InvalidInput:
@@ -204,7 +199,7 @@ class Recorded:
         outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
         record = RunRecord(self._bag, source.namespace)
         made = _account(self._bag, source, outline, settings, ledger, record, lambda _: None)
-        before = prior_beside(self.path)
+        before = beside(self.path, PRIOR_FILE)
         earlier = [] if model is None or before is None else prior(before, model)
         record.close(ledger, None if model is None else made, settings, len(earlier))
         return ledger
@@ -220,7 +215,7 @@ class Recorded:
         for note in bag.notes:
             warn(note)
         source = self._source(bag, settings.with_forces)
-        earlier = [] if (file := prior_beside(path)) is None else prior(file, model)
+        earlier = [] if (file := beside(path, PRIOR_FILE)) is None else prior(file, model)
         record = RunRecord(bag, source.namespace)
         found = _account(bag, source, model.outline, settings, ledger, record, warn)
         if not found:
@@ -348,7 +343,7 @@ def _enter_unread(bag: "Bag", source: ObservationSource, ledger: Ledger) -> None
 
 def _is_recorded(path: pathlib.Path, model: ObjectModel) -> bool:
     """Whether a model has the outline of the object that was recorded, as far as the bag's folder says."""
-    file = object_beside(path)
+    file = beside(path, OBJECT_FILE)
     if file is None:
         return True
     recorded = load_object(str(file)).outline.vertices

@@ -9,6 +9,7 @@ from pushfric_core.bags.bag import Bag, each
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BEFORE, Standing, Topic
 from pushfric_core.bags.mcap_file import UNCONFIRMED
+from pushfric_core.bags.recorded import beside
 from pushfric_core.bags.rosbag2_metadata import METADATA
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE
@@ -34,8 +35,7 @@ def recover(path: PathLike, out: PathLike, unconfirmed: bool = True) -> Bag:
         unread.append(f"{METADATA} could not be used: {error}")
     with BagWriter(out) as writer:
         for name in (OBJECT_FILE, PRIOR_FILE):
-            kept = (damaged.path if damaged.path.is_dir() else damaged.path.parent) / name
-            if kept.is_file():
+            if (kept := beside(damaged.path, name)) is not None:
                 with writer.writing():
                     shutil.copyfile(kept, pathlib.Path(out) / name)
         topics = {(topic.name, topic.type_name): topic for topic in damaged.summary.topics}

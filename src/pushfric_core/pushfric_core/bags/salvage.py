@@ -19,17 +19,16 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Set
 from typing import NamedTuple
 
+from mcap.records import Channel, Schema
+
 from pushfric_core.bags.mcap_records import (
     CHANNEL,
     MESSAGE,
     MESSAGE_HEAD,
     RECORD_HEAD,
     SCHEMA,
-    Channel,
-    Schema,
     Unsound,
-    channel_of,
-    schema_of,
+    parsed,
 )
 
 LARGEST = 2**26
@@ -110,11 +109,11 @@ def intact(region: DamagedPart, known: Set[int]) -> Intact:
         position = record.end
     for record in whole:
         if record.code == SCHEMA:
-            number, schema = schema_of(_content(region, record))
-            found.schemas.setdefault(number, schema)
+            schema = parsed(SCHEMA, _content(region, record))
+            found.schemas.setdefault(schema.id, schema)
         elif record.code == CHANNEL:
-            number, channel = channel_of(_content(region, record))
-            found.channels.setdefault(number, channel)
+            channel = parsed(CHANNEL, _content(region, record))
+            found.channels.setdefault(channel.id, channel)
     size = BLOCK if broken else SECTOR
     shown = _shown(region, heads, size)
     safe = [all(block in shown for block in _blocks(region, one, size)) for one in whole]
@@ -145,11 +144,10 @@ def _record(region: DamagedPart, position: int, channels: set[int]) -> _Record |
     definition = _Record(position, begin + length, code, 0, 0)
     try:
         if code == SCHEMA:
-            text = schema_of(_content(region, definition))[1].data.decode()
+            text = parsed(SCHEMA, _content(region, definition)).data.decode()
             return None if "\0" in text else definition
         if code == CHANNEL:
-            number, _ = channel_of(_content(region, definition))
-            channels.add(number)
+            channels.add(parsed(CHANNEL, _content(region, definition)).id)
             return definition
     except (Unsound, UnicodeDecodeError):
         return None

@@ -12,7 +12,7 @@ from pushfric_core.bags.contents import Standing
 from pushfric_core.bags.recorded import Recorded, cells
 from pushfric_core.bags.recovery import recover as recovered
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.console import console, say, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.errors import InvalidInput
 from pushfric_core.report.condition import condition
@@ -43,14 +43,13 @@ def recover(
     _print(bag, console)
     unconfirmed = bag.doubtful
     saved = bag.standings[Standing.SOUND].total() + (0 if only_confirmed else unconfirmed.total())
-    console.print(f"{out}: {counted(saved, 'message')} saved", markup=False)
+    say(f"{out}: {counted(saved, 'message')} saved")
     if unconfirmed and only_confirmed:
-        console.print(f"{out}: {counted(unconfirmed.total(), 'message')} left out: {each(unconfirmed)}", markup=False)
+        say(f"{out}: {counted(unconfirmed.total(), 'message')} left out: {each(unconfirmed)}")
     elif unconfirmed:
-        console.print(
+        say(
             f"{out}: nothing confirms {unconfirmed.total()} of them: {each(unconfirmed)}; --partial reads them,"
             " --only-confirmed leaves them out here",
-            markup=False,
         )
     doubts = _doubts(Bag(out))
     _warn_of(out, doubts)
@@ -101,7 +100,7 @@ def _warn_of(bag: pathlib.Path, doubts: list[str]) -> None:
 
 def _print(bag: Bag, output: Console) -> None:
     for note in bag.notes:
-        console.print(note, markup=False)
+        say(note)
     if bag.damage is None:
         messages = counted(bag.summary.message_count, "message")
         output.print(f"{bag.path}: whole, {messages} of {counted(len(bag.summary.topics), 'topic')}", markup=False)

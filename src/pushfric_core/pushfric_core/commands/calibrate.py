@@ -9,7 +9,7 @@ import typer
 from pushfric_core.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
-from pushfric_core.commands.console import console
+from pushfric_core.commands.console import say
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.errors import InvalidInput
@@ -50,7 +50,7 @@ def board(
     from pushfric_core.vision.printed_pdf import save_board  # imported late: the other commands need no matplotlib
 
     save_board(_board(columns, rows, square), out)
-    console.print(f"{out}: {PRINT_IT}", markup=False)
+    say(f"{out}: {PRINT_IT}")
 
 
 @app.command()
@@ -63,7 +63,7 @@ def markers(
     from pushfric_core.vision.printed_pdf import save_markers
 
     save_markers(load_fiducials(file), load_object(object_name).outline, out)
-    console.print(f"{out}: {PRINT_IT}", markup=False)
+    say(f"{out}: {PRINT_IT}")
 
 
 @app.command()
@@ -77,12 +77,11 @@ def lens(
 ) -> None:
     """Calibrate the lens from views of the board: near and far, tilted, in all parts of the image."""
     with telling_what_is_left(lambda: f"nothing was written to {out}"):
-        found = lens_from_frames(frames_from(source, namespace), _board(columns, rows, square), _say)
+        found = lens_from_frames(frames_from(source, namespace), _board(columns, rows, square), say)
     save_camera(found.lens, out)
-    console.print(
+    say(
         f"{out}: reprojection error {found.rms_px:.3f} px, worst view {found.view_rms_px.max():.3f} px of"
         f" {counted(len(found.view_rms_px), 'view')}; focal length to {100 * found.focal_error:.2g} %",
-        markup=False,
     )
 
 
@@ -142,7 +141,7 @@ def table(
 
             clicked = ClickedPoints(known, camera, places)
             frames = frames_from(source, namespace, (known.width, known.height))
-            work_in_a_browser("points.html", clicked, frames, shown, _say)
+            work_in_a_browser("points.html", clicked, frames, shown, say)
             assert clicked.found is not None
             found = clicked.found
         elif source.endswith(".csv"):
@@ -150,17 +149,15 @@ def table(
             save_camera(found.camera, camera)
         else:
             frames = frames_from(source, namespace, (known.width, known.height))
-            found = table_from_frames(frames, _board(columns, rows, square), known, _say)
+            found = table_from_frames(frames, _board(columns, rows, square), known, say)
             save_camera(found.camera, camera)
-    console.print(
+    say(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",
-        markup=False,
     )
-    console.print(
+    say(
         f"a place anywhere in the image is off by {1e3 * np.median(found.map.errors):.3f} mm (1 sigma, median),"
         f" {1e3 * found.map.errors.max():.3f} mm at worst",
-        markup=False,
     )
     if figure is not None:
         table_error_figure(figure, found.map.places, found.map.errors)
@@ -171,7 +168,3 @@ def _board(columns: int, rows: int, square: float) -> Board:
         return Board(columns, rows, square)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
-
-
-def _say(line: str) -> None:
-    console.print(line, markup=False)

@@ -1,4 +1,4 @@
-"""The lines that every command prints on stderr: warnings, and the one line of a failure."""
+"""The lines that every command prints on stderr: what it does, warnings, and the one line of a failure."""
 
 import sys
 from typing import NoReturn
@@ -8,12 +8,17 @@ from rich.console import Console
 console = Console(stderr=True, soft_wrap=True)
 
 
+def say(line: str) -> None:
+    """Print a line as it is."""
+    console.print(line, highlight=False, markup=False)
+
+
 def warn(line: str) -> None:
     """Print a warning and go on."""
-    console.print(f"warning: {line}", highlight=False, markup=False)
+    say(f"warning: {line}")
 
 
 def fail(line: str, code: int) -> NoReturn:
     """Print why the command failed, and end with this exit code."""
-    console.print(f"error: {line}", highlight=False, markup=False)
+    say(f"error: {line}")
     sys.exit(code)

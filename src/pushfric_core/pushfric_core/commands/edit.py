@@ -8,7 +8,7 @@ import typer
 from pushfric_core.cell.node_settings import NAMESPACE, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import NamespaceOption
-from pushfric_core.commands.console import console
+from pushfric_core.commands.console import say
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.options import in_range
@@ -60,13 +60,10 @@ def edit(
     drawn = DrawnObject(file, known, width)
     source = frames_from(picture, namespace, None if known is None else (known.width, known.height)) if picture else None
 
-    def announce(line: str) -> None:
-        console.print(line, markup=False)
-
     with telling_what_is_left(lambda: f"nothing was written to {file}"):
-        work_in_a_browser("drawing.html", drawn, source, ViewConfig(port=port), announce)
+        work_in_a_browser("drawing.html", drawn, source, ViewConfig(port=port), say)
     assert drawn.model is not None
     length, wide = 1e3 * drawn.model.outline.size
     corners = counted(len(drawn.model.outline.vertices), "corner")
     supports = counted(len(drawn.model.support_points), "support point")
-    console.print(f"wrote {file}: {length:.1f} x {wide:.1f} mm, {corners}, {supports}", markup=False, highlight=False)
+    say(f"wrote {file}: {length:.1f} x {wide:.1f} mm, {corners}, {supports}")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.console import console, say, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, LedgerOption, write_json
 from pushfric_core.commands.options import (
     CellOption,
@@ -170,7 +170,7 @@ def _many(
     if json != STDOUT:
         console.print(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in number.items()), highlight=False)
         for file in files:
-            console.print(f"wrote {file}", markup=False, highlight=False)
+            say(f"wrote {file}")
     return number["usable"] == number["inputs"]
 
 

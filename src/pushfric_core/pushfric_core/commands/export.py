@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console
+from pushfric_core.commands.console import say
 from pushfric_core.commands.options import CellOption, ObjectOption
 from pushfric_core.commands.planning import ModelArgument, known
 from pushfric_core.errors import InvalidInput
@@ -61,4 +61,4 @@ def export(
             raise InvalidInput(f"{model}: cannot be exported: {error}") from error
         for written, text in files.items():
             write_whole(out / written, text)
-            console.print(f"wrote {out / written}", markup=False, highlight=False)
+            say(f"wrote {out / written}")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console
+from pushfric_core.commands.console import say
 from pushfric_core.datasets import cpush, mitpush, stablepush, zhou2015
 from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
@@ -51,4 +51,4 @@ def import_(
     else:
         imported = IMPORTERS[dataset](sources[0], out)
     for written in imported:
-        console.print(f"{written.path}: {counted(written.observations, 'observation')} of {written.object}", markup=False)
+        say(f"{written.path}: {counted(written.observations, 'observation')} of {written.object}")

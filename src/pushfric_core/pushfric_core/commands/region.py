@@ -9,7 +9,7 @@ import typer
 
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import answer
@@ -75,7 +75,7 @@ def region(
     answer(figures, json, _lines(figures))
     if plan is not None:
         area = f"{planned[-1].expected_area * 1e4:.3g} cm^2"
-        console.print(f"plan: {plan}, {counted(len(planned), 'push', 'pushes')}; expected to leave {area}", markup=False)
+        say(f"plan: {plan}, {counted(len(planned), 'push', 'pushes')}; expected to leave {area}")
 
 
 def _lines(figures: dict[str, Any]) -> Iterator[str]:

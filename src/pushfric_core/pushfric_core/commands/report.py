@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, warn
-from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.commands.console import say, warn
+from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.offline.estimation import Choices, estimate_from
 
@@ -17,7 +17,7 @@ app = Application()
 
 @app.command()
 def report(
-    source: Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)],
+    source: Input,
     html: Annotated[pathlib.Path, typer.Option(help="File to write: a page that needs no other file.", show_default=False)],
     object_name: ObjectOption = "",
     partial: PartialFlag = False,
@@ -28,6 +28,6 @@ def report(
 
     estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
     write_whole(html, run_page(estimation, html, namespace))
-    console.print(f"wrote {html}", markup=False, highlight=False)
+    say(f"wrote {html}")
     if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)

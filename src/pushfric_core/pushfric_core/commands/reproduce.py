@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console
+from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.paper import reproduce as paper
 
@@ -22,4 +22,4 @@ def reproduce(
     dask: DaskOption = None,
 ) -> None:
     _, written = paper.reproduce(out, seeds, jobs, dask, console)
-    console.print(f"report: {written}", markup=False)
+    say(f"report: {written}")

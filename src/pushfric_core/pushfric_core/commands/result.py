@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from pushfric_core.commands.console import console
+from pushfric_core.commands.console import console, say
 from pushfric_core.commands.json_option import STDOUT, write_json
 from pushfric_core.estimation.estimate_report import center_line, contact_friction_line, posterior_line
 from pushfric_core.report.ledger import events, table
@@ -60,4 +60,4 @@ def print_ledger(ledger: Ledger) -> None:
     """Print what became of every message, and the events, on stderr."""
     console.print(table(ledger))
     for line in events(ledger):
-        console.print(line, highlight=False, markup=False)
+        say(line)

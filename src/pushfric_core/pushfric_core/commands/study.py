@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console
+from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.paper import study as paper
 
@@ -24,4 +24,4 @@ def study(
     dask: DaskOption = None,
 ) -> None:
     paper.study(out, seeds, pushes, jobs, dask, console)
-    console.print(f"report: {out / 'study.md'}", markup=False)
+    say(f"report: {out / 'study.md'}")

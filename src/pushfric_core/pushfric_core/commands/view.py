@@ -1,7 +1,6 @@
 """The command `view`."""
 
 import http
-import pathlib
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -10,8 +9,8 @@ import typer
 
 from pushfric_core.cell.node_settings import VIEW_PORT, is_loopback
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, warn
-from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.commands.console import say, warn
+from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
 from pushfric_core.errors import InvalidInput
 from pushfric_core.offline.estimation import Choices, estimate_from
 
@@ -20,7 +19,7 @@ app = Application()
 
 @app.command()
 def view(
-    source: Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)],
+    source: Input,
     port: Annotated[int, typer.Option(help="Port on this machine.", min=0, max=65535)] = VIEW_PORT,
     object_name: ObjectOption = "",
     partial: PartialFlag = False,
@@ -51,5 +50,5 @@ def view(
     except OSError as error:
         raise InvalidInput(f"--port {port}: {error.strerror}; choose another, or 0 for any") from error
     with server:
-        console.print(f"view: http://127.0.0.1:{server.server_port}/ (Ctrl-C ends it)", markup=False, highlight=False)
+        say(f"view: http://127.0.0.1:{server.server_port}/ (Ctrl-C ends it)")
         server.serve_forever()

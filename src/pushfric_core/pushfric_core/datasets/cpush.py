@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from pushfric_core.datasets.imported import Imported, new_folder
+from pushfric_core.datasets.imported import Imported
 from pushfric_core.datasets.strokes import STROKES, Stroke, nearest_edges, save_set, spacing_of
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.file_errors import shortened
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
+from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.wording import counted
@@ -55,7 +56,7 @@ def import_runs(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Impo
     strokes = [stroke._replace(run=run) for run, path in enumerate(sources) for stroke in read_run(path)]
     if not strokes:
         raise InvalidInput(f"{sources[0]}: the tip goes less than {1e3 * LENGTH:g} mm")
-    new_folder(out)
+    make_folder(out, new=True)
     file = ObjectFile(name=BLOCK, outline=outline.vertices.tolist(), support=SupportFile(spacing=spacing_of(outline)))
     save_object(make_object(file, BLOCK), out / f"{BLOCK}.yaml")
     radius = tip_radius(strokes, outline)

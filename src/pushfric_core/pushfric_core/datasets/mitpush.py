@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from pushfric_core.datasets.imported import Imported, new_folder
+from pushfric_core.datasets.imported import Imported
 from pushfric_core.datasets.strokes import STROKES, Stroke, save_set, save_strokes, spacing_of
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.file_errors import reading, shortened, text_of
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
 from pushfric_core.files.observation_file import save_observations
+from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, Twist, cross, log
 from pushfric_core.trajectories.observation import Observation
@@ -84,7 +85,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
             f"{source}: no {FOLDER}/wrench1twist1_20percenttraining*.mat; expected a clone of PlanarManipulationToolBox"
         )
     outlines = {shape: outline_of(shape, source) for _, shape in sets}
-    new_folder(out)
+    make_folder(out, new=True)
     written = []
     for surface, shape in sets:
         outline, name = outlines[shape], f"{surface}_{shape}"

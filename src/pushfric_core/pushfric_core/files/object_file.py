@@ -16,6 +16,7 @@ from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.bounded_yaml import TEXT_LIMIT, load_yaml
 from pushfric_core.files.csv_table import read_table
 from pushfric_core.files.file_errors import reading, shortened, text_of
+from pushfric_core.files.whole_file import write_whole
 from pushfric_core.files.yaml_edit import Value, with_values
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
@@ -236,10 +237,7 @@ def save_object(model: ObjectModel, path: pathlib.Path) -> None:
         InvalidInput: the file cannot be written.
     """
     content = model.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-    try:
-        path.write_text(yaml.safe_dump(content, sort_keys=False))
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
+    write_whole(path, yaml.safe_dump(content, sort_keys=False))
 
 
 def edited_object(target: pathlib.Path, known: ObjectModel | None, values: Mapping[str, Value]) -> tuple[str, ObjectModel]:

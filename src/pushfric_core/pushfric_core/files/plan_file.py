@@ -10,6 +10,7 @@ import yaml
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement, slipping_pushes
 from pushfric_core.files.object_file import Length, ObjectModel, Strict, read_yaml
+from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.table_1 import TABLE_1
@@ -72,7 +73,4 @@ def save_plan(pushes: Iterable[PlannedPush], path: pathlib.Path) -> None:
         InvalidInput: the file cannot be written.
     """
     entries = [{"edge": push.edge, "offset": push.offset, "angle_deg": math.degrees(push.angle)} for push in pushes]
-    try:
-        path.write_text(yaml.safe_dump({"pushes": entries}, sort_keys=False))
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
+    write_whole(path, yaml.safe_dump({"pushes": entries}, sort_keys=False))

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, however the program ends."""
+"""Folders for files, and files that are written whole or not at all, however the program ends."""
 
 import os
 import pathlib
@@ -22,3 +22,18 @@ def write_whole(path: pathlib.Path, content: str | bytes) -> None:
             raise
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def make_folder(path: pathlib.Path, new: bool = False) -> None:
+    """Make a folder, and those around it.
+
+    Args:
+        path: of the folder.
+        new: it must not exist yet.
+    Raises:
+        InvalidInput: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=not new)
+    except OSError as error:
+        raise InvalidInput(f"{path}: the folder cannot be created: {error.strerror}") from error

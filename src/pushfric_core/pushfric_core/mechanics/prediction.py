@@ -72,12 +72,7 @@ class FrictionModel:
     def __post_init__(self) -> None:
         points = check_points(self.support_points)
         w, mu_c = frozen(self.w), frozen(self.mu_c)
-        if w.ndim != 2 or w.shape[1] != len(points) or not len(w) or mu_c.shape != (len(w),):
-            raise ValueError(f"w must have shape (s, {len(points)}) and mu_c (s,), s >= 1, got {w.shape} and {mu_c.shape}")
-        if not (w >= 0).all() or not (np.abs(w.sum(axis=1) - 1) < SUM).all():
-            raise ValueError("w must be nonnegative, and the sum of each sample 1")
-        if not ((mu_c >= 0) & np.isfinite(mu_c)).all():
-            raise ValueError(f"mu_c must be at least 0 and finite, got {mu_c.min():g} to {mu_c.max():g}")
+        quasi_static.check_samples(points, w, mu_c)
         share = frozen(self.share)
         if share.shape != (len(w),) or not (share >= 0).all() or not abs(share.sum() - 1) < SUM:
             raise ValueError(f"share must have shape ({len(w)},), nonnegative with sum 1, got {share.tolist()}")

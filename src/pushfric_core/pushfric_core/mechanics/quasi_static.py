@@ -188,16 +188,24 @@ def holding_margins(
 def _samples(support_points: npt.ArrayLike, weights: npt.ArrayLike, mu_c: npt.ArrayLike) -> tuple[Array, Array, Array]:
     """Support points that bear weight in any sample (n, 2), weights (s, n), mu_c (s,)."""
     points, weights, mu_c = check_points(support_points), as_array(weights), as_array(mu_c)
-    if weights.ndim != 2 or weights.shape[1] != len(points) or mu_c.shape != weights.shape[:1] or not len(mu_c):
-        raise ValueError(
-            f"weights must have shape (s, {len(points)}) and mu_c (s,), s >= 1, got {weights.shape} and {mu_c.shape}"
-        )
-    if not (weights >= 0).all() or not (np.abs(weights.sum(axis=1) - 1) < SUM).all():
-        raise ValueError("weights must be nonnegative, and the sum of each row 1")
-    if not ((mu_c >= 0) & np.isfinite(mu_c)).all():
-        raise ValueError(f"mu_c must be at least 0 and finite, got {mu_c.min():g} to {mu_c.max():g}")
+    check_samples(points, weights, mu_c)
     bearing = (weights > 0).any(axis=0)
     return points[bearing], as_array(weights[:, bearing]), mu_c
+
+
+def check_samples(points: Array, w: Array, mu_c: Array) -> None:
+    """Refuse samples of w and mu_c that make no sense over points (n, 2).
+
+    Raises:
+        ValueError: shapes other than (s, n) and (s,), w that are negative or whose sum is not 1, or mu_c that are negative or
+            not finite.
+    """
+    if w.ndim != 2 or w.shape[1] != len(points) or not len(w) or mu_c.shape != (len(w),):
+        raise ValueError(f"w must have shape (s, {len(points)}) and mu_c (s,), s >= 1, got {w.shape} and {mu_c.shape}")
+    if not (w >= 0).all() or not (np.abs(w.sum(axis=1) - 1) < SUM).all():
+        raise ValueError("w must be nonnegative, and the sum of each sample 1")
+    if not ((mu_c >= 0) & np.isfinite(mu_c)).all():
+        raise ValueError(f"mu_c must be at least 0 and finite, got {mu_c.min():g} to {mu_c.max():g}")
 
 
 def _rows(samples: int, *arrays: npt.ArrayLike) -> list[Array]:

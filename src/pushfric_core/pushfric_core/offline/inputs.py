@@ -7,11 +7,19 @@ from collections.abc import Iterable
 
 import pydantic
 
-from pushfric_core.bags.recorded import Recorded, check_source, object_beside
+from pushfric_core.bags.recorded import Recorded, beside, check_source
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.object_file import ObjectModel, SupportFile, complaint, load_object, make_object, read_points
+from pushfric_core.files.object_file import (
+    OBJECT_FILE,
+    ObjectModel,
+    SupportFile,
+    complaint,
+    load_object,
+    make_object,
+    read_points,
+)
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
@@ -28,7 +36,7 @@ def object_of(path: pathlib.Path, name: str, option: str = "--object OBJ.yaml") 
         InvalidInput: there is no such object, or its file does not describe an object.
     """
     check_source(path)
-    next_to_bag = object_beside(path)
+    next_to_bag = beside(path, OBJECT_FILE)
     if not name and next_to_bag is None:
         raise InvalidInput(f"{path} does not name the pushed object; give {option} or one of {', '.join(TABLE_1)}")
     where = name or str(next_to_bag)

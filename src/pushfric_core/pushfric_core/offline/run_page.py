@@ -27,10 +27,10 @@ from pushfric_core.files.model_file import as_yaml
 from pushfric_core.mechanics.prediction import friction_model, prediction_errors
 from pushfric_core.offline.estimation import Estimation
 from pushfric_core.report.figures import summary_figure
+from pushfric_core.report.ledger import rows as ledger_rows
 from pushfric_core.report.page import Cell, Section, Table, number, page
 from pushfric_core.report.report import to_json
 from pushfric_core.report.story import RUN_PAGE, Change, Story, with_histogram
-from pushfric_core.trajectories.ledger import REASONS
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.wording import counted
@@ -208,14 +208,9 @@ def _predictions(estimation: Estimation, data: Sequence[Observation]) -> Section
 
 
 def _ledger(estimation: Estimation) -> Table:
-    sums = estimation.ledger.sums()
-    rows = [
-        [Cell(reason), *(Cell(str(account.get(reason, ""))) for account in sums.values())]
-        for reason in ("received", *REASONS)
-        if any(reason in account for account in sums.values())
-    ]
+    rows = [list(map(Cell, row)) for row in ledger_rows(estimation.ledger)]
     rows += [[Cell(f"✗ {doubt}")] for doubt in estimation.ledger.doubts]
-    return Table(("", *sums), rows)
+    return Table(("", *estimation.ledger.sums()), rows)
 
 
 def _settings(settings: EstimatorSettings) -> Table:

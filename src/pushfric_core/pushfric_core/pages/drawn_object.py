@@ -12,10 +12,9 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, Strict, complaint, edited_object, read_yaml
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
-from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.camera import Camera, Image, check_size
 from pushfric_core.vision.contour_tracker import ContourTracker
 from pushfric_core.vision.sighting import NotSeen
-from pushfric_core.vision.table_calibration import check_size
 
 MOST = 200
 """Number of corners, and of support points."""

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from pushfric_core.estimation.picture import ESTIMATE, GREY, INK
+from pushfric_core.estimation import picture
+from pushfric_core.estimation.picture import ESTIMATE, GREY, INK, closed
 from pushfric_core.geometry.planar import Array, Pose, transform
 from pushfric_core.geometry.table_1 import ORIENTATIONS, TABLE_1
 from pushfric_core.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS
@@ -23,14 +24,9 @@ CENTIMETRE = 100.0
 DOT = 900
 """Area of the dot that shows a weight of 1 [points^2]."""
 
-STYLE = {
-    "font.size": 9,
+STYLE = picture.STYLE | {
     "font.family": "sans-serif",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
     "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "legend.frameon": False,
     "svg.fonttype": "path",
     "svg.hashsalt": "pushfric",
 }
@@ -92,7 +88,7 @@ def _new(width: float, height: float) -> Figure:
 
 
 def _outline(axes: Any, corners: Array, **style: Any) -> None:
-    axes.plot(*np.vstack((corners, corners[:1])).T, **({"color": INK, "lw": 1} | style))
+    axes.plot(*closed(corners).T, **({"color": INK, "lw": 1} | style))
 
 
 def _grids(numbers: Experiments, seeds: Sequence[Experiments]) -> Figure:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.offline import workers
 from pushfric_core.paper.claims import claims
 from pushfric_core.paper.experiments import CODE, rods, run_seed
@@ -37,11 +37,8 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
         InvalidInput: the folder cannot be written, an earlier result in it cannot be read, or no cluster answers.
         WorkerDiffers: a worker of the cluster runs other code than this machine.
     """
-    try:
-        for folder in ("seeds", "figures"):
-            (out / folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(f"{out}: the folder cannot be created: {error.strerror}") from error
+    for folder in (out, out / "seeds", out / "figures"):
+        make_folder(folder)
     kept = {seed: found for seed in range(seeds) if (found := _kept(out, seed))}
     results = {seed: found for seed, found in kept.items() if found["code"] == CODE}
     if len(results) < len(kept):

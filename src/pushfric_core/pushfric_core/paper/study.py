@@ -16,11 +16,10 @@ from rich.console import Console
 from rich.progress import track
 
 from pushfric_core.datasets.zhou2015 import CORNERS, GRID, read_push_points
-from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, velocity_at
@@ -108,10 +107,7 @@ def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int,
     Raises:
         InvalidInput: the folder or the CSV cannot be used, or no cluster answers.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(f"{out}: the folder cannot be created: {error.strerror}") from error
+    make_folder(out)
     logs = {} if pushes is None else read_push_points(pushes)
     found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
     found.sort(key=lambda one: int(one["seed"]))

@@ -17,17 +17,7 @@ def condition(bag: Bag) -> dict[str, Any]:
         "missing": {} if damage is None else damage.missing,
         "unconfirmed": {} if damage is None else damage.unconfirmed,
         "standings": standings,
-        "gaps": [
-            {
-                "file": file.name,
-                "begin": gap.begin,
-                "end": gap.end,
-                "reason": gap.reason,
-                "after_ns": gap.after_ns,
-                "before_ns": gap.before_ns,
-            }
-            for file, gap in gaps
-        ],
+        "gaps": [{"file": file.name, **gap._asdict()} for file, gap in gaps],
         "contradictions": [] if damage is None else list(damage.contradictions),
         "notes": list(bag.notes),
     }

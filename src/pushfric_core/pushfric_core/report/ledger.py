@@ -27,10 +27,16 @@ def table(ledger: Ledger) -> "Table":
     shown.add_column("")
     for kind in sums:
         shown.add_column(kind, justify="right")
-    for reason in ("received", *REASONS):
-        if any(reason in account for account in sums.values()):
-            shown.add_row(reason, *(str(account.get(reason, "")) for account in sums.values()))
+    for row in rows(ledger):
+        shown.add_row(*row)
     return shown
+
+
+def rows(ledger: Ledger) -> list[list[str]]:
+    """A line for each reason that occurs: its name, and the number of each kind."""
+    sums = ledger.sums().values()
+    reasons = [reason for reason in ("received", *REASONS) if any(reason in account for account in sums)]
+    return [[reason, *(str(account.get(reason, "")) for account in sums)] for reason in reasons]
 
 
 def events(ledger: Ledger) -> list[str]:

@@ -1,1 +1,1 @@
-"""The simulated cell's camera and its GRBL controller; a Marlin controller for tests."""
+"""The simulated cell's camera and its GRBL controller."""

@@ -8,15 +8,15 @@ from pushfric_core.geometry.planar import Array
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.program.row_table import SPARE, RowTable
 from pushfric_core.solvers.active_set import hard_rows, minimise
-from pushfric_core.solvers.program import Groups, Optimum, certify, check_rows, check_size, finite, fit_error
+from pushfric_core.solvers.program import Groups, Optimum, Program, certify, check_rows, check_size, finite, fit_error
 from pushfric_core.solvers.quadratic import distinct, least_violation
 
 LINEAR = {"eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 2000, "polishing": True, "verbose": False}
 """Tolerance that leaves gaps of some thousandths of F, unless OSQP's polish succeeds; a smaller one is not worth the time."""
 
 
-class OsqpLinearProgram:
-    """Minimises F over the weights of n support points by OSQP, approximately: a `Program`.
+class OsqpLinearProgram(Program):
+    """Minimises F over the weights of n support points by OSQP, approximately.
 
     OSQP gets the dual, in which a new row is a new column. The row fills a column in reserve, so all iterates remain valid.
 
@@ -34,24 +34,14 @@ class OsqpLinearProgram:
         self._conflicts: list[int] = []
 
     def add(self, rows: ConstraintRows) -> None:
-        """Append the rows of one observation; they become group 0, 1, 2... in order of arrival.
-
-        Raises:
-            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
-        """
         check_rows(rows, self._n)
         self._table.append(np.column_stack(rows), self._groups.next)
         self._groups.add()
 
     def remove(self, group: int) -> None:
-        """Take the rows of one observation out again; OSQP starts again.
-
-        Raises:
-            ValueError: there is no such group, or it was removed before.
-        """
         self._groups.remove(group)
         self._table.remove(group)
-        self._dual = None
+        self._dual = None  # OSQP starts again
 
     def solve(self) -> Optimum:
         """The w that OSQP finds, and how far it may be from the optimum; the status is usually UNCERTIFIED.
@@ -74,12 +64,7 @@ class OsqpLinearProgram:
         self._conflicts = []
         return certify(rows, nearest.w, y).optimum
 
-    def nearest_uniform(self) -> Optimum:
-        """The same as `solve`, because an approximate w does not show which other w are as good."""
-        return self.solve()
-
     def conflicts(self) -> list[int]:
-        """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""
         return self._conflicts
 
 

@@ -132,6 +132,7 @@ class Program(Protocol):
 
     def nearest_uniform(self) -> Optimum:
         """As `solve`, but of equally good w the one nearest to equal weights, if this solver can find it."""
+        return self.solve()
 
     def conflicts(self) -> list[int]:
         """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""

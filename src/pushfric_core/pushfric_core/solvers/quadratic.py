@@ -13,6 +13,7 @@ from pushfric_core.solvers.program import (
     RELATIVE_GAP,
     Groups,
     Optimum,
+    Program,
     Status,
     check_rows,
     check_size,
@@ -25,7 +26,7 @@ RENEWED = 1e-3
 """H is summed up again when its trace falls to this fraction of its largest, so that rounding errors stay below 1e-13 of it."""
 
 
-class LeastSquares:
+class LeastSquares(Program):
     """Minimises the sum of squares over the weights of n support points: a `Program`.
 
         F(w) = sum_k above_k * max(a_k . w, 0)^2 + below_k * max(-a_k . w, 0)^2   over   w >= 0, sum w = 1
@@ -60,11 +61,6 @@ class LeastSquares:
         self._conflicts: list[int] = []
 
     def add(self, rows: ConstraintRows) -> None:
-        """Append the rows of one observation; they become group 0, 1, 2... in order of arrival.
-
-        Raises:
-            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN.
-        """
         check_rows(rows, self._n)
         above, below = finite(rows.above), finite(rows.below)
         even = above == below
@@ -77,11 +73,7 @@ class LeastSquares:
         self._groups.add()
 
     def remove(self, group: int) -> None:
-        """Take the rows of one observation out. O(M n^2): H is summed up again, as subtraction would leave rounding errors.
-
-        Raises:
-            ValueError: there is no such group, or it was removed before.
-        """
+        """As of a `Program`. O(M n^2): H is summed up again, as subtraction would leave rounding errors."""
         self._groups.remove(group)
         for table in (self._even, self._uneven, self._equal, self._low):
             table.remove(group)
@@ -104,12 +96,7 @@ class LeastSquares:
                 break
         return optimum
 
-    def nearest_uniform(self) -> Optimum:
-        """The same as `solve`, which returns, of equally good w, one near the last."""
-        return self.solve()
-
     def conflicts(self) -> list[int]:
-        """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""
         return self._conflicts
 
     def _hessian(self, w: Array) -> Array:

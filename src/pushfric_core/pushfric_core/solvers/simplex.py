@@ -26,6 +26,7 @@ from pushfric_core.solvers.program import (
     NOISELESS,
     RELATIVE_GAP,
     Groups,
+    LevelSets,
     Optimum,
     Solution,
     Status,
@@ -98,7 +99,7 @@ class _Shell(NamedTuple):
     gradient: Array  # of F, of the rows that this ball settles and no larger one; changed in place where they are removed
 
 
-class Simplex:
+class Simplex(LevelSets):
     """Minimises F over the weights of n support points, and the scale if there is one, while rows are added and removed.
 
     Args:
@@ -130,11 +131,7 @@ class Simplex:
         self._shells: list[_Shell] = []  # the larger balls, the largest first
 
     def add(self, added: ConstraintRows) -> None:
-        """Append the rows of one observation, if any; they become group 0, 1, 2... in order of arrival.
-
-        Raises:
-            ValueError: shapes that do not fit, coefficients that are not finite, costs that are negative or NaN, huge ones.
-        """
+        """As of a `Program`; huge coefficients and costs are refused, too."""
         a, above, below = map(_plain, added)
         m = len(above)
         if a.shape != (m, self._columns) or above.shape != (m,) or below.shape != (m,):
@@ -160,11 +157,6 @@ class Simplex:
             self._sort()
 
     def remove(self, group: int) -> None:
-        """Take the rows of one observation out again.
-
-        Raises:
-            ValueError: there is no such group, or it was removed before.
-        """
         self._groups.remove(group)
         first, last = np.searchsorted(self._rows.group[: self._count], (group, group + 1))
         if first == last:
@@ -302,7 +294,6 @@ class Simplex:
         return clone
 
     def row_groups(self) -> Indices:
-        """The group of each of the present rows, in order of arrival."""
         rows = self._rows.part(slice(self._count))
         return rows.group[rows.scale > 0]
 

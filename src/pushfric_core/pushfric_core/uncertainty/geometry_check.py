@@ -19,7 +19,7 @@ from pushfric_core.geometry.planar import Array, velocity_at
 from pushfric_core.program.row_table import RowTable
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import Apart
-from pushfric_core.uncertainty.reasons import Reason, ReasonCode
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode, contacts_displaced, line_off_sideways
 from pushfric_core.wording import counted
 
 SMALLEST = 1e-3
@@ -104,61 +104,35 @@ class ContactCheck:
     def _off_across(self) -> GeometryFault | None:
         """Whether the tip is inside the outline, or away from it."""
         fit = _better(self._depth, self._shift)
+        if fit is None:
+            return None
         if fit is self._depth:
             where, size, ahead, late = (
                 ("inside", "large", "less far ahead", "late")
                 if fit.lengths()[0] > 0
                 else ("away from", "small", "further ahead", "early")
             )
-            return GeometryFault(
-                Reason(
-                    ReasonCode.TIP_OFF_ACROSS,
-                    f"the tip seems to be {1e3 * fit.size:.1f} mm {where} the outline while it pushes: "
-                    f"the outline or tip_radius is too {size}, the tip is {ahead} than line_origin says, or images have {late} "
-                    "stamps; measure these again",
-                ),
-                fit.size,
-                False,
+            text = (
+                f"the tip seems to be {1e3 * fit.size:.1f} mm {where} the outline while it pushes: "
+                f"the outline or tip_radius is too {size}, the tip is {ahead} than line_origin says, or images have {late} "
+                "stamps; measure these again"
             )
-        if fit is self._shift:
-            x, y = 1e3 * fit.lengths()
-            return GeometryFault(
-                Reason(
-                    ReasonCode.OUTLINE_SHIFTED,
-                    f"the outline seems to be shifted by ({x:.1f}, {y:.1f}) mm in the object frame, because the tip is inside "
-                    "it on one side and away from it on the other: measure where the outline lies in the frame that is tracked",
-                ),
-                fit.size,
-                True,
-            )
-        return None
+            return GeometryFault(Reason(ReasonCode.TIP_OFF_ACROSS, text), fit.size, False)
+        x, y = 1e3 * fit.lengths()
+        text = (
+            f"the outline seems to be shifted by ({x:.1f}, {y:.1f}) mm in the object frame, because the tip is inside "
+            "it on one side and away from it on the other: measure where the outline lies in the frame that is tracked"
+        )
+        return GeometryFault(Reason(ReasonCode.OUTLINE_SHIFTED, text), fit.size, True)
 
     def _off_along(self) -> GeometryFault | None:
         """Whether contacts lie elsewhere along the edges."""
         fit = _better(self._line, self._frame)
+        if fit is None:
+            return None
         if fit is self._line:
-            side = "right" if fit.lengths()[0] > 0 else "left"
-            return GeometryFault(
-                Reason(
-                    ReasonCode.LINE_OFF_SIDEWAYS,
-                    f"the object moves as if its contacts were {1e3 * fit.size:.1f} mm further to the {side}, seen along the "
-                    "push: the line is off sideways; measure line_origin and line_direction, or the tip's place, again",
-                ),
-                fit.size,
-                True,
-            )
-        if fit is self._frame:
-            x, y = 1e3 * fit.lengths()
-            return GeometryFault(
-                Reason(
-                    ReasonCode.CONTACTS_DISPLACED,
-                    f"the object moves as if its contacts were displaced by ({x:.1f}, {y:.1f}) mm in the object frame: "
-                    "give contacts, outline and velocities in the same frame",
-                ),
-                fit.size,
-                True,
-            )
-        return None
+            return GeometryFault(line_off_sideways(float(fit.lengths()[0])), fit.size, True)
+        return GeometryFault(contacts_displaced(*fit.lengths().tolist()), fit.size, True)
 
 
 def tip_stays_away(apart: Apart) -> str:

@@ -20,7 +20,7 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, left_of
 from pushfric_core.solvers import least_weights
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.uncertainty.reasons import Reason, ReasonCode
+from pushfric_core.uncertainty.reasons import Reason, ReasonCode, contacts_displaced, line_off_sideways
 
 FEWEST = 6
 """With fewer pushes, nothing is compared: any mistake leaves some w that explains them."""
@@ -217,19 +217,9 @@ def _explained(run: "_Run") -> Iterable[Explanation]:
     yield Explanation(Reason(ReasonCode.ORIGIN_OFF, text), fit.evidence - 2 * price, size=math.hypot(*d))
     along = left_of(run.normals)
     fit, d = run.nested(lambda d: (run.twists, run.contacts + d[0] * along), 1)
-    side = "right" if d[0] > 0 else "left"
-    text = (
-        f"the object moves as if its contacts were {1e3 * abs(float(d[0])):.1f} mm further to the {side}, seen along the push: "
-        "the line is off sideways; measure line_origin and line_direction, or the tip's place, again"
-    )
-    yield Explanation(Reason(ReasonCode.LINE_OFF_SIDEWAYS, text), fit.evidence - price, size=math.hypot(*d))
+    yield Explanation(line_off_sideways(float(d[0])), fit.evidence - price, size=math.hypot(*d))
     fit, d = run.nested(lambda d: (run.twists, run.contacts + d), 2)
-    x, y = (1e3 * d).tolist()
-    text = (
-        f"the object moves as if its contacts were displaced by ({x:.1f}, {y:.1f}) mm in the object frame: give contacts, "
-        "outline and velocities in the same frame"
-    )
-    yield Explanation(Reason(ReasonCode.CONTACTS_DISPLACED, text), fit.evidence - 2 * price, size=math.hypot(*d))
+    yield Explanation(contacts_displaced(*d.tolist()), fit.evidence - 2 * price, size=math.hypot(*d))
     if (wider := run.wider_points()) is not None:
         text = (
             "the support points leave a part of the object out, on which it seems to rest: check their unit, or give some "

@@ -3,14 +3,15 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 
+from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Array
 from pushfric_core.plausible import other_unit
-from pushfric_core.vision.camera import Image
+from pushfric_core.vision.camera import Image, Lens, check_size
 from pushfric_core.vision.frame_source import Frames
 from pushfric_core.wording import counted
 
@@ -19,6 +20,16 @@ MIN_CORNERS = 12
 
 MARKER = 0.7
 """Side of a marker, as a share of its square's side."""
+
+NOVEL = 0.04
+"""A new view must differ from every earlier one by at least this fraction of the image's width."""
+STILL_PX = 1.0
+"""From one frame to the next, the corners of a board at rest move at most this far on average."""
+
+UNSEEN_BOARD, LIKE_ANOTHER = "the board is not found", "the board lies as in a picture before it"
+"""Why a picture is left out of a calibration."""
+
+Calibration = TypeVar("Calibration")
 
 _DICTIONARY = cv2.aruco.DICT_4X4_250
 _SUBPIX = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-3)
@@ -101,23 +112,66 @@ def moved(view: View, other: View) -> float:
     return float(np.linalg.norm(view.pixels[mine] - other.pixels[its], axis=1).mean())
 
 
-UNSEEN_BOARD, LIKE_ANOTHER = "the board is not found", "the board lies as in a picture before it"
-"""Why a picture is left out of a calibration."""
+def calibration_from(
+    source: Frames,
+    board: Board,
+    lens: Lens | None,
+    noun: str,
+    progress: Callable[[str], None],
+    calibrate: Callable[[list[View], tuple[int, ...]], Calibration],
+) -> Calibration:
+    """What the different views of a board in the images of a source determine.
 
+    A camera is read until the views are enough; a video or a folder of pictures is read to its end.
 
-class Dropped:
-    """The pictures of a source that a calibration leaves out; nothing of a camera or a film, most of whose frames are alike."""
-
-    def __init__(self, source: Frames) -> None:
-        self._source = source
-        self._names: dict[str, list[str]] = {}  # by the reason
-
-    def note(self, number: int, why: str) -> None:
-        """The picture with this number, from 1, is left out."""
-        if self._source.pictures:
-            self._names.setdefault(why, []).append(self._source.names[number - 1])
-
-    def tell(self, frames: int, progress: Callable[[str], None]) -> None:
-        """Name those that were left out, with a line for each reason."""
-        for why, names in self._names.items():
-            progress(f"{len(names)} of {counted(frames, 'picture')} left out, {why}: {', '.join(names)}")
+    Args:
+        source: not opened yet.
+        board: the board that the images show.
+        lens: of the camera, if it is known.
+        noun: what a view is called.
+        progress: called with a line of text for each view, which, of a camera, also says what is still missing; and with one
+            for each reason why pictures are left out.
+        calibrate: called with the views and the shape (height, width) of the images; raises InvalidInput while they are not
+            enough.
+    Raises:
+        InvalidInput: images of different sizes or of another size than the lens's, or too few views; the text says what is
+            missing.
+    """
+    finder, kept, frames, shape = BoardFinder(board), list[View](), 0, tuple[int, ...]()
+    left_out: dict[str, list[str]] = {}  # names of pictures, by the reason; frames of a camera or a film are mostly alike
+    previous: View | None = None
+    with source:
+        for frame in source:
+            frames += 1
+            if lens is not None:
+                check_size(frame, lens, source.name)
+            if shape and frame.shape != shape:
+                sizes = f"{shape[1]} x {shape[0]} and {frame.shape[1]} x {frame.shape[0]}"
+                raise InvalidInput(f"{source.name}: pictures of different sizes: {sizes}")
+            shape = frame.shape
+            view = finder.view(frame)
+            last, previous = previous, view
+            if view is None and frames == 1:
+                progress("board not found yet")
+            if view is None or not all(moved(view, other) > NOVEL * shape[1] for other in kept):
+                if source.pictures:
+                    left_out.setdefault(UNSEEN_BOARD if view is None else LIKE_ANOTHER, []).append(source.names[frames - 1])
+                continue
+            if not source.pictures and (last is None or moved(view, last) > STILL_PX):
+                continue
+            kept.append(view)
+            missing = ""
+            if source.live:
+                try:
+                    return calibrate(kept, shape)
+                except InvalidInput as error:
+                    missing = f"; {error}"
+            progress(f"{noun} {len(kept)}: {len(view.ids)} corners{missing}")
+    for why, names in left_out.items():
+        progress(f"{len(names)} of {counted(frames, 'picture')} left out, {why}: {', '.join(names)}")
+    if not kept:
+        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
+    try:
+        return calibrate(kept, shape)
+    except InvalidInput as error:
+        raise InvalidInput(f"{source.name}: {error}") from error

@@ -104,6 +104,13 @@ def lens_from_info(info: CameraInfoFields) -> Lens:
     return Lens(info.width, info.height, np.reshape(info.k, (3, 3)), np.array(info.d))
 
 
+def check_size(frame: Image, lens: Lens, source: str) -> None:
+    """Raise InvalidInput, naming the source, if a frame (height, width) has another size than the lens's."""
+    if frame.shape != (lens.height, lens.width):
+        got = f"{frame.shape[1]} x {frame.shape[0]}"
+        raise InvalidInput(f"{source}: the lens is calibrated for {lens.width} x {lens.height} px, the image has {got}")
+
+
 @dataclass(frozen=True, eq=False)
 class Camera(Lens):
     """Lens and table of one camera.

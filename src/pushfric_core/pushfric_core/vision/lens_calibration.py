@@ -8,7 +8,7 @@ import numpy as np
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Array
-from pushfric_core.vision.board import LIKE_ANOTHER, UNSEEN_BOARD, Board, BoardFinder, Dropped, View, moved
+from pushfric_core.vision.board import Board, View, calibration_from
 from pushfric_core.vision.camera import Lens
 from pushfric_core.vision.frame_source import Frames
 
@@ -20,10 +20,6 @@ MAX_FOCAL_ERROR = 0.005
 """The focal length must be known at least this well (1 sigma, relative)."""
 MAX_LENS_RMS_PX = 1.0
 """A larger reprojection error (rms) means that the input is wrong."""
-NOVEL = 0.04
-"""A new view must differ from every earlier one by at least this fraction of the image's width."""
-STILL_PX = 1.0
-"""From one frame to the next, the corners of a board at rest move at most this far on average."""
 
 _REGIONS = tuple(f"{row} {column}".strip() for row in ("upper", "middle", "lower") for column in ("left", "centre", "right"))
 
@@ -85,45 +81,13 @@ def calibrate_lens(views: Sequence[View], width: int, height: int) -> LensCalibr
 def lens_from_frames(source: Frames, board: Board, progress: Callable[[str], None]) -> LensCalibration:
     """The lens that took the images of a source, which show the board.
 
-    A camera is read until the views are enough; a video or a folder of pictures is read to its end.
-
     Args:
         source: not opened yet.
         board: the board that the images show.
-        progress: called with a line of text for each view; of a camera, the line also says what is still missing.
+        progress: as for `calibration_from`.
     Raises:
         InvalidInput: its images are not enough; the text says what is missing.
     """
-    finder, kept, frames, dropped = BoardFinder(board), list[View](), 0, Dropped(source)
-    size: tuple[int, ...] = ()
-    previous: View | None = None
-    with source:
-        for frame in source:
-            frames += 1
-            if size and frame.shape != size:
-                raise InvalidInput(
-                    f"{source.name}: pictures of different sizes: {size[1]} x {size[0]} and {frame.shape[1]} x {frame.shape[0]}"
-                )
-            size = frame.shape
-            view = finder.view(frame)
-            last, previous = previous, view
-            if view is None or not all(moved(view, other) > NOVEL * size[1] for other in kept):
-                dropped.note(frames, UNSEEN_BOARD if view is None else LIKE_ANOTHER)
-                continue
-            if not source.pictures and (last is None or moved(view, last) > STILL_PX):
-                continue
-            kept.append(view)
-            missing = ""
-            if source.live:
-                try:
-                    return calibrate_lens(kept, size[1], size[0])
-                except InvalidInput as error:
-                    missing = f"; {error}"
-            progress(f"view {len(kept)}: {len(view.ids)} corners{missing}")
-    dropped.tell(frames, progress)
-    if not kept:
-        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
-    try:
-        return calibrate_lens(kept, size[1], size[0])
-    except InvalidInput as error:
-        raise InvalidInput(f"{source.name}: {error}") from error
+    return calibration_from(
+        source, board, None, "view", progress, lambda views, shape: calibrate_lens(views, shape[1], shape[0])
+    )

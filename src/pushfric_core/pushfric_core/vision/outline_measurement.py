@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, cross, transform, wrap
-from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.camera import Camera, Image, check_size
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, REACH_PX, EdgeFit, edge_samples
 from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.sighting import NotSeen
@@ -92,9 +92,7 @@ def places_from(
     with source:
         for frame in source:
             frames += 1
-            if frame.shape != (camera.height, camera.width):
-                got = f"{frame.shape[1]} x {frame.shape[0]}"
-                raise InvalidInput(f"{source.name}: calibrated for {camera.width} x {camera.height} px, the image has {got}")
+            check_size(frame, camera, source.name)
             before = reason
             try:
                 middle = np.mean(_blob(frame, threshold)[:, 0], axis=0)

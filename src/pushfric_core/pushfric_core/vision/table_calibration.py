@@ -12,10 +12,9 @@ from scipy.optimize import least_squares
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.csv_table import read_table
 from pushfric_core.geometry.planar import Array, Pose, transform
-from pushfric_core.vision.board import LIKE_ANOTHER, UNSEEN_BOARD, Board, BoardFinder, Dropped, View, moved
-from pushfric_core.vision.camera import Camera, Image, Lens
+from pushfric_core.vision.board import Board, View, calibration_from
+from pushfric_core.vision.camera import Camera, Lens
 from pushfric_core.vision.frame_source import Frames
-from pushfric_core.vision.lens_calibration import NOVEL, STILL_PX
 
 MAX_RMS_PX = 5.0
 """A larger reprojection error (rms) means that the input is wrong."""
@@ -121,55 +120,17 @@ def calibrate_table(lens: Lens, placements: Sequence[Placement]) -> TableCalibra
 def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callable[[str], None]) -> TableCalibration:
     """The table on which the board lies in one or more places; the board's frame in the first becomes the table frame.
 
-    A camera is read until the places are enough; a video or a folder of pictures is read to its end.
-
     Args:
         source: not opened yet.
         board: the board that lies on the table.
         lens: of the camera.
-        progress: called with a line of text for each place; of a camera, the line also says what is still missing.
+        progress: as for `calibration_from`.
     Raises:
         InvalidInput: images of another size than the lens's, or too few places; the text says what is missing.
     """
-    finder, frames, kept, dropped = BoardFinder(board), 0, list[View](), Dropped(source)
-    previous: View | None = None
-    with source:
-        for frame in source:
-            frames += 1
-            check_size(frame, lens, source.name)
-            view = finder.view(frame)
-            last, previous = previous, view
-            if view is None:
-                dropped.note(frames, UNSEEN_BOARD)
-                if frames == 1:
-                    progress("board not found yet")
-                continue
-            at_rest = source.pictures or (last is not None and moved(view, last) <= STILL_PX)
-            if not at_rest or not all(moved(view, other) > NOVEL * lens.width for other in kept):
-                dropped.note(frames, LIKE_ANOTHER)
-                continue
-            kept.append(view)
-            missing = ""
-            if source.live:
-                try:
-                    return calibrate_table(lens, list(map(_placement, kept)))
-                except InvalidInput as error:
-                    missing = f"; {error}"
-            progress(f"place {len(kept)}: {len(view.ids)} corners{missing}")
-    dropped.tell(frames, progress)
-    if not kept:
-        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
-    try:
-        return calibrate_table(lens, list(map(_placement, kept)))
-    except InvalidInput as error:
-        raise InvalidInput(f"{source.name}: {error}") from error
-
-
-def check_size(frame: Image, lens: Lens, source: str) -> None:
-    """Raise InvalidInput, naming the source, if a frame (height, width) has another size than the lens's."""
-    if frame.shape != (lens.height, lens.width):
-        got = f"{frame.shape[1]} x {frame.shape[0]}"
-        raise InvalidInput(f"{source}: the lens is calibrated for {lens.width} x {lens.height} px, the image has {got}")
+    return calibration_from(
+        source, board, lens, "place", progress, lambda views, _: calibrate_table(lens, list(map(_placement, views)))
+    )
 
 
 def read_table_points(path: pathlib.Path) -> Placement:

@@ -4,11 +4,12 @@ import dataclasses
 import pathlib
 from collections.abc import Mapping, Sequence
 
-from pushfric_core.bags.recorded import Recorded, object_beside
+from pushfric_core.bags.recorded import Recorded, beside
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, ViewConfig
 from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_ros.commands.demo import SPEED, demo_cell
 from pushfric_ros.commands.recorded_run import failures
 from pushfric_ros.graph import graph
@@ -37,7 +38,7 @@ def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[N
     recorded = Recorded(bag, values["namespace"] or None)
     settings = recorded.settings
     source = recorded.source(settings.with_forces)
-    object_name = values["object"] or str(object_beside(bag))
+    object_name = values["object"] or str(beside(bag, OBJECT_FILE))
     specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
     return source.namespace, _with_parts(specs, object_name, values, ViewConfig(), PlannerConfig())
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.bags.recorded import Recorded, prior_beside
+from pushfric_core.bags.recorded import Recorded, beside
 from pushfric_core.cell.node_settings import PlannerConfig, PlayerConfig, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
@@ -14,6 +14,7 @@ from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import print_result
 from pushfric_core.commands.settings_options import option
+from pushfric_core.files.object_file import PRIOR_FILE
 from pushfric_core.offline.inputs import object_of
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate
@@ -45,7 +46,7 @@ def replay(
     reading = recorded.read(model, settings, warn, partial)
     data, doubts = reading.observations, "; ".join(reading.ledger.doubts)
     source = recorded.source(settings.with_forces)
-    model_file = str(prior_beside(bag) or "")
+    model_file = str(beside(bag, PRIOR_FILE) or "")
     shown, images = view_at(view, ViewConfig()), f"{source.namespace}/{KEYFRAMES}"
     played = [images] if shown is not None and recorded.holds(images) else []
     specs = graph.replay(

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.frames import frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
@@ -34,7 +34,7 @@ from pushfric_core.report.measurement import (
     tip_picture,
 )
 from pushfric_core.report.report import to_json
-from pushfric_core.vision.camera import Camera, Image, load_camera
+from pushfric_core.vision.camera import Camera, Image, check_size, load_camera
 from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.outline_measurement import height_of, measured_object, places_from
 from pushfric_core.vision.tip_measurement import measure_tip
@@ -163,9 +163,9 @@ def _measure_object(
         slide = (
             f"; then slide it by {1e3 * moved:g} mm along a ruler, and take your hand away again" if moved is not None else ""
         )
-        _say(f"lay the object on the table, alone, and take your hand away{slide}")
+        say(f"lay the object on the table, alone, and take your hand away{slide}")
     threshold = cell.tracker.threshold or None if isinstance(cell.tracker, ContourConfig) else None
-    places = places_from(source, camera, 1 if moved is None else 2, _say, threshold)
+    places = places_from(source, camera, 1 if moved is None else 2, say, threshold)
     if moved is not None:
         if len(places) > 2:
             raise InvalidInput(f"{source.name}: {len(places)} places of the object, expected two, {1e3 * moved:g} mm apart")
@@ -214,7 +214,7 @@ def _measure_tip(
         wanted = np.linspace(0.0, cell.pusher.stroke - SHORT_OF_THE_END, STROKES).tolist()
         _consent(cell.pusher, speed)
         along_the_stroke = borrowed("stroke", "a motion of the pusher")
-        positions, images = along_the_stroke(cell, source, wanted, min(speed, cell.pusher.max_speed), _say)
+        positions, images = along_the_stroke(cell, source, wanted, min(speed, cell.pusher.max_speed), say)
     tip = measure_tip(camera, positions, images, cell.pusher.tip_radius, tip_height)
     figures["findings"] += [f"{path}: {finding}" for finding in tip_findings(tip, cell.pusher, tip_height is not None)]
     values: dict[str, Value] = {
@@ -248,7 +248,7 @@ def _consent(pusher: PusherConfig, speed: float) -> None:
     """Ask before the pusher moves; without a terminal, --only tip has asked for it."""
     way = f"from 0 to {1e3 * pusher.stroke:g} mm and back, at {1e3 * speed:g} mm/s"
     if not sys.stdin.isatty():
-        _say(f"the pusher goes {way}")
+        say(f"the pusher goes {way}")
         return
     home = " It homes first." if pusher.home else ""
     typer.confirm(
@@ -263,10 +263,6 @@ def _numbers(text: str) -> list[float]:
         raise InvalidInput(f"--positions must be numbers with commas between them, got {text!r}") from error
 
 
-def _say(line: str) -> None:
-    console.print(line, highlight=False, markup=False)
-
-
 def _pictures(source: Frames, camera: Camera) -> list[Image]:
     """All pictures of a source that ends.
 
@@ -276,7 +272,5 @@ def _pictures(source: Frames, camera: Camera) -> list[Image]:
     with source:
         images = list(source)
     for image in images:
-        if image.shape != (camera.height, camera.width):
-            got = f"{image.shape[1]} x {image.shape[0]}"
-            raise InvalidInput(f"{source.name}: calibrated for {camera.width} x {camera.height} px, a picture has {got}")
+        check_size(image, camera, source.name)
     return images
