@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherDriver, PusherError
+from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherDriver, PusherError, drive
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
 from pushfric_msgs.msg import PusherState
@@ -406,13 +406,6 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
 def _when(one: Heard) -> float:
     return one.when
-
-
-def drive(pusher: Pusher) -> None:
-    """Poll a driver until it is no longer busy."""
-    while pusher.busy:
-        pusher.poll()
-        time.sleep(0.003)
 
 
 def pusher_position(pusher: Pusher) -> float:
