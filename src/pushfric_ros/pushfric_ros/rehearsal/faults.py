@@ -23,7 +23,7 @@ from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
 from pushfric_ros.rehearsal.grbl_stage import GrblStage
-from pushfric_ros.rehearsal.stage import MID_PUSH, REACTION, EndedEarly, Stage, words_of
+from pushfric_ros.rehearsal.stage import EVENT_TIMEOUT, MID_PUSH, REACTION, EndedEarly, Stage, words_of
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
 RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
@@ -452,7 +452,7 @@ def no_more_enable(stage: Stage) -> float:
     """Withdraw the enable that an actuator has been told to need."""
     stage.end_actuator()
     stage.start_actuator(enable_timeout=ENABLE_TIMEOUT)
-    with stage.person.repeating("enable", Bool(data=True), RELIABLE):
+    with stage.person.repeating("enable", Bool(data=True), RELIABLE, EVENT_TIMEOUT):
         stage.make_ready()
         stage.under_way()
     return time.monotonic()
@@ -463,7 +463,7 @@ def too_much_force(stage: Stage) -> float:
     stage.end_actuator()
     stage.start_actuator(max_force=MAX_FORCE)
     force = WrenchStamped()
-    with stage.person.repeating("wrench", force, SENSOR_DATA):
+    with stage.person.repeating("wrench", force, SENSOR_DATA, EVENT_TIMEOUT):
         stage.make_ready()
         stage.under_way()
         begin = time.monotonic()

@@ -29,7 +29,7 @@ REACTION = 0.3
 """Whatever breaks, the pusher may go on for this long before it brakes [s]."""
 MID_PUSH = 0.3  # of a push
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
-EVENT_TIMEOUT = 60.0  # how long an event may take on a busy machine [s]
+EVENT_TIMEOUT = 180.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
 
