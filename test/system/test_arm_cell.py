@@ -18,7 +18,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("driver", ["twist"])  # the driver trajectory: test_arm and test_rehearse
+@pytest.mark.parametrize("driver", COMMANDS)
 def test_an_arm_finds_the_centre_of_friction(driver, tmp_path):
     content = yaml.safe_load((EXAMPLES / "arm.yaml").read_text())
     (tmp_path / "plan.yaml").write_text(json.dumps({"pushes": PUSHES}))
@@ -41,4 +41,7 @@ def test_an_arm_finds_the_centre_of_friction(driver, tmp_path):
 
 def pushfric(*arguments) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "pushfric_core", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=400)
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=400)
+    except subprocess.TimeoutExpired as error:  # an aborted push waits for a person: what it said tells why
+        raise AssertionError((error.stderr or b"").decode()) from error

@@ -148,6 +148,15 @@ def test_lost_answers_do_not_end_a_stroke(stage: Stage) -> None:
         assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
 
 
+@pytest.mark.parametrize("late", [0.3, 0.4])
+def test_late_answers_count_as_those_of_their_own_lines(stage: Stage, late: float) -> None:
+    """Two questions may be on their way when the connection begins anew."""
+    stage.line.delay_to_host = late
+    with contextlib.closing(stage.driver()) as pusher:
+        assert pusher.limits.max_speed < 1.0
+        assert stage.push(pusher, 0.02)[-1].position == pytest.approx(0.02, abs=STEP)
+
+
 def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     with stage_of(real_positions=False) as stage, contextlib.closing(stage.driver()) as pusher:
         now = time.monotonic()

@@ -582,7 +582,7 @@ def test_a_computer_that_was_suspended_sends_nothing_more(stage, monkeypatch):
     """The clock of a suspended computer goes on, its processes do not; so does the controller."""
     pusher = under_way(stage, 0.05)
     slept = suspended() + 4.0
-    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.suspended", lambda: slept)
+    monkeypatch.setattr("pushfric_core.pushers.clock.suspended", lambda: slept)
     stage.fails(pusher, Suspended, r"this computer was suspended for 4\.\d s")
     rest = stage.rest()
     assert rest < 0.01 + DEAD_MAN + LATE

@@ -3,6 +3,9 @@
 import contextlib
 import math
 import pathlib
+import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -160,6 +163,25 @@ def test_an_arm_that_is_not_seen_is_stopped(ros, device, example):
         assert pusher.doubt is None
 
 
+def test_an_arm_that_stood_still_is_not_pulled_after(ros, kind):
+    """It would have to catch up, faster than the stroke, with what was sent while it was not seen."""
+    process = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"])
+    try:
+        with connected(kind) as pusher:
+            pusher.move_to(0.03, 0.008)
+            for place in (0.005, 0.015):
+                until(pusher, lambda report, place=place: report.position > place)
+                process.send_signal(signal.SIGSTOP)
+                goes_on = time.monotonic() + 0.6  # longer than all that it was sent
+                while time.monotonic() < goes_on:
+                    pusher.poll()
+                process.send_signal(signal.SIGCONT)
+            assert until(pusher, lambda _: not pusher.busy)[-1].position == pytest.approx(0.03, abs=2e-4)
+    finally:
+        process.kill()
+        process.wait()
+
+
 def test_a_pose_that_is_none_ends_the_motion(ros, device, example):
     with connected() as pusher:
         pusher.move_to(0.05, 0.01)
@@ -220,7 +242,7 @@ def test_after_a_suspension_a_person_is_asked(ros, device, example, monkeypatch)
         pusher.move_to(0.05, 0.01)
         until(pusher, lambda report: report.position > 0.005)
         slept = suspended() + 4.0
-        monkeypatch.setattr(arms, "suspended", lambda: slept)
+        monkeypatch.setattr("pushfric_core.pushers.clock.suspended", lambda: slept)
         with pytest.raises(Suspended, match=r"this computer was suspended for 4\.\d s"):
             until(pusher, lambda _: False)
         until(pusher, lambda _: not pusher.busy)

@@ -11,6 +11,7 @@ will end. The driver sees this by the first pieces of a stroke, and goes no furt
 """
 
 import functools
+import math
 import operator
 import re
 from collections import deque
@@ -191,7 +192,7 @@ class Marlin(SerialPusher):
             yield from self._reset()
         yield from self._ask_for_settings("M503")
         for line in ("M92", "M201", "M203"):
-            if not (value := self._setting(line, self._letter)) > 0:
+            if not 0 < (value := self._setting(line, self._letter)) < math.inf:
                 raise NotConnected(f"{self.name} is set to {line} {self._letter}{value:g}, expected a positive number")
         while clock() < found + BEGINS_WITHIN:
             yield
@@ -212,7 +213,7 @@ class Marlin(SerialPusher):
         self._trouble = None  # that it started is no news
 
     def _reset(self) -> Script:
-        self._unanswered.clear()
+        # what is not answered yet still will be, before what follows: its answer must not count as another line's
         self._pending = self._asked = self._silent_since = None
         self._number = -1
         yield from self._command("M110 N0")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -11,6 +12,8 @@ from pushfric_core.errors import PushfricError
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.pushers.check import Check
 from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
+
+POLL_PERIOD = 0.005  # [s]
 
 
 class PusherFault(Enum):
@@ -213,6 +216,15 @@ class Pusher(Protocol):
 
         Raises each PusherError once, after telling the pusher to stop.
         """
+
+
+def drive(pusher: Pusher) -> PusherReport | None:
+    """Poll a pusher until it is no longer busy; return its last report. Raises PusherError."""
+    last = None
+    while pusher.busy:
+        last = pusher.poll() or last
+        time.sleep(POLL_PERIOD)
+    return last
 
 
 class PusherDriver(Protocol):

@@ -4,13 +4,12 @@ import contextlib
 import grp
 import math
 import os
-import time
 from collections.abc import Iterator
 
 from serial.tools.list_ports import comports
 
 from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError, PusherReport
+from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError, drive
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 
@@ -59,13 +58,10 @@ def check_port(path: str) -> Check:
 def check_controller(serial: SerialSettings, driver: type[SerialPusher], config: PusherConfig) -> tuple[Check, Limits | None]:
     """Who answers at the port, without doing anything to it; and its limits, if it is a controller at rest."""
     pusher = driver(serial.port, serial.baud, serial.axis, greeting_timeout=serial.connect_timeout, only_look=True)
-    last: PusherReport | None = None
     with contextlib.closing(pusher):
         try:
             pusher.connect()
-            while pusher.busy:
-                last = pusher.poll() or last
-                time.sleep(0.005)
+            last = drive(pusher)
         except PusherError as error:
             advice = f"{driver.sign_of_life}; docs/hardware.md lists what can go wrong"
             return Check("controller", Grade.FAILED, str(error), advice), None

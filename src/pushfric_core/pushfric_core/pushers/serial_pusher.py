@@ -23,11 +23,12 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from pushfric_core.pushers.clock import clock, suspended
+from pushfric_core.pushers.clock import Wakefulness, clock
 from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
 from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.push_states import Homing
 from pushfric_core.pushers.pusher import (
+    POLL_PERIOD,
     Jumped,
     LeftTheWay,
     Limits,
@@ -65,7 +66,6 @@ CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
 ASKED_FOR_TWO_ALIKE = 6  # settings and offsets, which have no checksum
 STILL = 0.05  # another axis that is reported farther from its place than this has moved [mm]
-SLEPT = 0.1  # a computer that was suspended for longer than this has lost sight of the pusher
 REPORTS_UNTIL_PLACE = 62  # GRBL's offset comes with every 30th report at the latest, and counts once it has come twice
 REFUSED_OFTEN = 5  # this many pieces may be refused, and sent again, in one stroke
 IMPOSSIBLE_FEED = 1.5  # times the controller's greatest speed
@@ -171,7 +171,7 @@ class SerialPusher(ABC):
         self._place: tuple[float, ...] | None = None  # of all axes in the last report
         self._still: tuple[float, ...] | None = None  # where the other axes must stay
         self._strayed = False  # whether the last report said that one of them had moved
-        self._slept = suspended()
+        self._awake = Wakefulness()
         self._latencies: deque[float] = deque(maxlen=9)  # of the last answers to ? [s]
         self._plausibility.forget()
         self._status: StatusReport | None = None
@@ -367,7 +367,7 @@ class SerialPusher(ABC):
                 self.stop()
             while self._in_motion and clock() < deadline:
                 self.poll()
-                time.sleep(0.005)
+                time.sleep(POLL_PERIOD)
         self._drop()
 
     def recover(self) -> None:
@@ -407,9 +407,8 @@ class SerialPusher(ABC):
         before, self._polled = self._polled, clock()
         try:
             self._read()
-            if self._connected and (slept := suspended() - self._slept) > SLEPT:
-                self._slept += slept
-                raise Suspended(f"this computer was suspended for {slept:.1f} s")
+            if self._connected:
+                self._awake.check()
             if Phase.STREAMING in self._state and before is not None and self._polled - before > self._silence:
                 stood = f"{self._polled - before:.2f} s; silence is {self._silence:g} s"
                 raise Timeout(f"this process stood still for {stood}")

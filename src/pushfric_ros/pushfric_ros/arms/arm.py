@@ -22,8 +22,9 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, left_of, rotation, transform
 from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.clock import clock, suspended
+from pushfric_core.pushers.clock import Wakefulness, clock
 from pushfric_core.pushers.pusher import (
+    POLL_PERIOD,
     LeftTheWay,
     Limits,
     Mode,
@@ -36,6 +37,7 @@ from pushfric_core.pushers.pusher import (
     Suspended,
     Timeout,
     TooFast,
+    drive,
 )
 from pushfric_core.pushers.stroke import OFF_WAY, Stroke
 from pushfric_core.settings import fields_of, setting
@@ -48,7 +50,6 @@ from pushfric_ros.node_kit.visit import Visit, visit
 
 CONNECT = 5.0  # the first pose, and whoever takes the commands, may take this long [s]
 AT_REST = 1.0  # nothing is lost if poses of an arm at rest fail to come for this long [s]
-SLEPT = 0.1  # a computer that was suspended for longer than this has lost sight of the arm [s]
 DEAD_MAN = 0.25  # the arm must stop this long after the last command [s]
 WINDOW = 0.1  # speeds are measured over this long [s]
 STILL = 5e-4  # a tip that is slower than this rests [m/s]
@@ -101,9 +102,7 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
         with closing(Arm(self, config, self.open_command)) as arm:
             try:
                 arm.connect()
-                while arm.busy:
-                    arm.poll()
-                    sleep(0.005)
+                drive(arm)
             except PusherError as error:
                 yield Check("arm", Grade.FAILED, str(error), "start the arm's driver and its controller: docs/hardware.md")
                 return
@@ -169,7 +168,7 @@ class Arm:
         self._stopping = False
         self._asked = self._fresh = False  # a report is wanted; there is a pose that was not reported
         self._polled = self._heard = self._sent = self._since = 0.0  # [s]
-        self._slept = 0.0  # how long this computer has been suspended, as last known [s]
+        self._awake = Wakefulness()
 
     # What the actuator asks
 
@@ -199,7 +198,7 @@ class Arm:
         self._ahead.clear()
         self._connecting, self.doubt = True, None
         self._polled = self._heard = self._since = clock()
-        self._slept = suspended()
+        self._awake = Wakefulness()
 
     def close(self) -> None:
         if self._visit is None:
@@ -211,7 +210,7 @@ class Arm:
                 self.poll()
             except PusherError:
                 break  # the arm's own dead-man ends the motion
-            sleep(0.005)
+            sleep(POLL_PERIOD)
         self._drop()
         self._visit.close()
         self._visit = None
@@ -318,9 +317,7 @@ class Arm:
             return
         if gap > self._config.silence:
             self._heard = now  # what was sent meanwhile is still on its way
-        if (slept := suspended() - self._slept) > SLEPT:
-            self._slept += slept
-            raise Suspended(f"this computer was suspended for {slept:.1f} s")
+        self._awake.check()
         if self._stroke is not None and gap > self._config.silence:
             raise Timeout(f"this process stood still for {gap:.2f} s")
         if now - self._heard > max(self._config.silence, 0.0 if self.busy else AT_REST):
@@ -339,8 +336,8 @@ class Arm:
     # How it moves
 
     def _steer(self, now: float) -> None:
-        """Send the next command, if it is due."""
-        if not (self._stroke or self._stopping) or now - self._sent < 1 / self._config.rate:
+        """Send the next command, if it is due: one for each pose, so that an arm which stood still has nothing to catch up."""
+        if not (self._stroke or self._stopping) or now - self._sent < 1 / self._config.rate or self._heard < self._sent:
             return
         velocity = np.zeros(3) if self._stroke is None else self._velocity(self._stroke, now)
         if self._stroke is None and not self._moves:
@@ -354,10 +351,10 @@ class Arm:
         if abs(left) < ARRIVED:
             self._stroke, self._stopping = None, True
             return np.zeros(3)
-        gained = self.limits.acceleration * min(now - self._sent, 2 / self._config.rate)
-        self._pace = min(
-            stroke.speed, GAIN * abs(left), math.sqrt(2 * self.limits.acceleration * abs(left)), self._pace + gained
-        )
+        since = now - self._sent
+        gained = self.limits.acceleration * min(since, 2 / self._config.rate)
+        before = self._pace if since < DEAD_MAN else 0.0  # it has stopped meanwhile
+        self._pace = min(stroke.speed, GAIN * abs(left), math.sqrt(2 * self.limits.acceleration * abs(left)), before + gained)
         most = MOST_ASIDE * stroke.speed
         across = np.clip((-GAIN * aside, GAIN * (self._height - up)), -most, most)
         return np.array((math.copysign(self._pace, left), *across))

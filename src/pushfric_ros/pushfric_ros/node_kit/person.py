@@ -84,8 +84,8 @@ class Person(contextlib.AbstractContextManager["Person"]):
             out.publish(Empty())
 
     @contextlib.contextmanager
-    def repeating(self, topic: str, message: Any, qos: Any) -> Iterator[None]:
-        """Publish a message again and again, while this person waits for anything.
+    def repeating(self, topic: str, message: Any, qos: Any, seconds: float) -> Iterator[None]:
+        """Publish a message again and again, while this person waits for anything; first wait so long [s] for a listener.
 
         Raises:
             NoAnswer: nobody listens to the topic.
@@ -93,7 +93,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
         out = self._node.create_publisher(type(message), topic, qos)
         timer = self._node.create_timer(0.05, lambda: out.publish(message))
         try:
-            self._wait(out.get_subscription_count, f"nobody listens to {out.topic_name}")
+            self._wait(out.get_subscription_count, f"nobody listens to {out.topic_name}", seconds)
             yield
         finally:
             self._node.destroy_timer(timer)

@@ -49,6 +49,7 @@ from pushfric_core.pushers.push_states import (
     at_first,
 )
 from pushfric_core.pushers.pusher import (
+    POLL_PERIOD,
     Mode,
     NotConnected,
     Pusher,
@@ -71,8 +72,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.stop_button import StopButton
 
-READ_PERIOD = 0.005  # [s], as all below
-FIRST_RETRY, LAST_RETRY = 0.1, 5.0
+FIRST_RETRY, LAST_RETRY = 0.1, 5.0  # [s], as all below
 FORCE_SILENCE = 0.5
 GRACE = 3.0  # a port may appear this late without an error message; simulated time begins once a simulated port is there
 ROUNDING = 1e-5  # tolerance of positions [m]
@@ -149,7 +149,7 @@ class ActuatorNode(LifecycleNode):
             self._diagnostics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_DATA)
         self.create_timer(1 / config.poll_rate, self._ask)
         # bytes come in real time, whatever the cell's clock
-        self.create_timer(READ_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(POLL_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._service_change_state.callback = self._refuse_unknown(self._service_change_state.callback)
         if self._start_due:
             self.trigger_configure()

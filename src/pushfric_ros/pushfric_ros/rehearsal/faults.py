@@ -10,6 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Bool
 
+from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.errors import PushfricError
 from pushfric_core.pushers.check import Grade
 from pushfric_core.pushers.grbl import RESET_PATIENCE, Grbl
@@ -23,7 +24,7 @@ from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
 from pushfric_ros.rehearsal.grbl_stage import GrblStage
-from pushfric_ros.rehearsal.stage import MID_PUSH, REACTION, EndedEarly, Stage, words_of
+from pushfric_ros.rehearsal.stage import EVENT_TIMEOUT, MID_PUSH, REACTION, EndedEarly, Stage, end, words_of
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
 RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
@@ -33,6 +34,7 @@ LATE_GREETING = 3.0  # [s]
 LATE_ANSWERS = 0.08  # [s]
 SEEN_TWICE = 3.0  # a work offset comes with every 30th report at the latest [s]
 ENABLE_TIMEOUT = 0.5  # [s]
+LOST = PlanConfig.lost_object + OWNER  # [s]
 MAX_FORCE = 5.0  # [N]
 TRUE = 1e-4  # a published position must be true within this [m]
 LATELY = 0.5  # a state describes a moment at most this far from its stamp [s]
@@ -288,6 +290,18 @@ def cell_ends(stage: GrblStage) -> str | None:
     return "it moved again when the cell ended" if abs(stage.along() - rest) > stage.same else None
 
 
+def cell_stays(stage: GrblStage) -> str | None:
+    """The pusher must stay where it is, as long as the object is not seen."""
+    rest = stage.along()
+    stage.pause(2 * WATCHED)
+    moved = abs(stage.along() - rest) > stage.same
+    os.kill(pid_of("simulated_cell", stage), signal.SIGCONT)
+    assert stage.client is not None
+    end(stage.client)
+    cell_has_ended(stage)
+    return "it moved although the object was not seen" if moved else None
+
+
 def goes_on_and_moves_nothing(stage: Stage) -> str | None:
     """Let the stopped process go on; nothing may move."""
     rest = stage.along()
@@ -452,7 +466,7 @@ def no_more_enable(stage: Stage) -> float:
     """Withdraw the enable that an actuator has been told to need."""
     stage.end_actuator()
     stage.start_actuator(enable_timeout=ENABLE_TIMEOUT)
-    with stage.person.repeating("enable", Bool(data=True), RELIABLE):
+    with stage.person.repeating("enable", Bool(data=True), RELIABLE, EVENT_TIMEOUT):
         stage.make_ready()
         stage.under_way()
     return time.monotonic()
@@ -463,7 +477,7 @@ def too_much_force(stage: Stage) -> float:
     stage.end_actuator()
     stage.start_actuator(max_force=MAX_FORCE)
     force = WrenchStamped()
-    with stage.person.repeating("wrench", force, SENSOR_DATA):
+    with stage.person.repeating("wrench", force, SENSOR_DATA, EVENT_TIMEOUT):
         stage.make_ready()
         stage.under_way()
         begin = time.monotonic()
@@ -496,6 +510,7 @@ FAULTS: tuple[Fault[GrblStage], ...] = (
     Fault("another program sets inches, increments and 200 % feed", modes_changed),
     Fault("kill -9 of the actuator, then another name of its port", killed_actuator, check=known_by_another_name),
     Fault("SIGSTOP of a cell's experiment", cell_signalled(signal.SIGSTOP, "experiment"), OWNER, cell_ends),
+    Fault("a cell's camera loses the object", cell_signalled(signal.SIGSTOP, "simulated_cell", 0.1), LOST, cell_stays),
     Fault("the controller goes silent", mute),
     Fault("the cable is cut", cut, check=whole_again),
     Fault("a new actuator finds the controller moving", found_moving, check=waits_for_a_person),

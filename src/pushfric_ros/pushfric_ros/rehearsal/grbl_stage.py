@@ -8,12 +8,12 @@ from dataclasses import replace
 from pushfric_core.errors import InvalidInput
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
-from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.pushers.pusher import PusherConfig, drive
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.pushers.serial_settings import AXES
 from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.rehearsal.stage import Heard, NotRehearsed, Stage, drive
+from pushfric_ros.rehearsal.stage import Heard, NotRehearsed, Stage
 
 INCH = 25.4  # [mm]
 LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]

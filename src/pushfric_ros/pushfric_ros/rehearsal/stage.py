@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherDriver, PusherError
+from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherDriver, PusherError, drive
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
 from pushfric_msgs.msg import PusherState
@@ -29,7 +29,7 @@ REACTION = 0.3
 """Whatever breaks, the pusher may go on for this long before it brakes [s]."""
 MID_PUSH = 0.3  # of a push
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
-EVENT_TIMEOUT = 60.0  # how long an event may take on a busy machine [s]
+EVENT_TIMEOUT = 180.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
 
@@ -406,13 +406,6 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
 def _when(one: Heard) -> float:
     return one.when
-
-
-def drive(pusher: Pusher) -> None:
-    """Poll a driver until it is no longer busy."""
-    while pusher.busy:
-        pusher.poll()
-        time.sleep(0.003)
 
 
 def pusher_position(pusher: Pusher) -> float:
