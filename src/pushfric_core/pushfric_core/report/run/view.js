@@ -136,8 +136,8 @@ function redraw() {
 
 // What changes only with the data points: in a long run it must not be drawn again for each moment
 function drawAll() {
-  at("time").hidden = !run.moments.length;
-  if (run.moments.length) toLine = drawLine(at("line"), run, lastIndex());
+  at("time").hidden = connection === "over" && !run.moments.length;
+  toLine = drawLine(at("line"), run, lastIndex());
   drawTable();
 }
 
@@ -145,7 +145,7 @@ function drawAll() {
 function drawMoment(moment, compared) {
   const outline = story.object?.outline ?? [], mine = story.object?.name, estimate = run.estimateAt(moment);
   const own = (one) => (one?.object === mine ? one : undefined);
-  if (run.moments.length) drawTime(moment, compared);
+  drawTime(moment, compared);
   drawNumbers(estimate);
   drawObject(at("drawing"), outline, own(estimate), own(compared && run.estimateAt(compared)), moment ? run.moments.slice(0, moment.index + 1) : run.moments, moment);
   drawFriction(at("friction_chart"), estimate);
@@ -163,7 +163,6 @@ function drawHeader() {
   const said = { connecting: "connecting …", live: "", lost, ended: "the run has ended", refused: "", over: "" };
   write("connection", said[connection]);
   at("connection").className = connection === "lost" ? "lost" : "";
-  at("connection").parentElement.nextElementSibling.hidden = connection === "over"; // nothing to press
   document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
   const live = connection === "live";
   const pushes = live && known(story["node/actuator"]);
@@ -218,8 +217,9 @@ function drawTime(moment, compared) {
   write("happened", events.length ? `Before this: ${events.join("; ")}` : "");
   at("to_now").hidden = connection === "over";
   at("to_now").disabled = chosen === null;
-  at("earlier").disabled = (moment?.index ?? 1) === 0;
+  at("earlier").disabled = (moment?.index ?? last) === 0;
   at("later").disabled = !moment || (connection === "over" && moment.index === last);
+  at("compare").disabled = !run.moments.length;
   at("compare").ariaPressed = String(pinned !== null);
   at("compare").textContent = pinned === null ? "Compare" : "Compare no more";
   at("comparison").hidden = !compared;
@@ -276,7 +276,7 @@ function drawNumbers(estimate) {
   at("mu").textContent = !mu ? "–" : measured ? plain(mu.value) : `≥ ${plain(mu.p90)}`;
   at("mu_kind").textContent = !mu ? "" : measured ? `${plain(mu.interval[0])} to ${plain(mu.interval[1])} with 90 %, from ${mu.kind}` : "a lower bound (90 % of the data points)";
   unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
-  at("certified").textContent = estimate ? `${estimate.status}; certified to ${(number(estimate.gap) * 1e3).toExponential(0)} mm` : "";
+  at("certified").textContent = estimate ? `${estimate.status}; certified to ${Number((number(estimate.gap) * 1e3).toPrecision(1))} mm` : "";
   at("points").textContent = estimate ? counted(estimate.data_points, "data point") : "–";
   at("pushes").textContent = estimate ? `of ${estimate.pushes} ${estimate.pushes === 1 ? "push" : "pushes"}` : "";
 }
