@@ -16,7 +16,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from axe import AXE, violations
+from axe import AXE, WATCH_SHIFTS, restless, violations
 from geometry_msgs.msg import Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
@@ -95,8 +95,9 @@ def url(browser, tmp_path_factory):
 
 @contextlib.contextmanager
 def visit(browser: Browser, url: str, **kwargs):
-    """A page of a new visitor, on which nothing fails."""
+    """A page of a new visitor, on which nothing fails, and nothing moves that was not asked to."""
     context = browser.new_context(**kwargs)
+    context.add_init_script(WATCH_SHIFTS)
     page = context.new_page()
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
@@ -106,8 +107,10 @@ def visit(browser: Browser, url: str, **kwargs):
     page.on("request", lambda request: failures.extend([request.url] * (not request.url.startswith((url, "blob:")))))
     page.goto(url)
     yield page
+    moved = restless(page)
     context.close()
     assert failures == []
+    assert moved == []
 
 
 def make_small(path: pathlib.Path) -> None:
@@ -119,7 +122,7 @@ def make_small(path: pathlib.Path) -> None:
 def first_row(page: Page) -> list[str]:
     """The table's line of the first push, once a data point of the second has come: from then on it stays as it is."""
     expect(page.locator('#rows tr[data-push="1"] td').nth(1)).to_have_text(re.compile("^[1-9]"))
-    return page.locator("#rows tr").first.locator("td").all_inner_texts()
+    return page.locator("#rows tr").first.locator("td").all_text_contents()  # of rows out of sight, too
 
 
 def test_the_page_shows_the_run(browser, url):
@@ -404,6 +407,10 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
                     for _ in range(count):
                         page.locator("#picture").press(f"{prefix}{keys[offset < 0]}")
             expect(page.locator("#save")).to_be_enabled()
+            for width, scheme in ((360, "dark"), (1280, "light")):
+                page.set_viewport_size({"width": width, "height": 740})
+                page.emulate_media(color_scheme=scheme)
+                assert violations(page) == {}
             if "PUSHFRIC_PICTURES" in os.environ:
                 page.set_viewport_size(ALL_OF_IT)
                 page.locator("#picture").blur()
