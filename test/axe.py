@@ -11,8 +11,9 @@ WATCH_SHIFTS = """
   window.layoutShifts = [];
   new PerformanceObserver((list) => window.layoutShifts.push(...list.getEntries()
     .filter(({ hadRecentInput }) => !hadRecentInput)
-    .map(({ startTime, value, sources }) => ({ startTime, value, moved: sources.map(({ node }) => node?.id || node?.nodeName) }))
-  )).observe({ type: "layout-shift", buffered: true });
+    .map(({ startTime, value, sources }) => {
+      return { startTime, value, moved: sources.map(({ node }) => node?.id || node?.nodeName) };
+    }))).observe({ type: "layout-shift", buffered: true });
 """
 """A script that a page runs before its own: it notes what moves although nobody has just pressed or clicked anything."""
 

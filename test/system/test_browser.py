@@ -228,6 +228,13 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         assert violations(page) == {}
 
 
+COUNT_TONES = """
+  window.tones = 0;
+  const start = OscillatorNode.prototype.start;
+  OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };
+"""
+
+
 def begins(state: PusherState) -> bool:
     """Whether a push has begun to move, and most of its way is ahead."""
     return state.push_id != PusherState.NO_PUSH and 0.002 < state.position < STROKE / 4
@@ -237,13 +244,19 @@ def test_a_click_stops_a_push(browser, url, ros):
     states: list[PusherState] = []
     ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
     with visit(browser, url) as page:
+        page.evaluate(COUNT_TONES)
+        page.locator("#sound").press("Enter")
+        expect(page.locator("#sound")).to_have_attribute("aria-pressed", "true")
+        page.wait_for_function("window.tones > 0")
         expect(page.locator("#stop")).to_be_enabled()
         ros.wait_for(lambda: states and begins(states[-1]), PATIENCE, "a push")
         pushed = states[-1].push_id
+        page.evaluate("window.tones = 0")
         page.locator("#stop").click()
         ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
         expect(page.locator("#answer")).to_contain_text("nothing moves until")
         expect(page.locator("#prompt")).to_contain_text("press Reset")
+        page.wait_for_function("window.tones > 0")
         at_rest = states[-1].position
         assert 0 < at_rest < STROKE
         expect(page.locator(f'#rows tr[data-push="{pushed}"]')).to_contain_text("aborted")

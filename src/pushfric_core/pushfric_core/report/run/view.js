@@ -179,7 +179,7 @@ function drawNow() {
   let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
-  write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
+  if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && plan?.phase !== "pushing") ring();
   const way = wayToPlace(story);
   at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
@@ -188,7 +188,8 @@ function drawNow() {
   at("result_page").hidden = !report;
   write("result_is", report ? "What only its end can tell follows below. All of it is in" : "The result to hand on will be in");
   write("again", `./pushfric view ${(story.report ?? "").replace(/\/[^/]*$/, "")}`);
-  write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
+  const alarm = plan?.phase === "alarm" ? story["node/actuator"]?.message : undefined; // what went wrong, and what to do about it
+  write("purpose", plan && plan.phase !== "finished" ? alarm ?? plan.purpose : "");
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
   at("now").className = connection === "live" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
@@ -285,9 +286,20 @@ function textOf(reasons) {
   return reasons.map((reason) => reason.text).join("; ");
 }
 
-// Text that is read out: only if it changes
+// Text that is read out: only if it changes; returns whether it did
 function write(id, text) {
-  if (at(id).textContent !== text) at(id).textContent = text;
+  const changed = at(id).textContent !== text;
+  if (changed) at(id).textContent = text;
+  return changed;
+}
+
+let sound = null; // where prompts are heard, if that is wanted
+function ring() {
+  if (!sound) return;
+  const tone = new OscillatorNode(sound, { frequency: 660 });
+  tone.connect(new GainNode(sound, { gain: 0.2 })).connect(sound.destination);
+  tone.start();
+  tone.stop(sound.currentTime + 0.25);
 }
 
 function unit(id, text, what) {
@@ -442,6 +454,12 @@ at("to_now").addEventListener("click", () => choose(Infinity));
 at("compare").addEventListener("click", () => {
   pinned = pinned === null ? (shown() ?? run.moments.at(-1)).n : null;
   redraw();
+});
+at("sound").addEventListener("click", () => {
+  sound?.close();
+  sound = sound ? null : new AudioContext();
+  at("sound").ariaPressed = String(sound !== null);
+  ring();
 });
 addEventListener("resize", redraw);
 for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
