@@ -228,11 +228,11 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         assert violations(page) == {}
 
 
-COUNT_TONES = """
+COUNT_TONES = """() => {
   window.tones = 0;
   const start = OscillatorNode.prototype.start;
   OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };
-"""
+}"""
 
 
 def begins(state: PusherState) -> bool:
