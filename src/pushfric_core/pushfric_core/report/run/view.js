@@ -179,7 +179,7 @@ function drawNow() {
   let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
-  if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && plan?.phase !== "pushing") ring();
+  if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
   const way = wayToPlace(story);
   at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
