@@ -7,7 +7,6 @@ fitted to force and motion is compared on the same strokes.
 
 import math
 import pathlib
-import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -53,9 +52,6 @@ LARGEST_START_GAP = 0.005
 
 FINE = 30
 """Points in a row of the uniform pressure."""
-
-NAMES = re.compile("__exp.*")
-"""What is too long to stand over a picture of a set."""
 
 CONTENDERS = {
     "half": "pushfric",
@@ -419,7 +415,7 @@ def gallery(sets: Sequence[PublicSet], estimates: Sequence[Estimate], path: path
         draw_support_friction(axes, estimate, one.model.outline)
         axes.plot(*(1e3 * one.label), "+", color="black", ms=11)
         axes.margins(0.12)
-        axes.set_title(NAMES.sub("", one.name), fontsize=9)
+        axes.set_title(one.name.replace("__", "\n"), fontsize=8)
     for axes in places:
         axes.axis("off")
     _save(figure, path)

@@ -88,7 +88,7 @@ def plan() -> str:
         line(f"60 {y:g}v-45", arrow=True),
         text(112, y + 5, "x", "left"),
         text(60, y - 52, "y"),
-        text(64, y + 20, "table frame", "pale left"),
+        text(46, y + 22, "table frame", "pale left"),
     )
 
 
@@ -106,8 +106,8 @@ def side() -> str:
         text(130, lens - 42, "camera, fixed focus"),
         f'<path class="seen" d="M130 {lens:g}L{130 - reach:g} {table:g}M130 {lens:g}L{130 + reach:g} {table:g}"/>',
         line(f"225 {lens:g}V{table:g}", arrow=True),
-        text(233, (lens + table) / 2, f"{CAMERA_HEIGHT:g} mm: 0.6 mm of table per pixel", "pale left"),
-        text(233, (lens + table) / 2 + 18, "at 640 pixels", "pale left"),
+        text(233, (lens + table) / 2 + 26, f"{CAMERA_HEIGHT:g} mm: 0.6 mm of table", "pale left"),
+        text(233, (lens + table) / 2 + 44, "per pixel at 640 pixels", "pale left"),
         box(430, table - foot - thick, 110, thick),
         box(440, table - foot, 24, foot),
         box(506, table - foot, 24, foot),

@@ -68,6 +68,6 @@ def test_a_repeated_push_has_the_number_of_its_plan():
 
 def test_the_purpose_of_a_push_is_a_sentence():
     said = purpose_of(OUTLINE, PlannedPush(1, 0.02, 0.2), chosen=False)
-    assert said.startswith("A push on side 2 of 3, 20 mm after its middle, 11 degrees aslant: it shows")
-    assert purpose_of(OUTLINE, PlannedPush(1, 0.0, -SHARP), chosen=True).endswith("aslant: it slips, which shows mu_c.")
+    assert said.startswith("A push on side 2 of 3, 20 mm after its middle, at 11 degrees to the perpendicular: it shows")
+    assert purpose_of(OUTLINE, PlannedPush(1, 0.0, -SHARP), chosen=True).endswith("perpendicular: it slips, which shows mu_c.")
     assert purpose_of(OUTLINE, PlannedPush(0, 0.0), chosen=True).endswith("at its middle: it shrinks the region of p_CF most.")

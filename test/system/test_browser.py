@@ -16,7 +16,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from axe import AXE, violations
+from axe import AXE, WATCH_SHIFTS, restless, violations
 from geometry_msgs.msg import Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
@@ -95,8 +95,9 @@ def url(browser, tmp_path_factory):
 
 @contextlib.contextmanager
 def visit(browser: Browser, url: str, **kwargs):
-    """A page of a new visitor, on which nothing fails."""
+    """A page of a new visitor, on which nothing fails, and nothing moves that was not asked to."""
     context = browser.new_context(**kwargs)
+    context.add_init_script(WATCH_SHIFTS)
     page = context.new_page()
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(str(error)))
@@ -106,8 +107,10 @@ def visit(browser: Browser, url: str, **kwargs):
     page.on("request", lambda request: failures.extend([request.url] * (not request.url.startswith((url, "blob:")))))
     page.goto(url)
     yield page
+    moved = restless(page)
     context.close()
     assert failures == []
+    assert moved == []
 
 
 def make_small(path: pathlib.Path) -> None:
@@ -119,7 +122,7 @@ def make_small(path: pathlib.Path) -> None:
 def first_row(page: Page) -> list[str]:
     """The table's line of the first push, once a data point of the second has come: from then on it stays as it is."""
     expect(page.locator('#rows tr[data-push="1"] td').nth(1)).to_have_text(re.compile("^[1-9]"))
-    return page.locator("#rows tr").first.locator("td").all_inner_texts()
+    return page.locator("#rows tr").first.locator("td").all_text_contents()  # of rows out of sight, too
 
 
 def test_the_page_shows_the_run(browser, url):
@@ -225,6 +228,13 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         assert violations(page) == {}
 
 
+COUNT_TONES = """() => {
+  window.tones = 0;
+  const start = OscillatorNode.prototype.start;
+  OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };
+}"""
+
+
 def begins(state: PusherState) -> bool:
     """Whether a push has begun to move, and most of its way is ahead."""
     return state.push_id != PusherState.NO_PUSH and 0.002 < state.position < STROKE / 4
@@ -234,13 +244,19 @@ def test_a_click_stops_a_push(browser, url, ros):
     states: list[PusherState] = []
     ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
     with visit(browser, url) as page:
+        page.evaluate(COUNT_TONES)
+        page.locator("#sound").press("Enter")
+        expect(page.locator("#sound")).to_have_attribute("aria-pressed", "true")
+        page.wait_for_function("window.tones > 0")
         expect(page.locator("#stop")).to_be_enabled()
         ros.wait_for(lambda: states and begins(states[-1]), PATIENCE, "a push")
         pushed = states[-1].push_id
+        page.evaluate("window.tones = 0")
         page.locator("#stop").click()
         ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
         expect(page.locator("#answer")).to_contain_text("nothing moves until")
         expect(page.locator("#prompt")).to_contain_text("press Reset")
+        page.wait_for_function("window.tones > 0")
         at_rest = states[-1].position
         assert 0 < at_rest < STROKE
         expect(page.locator(f'#rows tr[data-push="{pushed}"]')).to_contain_text("aborted")
@@ -404,6 +420,10 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
                     for _ in range(count):
                         page.locator("#picture").press(f"{prefix}{keys[offset < 0]}")
             expect(page.locator("#save")).to_be_enabled()
+            for width, scheme in ((360, "dark"), (1280, "light")):
+                page.set_viewport_size({"width": width, "height": 740})
+                page.emulate_media(color_scheme=scheme)
+                assert violations(page) == {}
             if "PUSHFRIC_PICTURES" in os.environ:
                 page.set_viewport_size(ALL_OF_IT)
                 page.locator("#picture").blur()

@@ -139,7 +139,7 @@ def test_an_alarm_ends_a_simulated_run_that_nobody_attends(cell, monkeypatch):
         other.join()
     assert ended.returncode == 1, said
     why = next(line for line in said if line.startswith("experiment: error: "))
-    assert "waiting for the pusher: it is in alarm: do what the actuator asks for" in why
+    assert "waiting for the pusher: it is in alarm: mend what it reports" in why
     assert why.endswith("; nobody is here to do that\n")
     assert said[-1] == "error: experiment ended with exit code 1\n"
     assert re.search(r"p_CF \( *\S+, +\S+\) mm  mu_c 90 % \d\.\d\d, 100 % \d\.\d\d  fit error", said[0])

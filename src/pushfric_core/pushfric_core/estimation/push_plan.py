@@ -103,7 +103,7 @@ def purpose_of(outline: Outline, push: PlannedPush, chosen: bool) -> str:
     """
     off = push.offset * 1e3
     where = "at its middle" if abs(off) < 0.5 else f"{abs(off):.0f} mm {'after' if off > 0 else 'before'} its middle"
-    slanting = f", {abs(np.rad2deg(push.angle)):.0f} degrees aslant" if abs(push.angle) > 0.01 else ""
+    slanting = f", at {abs(np.rad2deg(push.angle)):.0f} degrees to the perpendicular" if abs(push.angle) > 0.01 else ""
     slips = abs(push.angle) > SHARP - 1e-6
     shows = "shrinks the region of p_CF most" if chosen else "shows on which side of its force p_CF lies"
     what = "slips, which shows mu_c" if slips else shows

@@ -96,6 +96,7 @@ def _whole(story: Change, sections: str) -> str:
     # in one module nothing is imported, and a story must not end its own element
     modules = re.sub(r"^(?:import .*\n|export )", "", "".join(read(f"{name}.js") for name in MODULES), flags=re.MULTILINE)
     inside = {
+        'class="waiting live"': 'class="waiting over"',
         '<link rel="stylesheet" href="style.css">': f"<style>\n{read('style.css')}</style>",
         'href="icon.svg"': f'href="{_inline("image/svg+xml", read("icon.svg").encode())}"',
         '  <script type="module" src="view.js"></script>\n': "",

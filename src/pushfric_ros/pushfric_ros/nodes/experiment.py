@@ -60,7 +60,7 @@ LAST_WORDS = 20.0
 processed what it has seen [s of wall time]."""
 
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
-IN_ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then press Reset"
+IN_ALARM = "it is in alarm: mend what it reports, see that it is free to move, then press Reset"
 WAS_STOPPED = "it was stopped: press Reset when it is free to move"
 
 HINDRANCES = {

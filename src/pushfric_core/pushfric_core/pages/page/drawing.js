@@ -246,6 +246,7 @@ function redraw() {
     if (at(id).valueAsNumber !== grid[index]) at(id).value = grid[index];
   });
   at("placing").hidden = !state.has_picture;
+  document.body.classList.remove("waiting");
   ["picture_x", "picture_y", "picture_turn"].forEach((id, index) => {
     if ((at(id).valueAsNumber || 0) !== drawn.picture[index] || !at(id).value) at(id).value = drawn.picture[index];
   });

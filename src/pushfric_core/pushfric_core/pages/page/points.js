@@ -122,6 +122,7 @@ function redraw() {
   drawPlace();
   drawRows();
   drawMap();
+  document.body.classList.remove("waiting");
 }
 
 function prompt() {
@@ -201,7 +202,7 @@ function drawMap() {
   const svg = at("map"), { fit } = state;
   const wide = 420, high = Math.round((wide * state.height) / state.width);
   svg.setAttribute("viewBox", `0 0 ${wide} ${high}`);
-  at("map_caption").textContent = fit ? "Darker is worse. Points near a dark part, and more points, make it better." : "At least four points give a calibration";
+  at("map_caption").textContent = fit ? "A stronger colour is worse. Points near it, and more points, make it better." : "At least four points give a calibration";
   if (!fit) return svg.replaceChildren();
   const rows = fit.map.length, columns = fit.map[0].length, parts = [];
   fit.map.forEach((line, i) => line.forEach((error, j) => {

@@ -136,8 +136,8 @@ function redraw() {
 
 // What changes only with the data points: in a long run it must not be drawn again for each moment
 function drawAll() {
-  at("time").hidden = !run.moments.length;
-  if (run.moments.length) toLine = drawLine(at("line"), run, lastIndex());
+  at("time").hidden = connection === "over" && !run.moments.length;
+  toLine = drawLine(at("line"), run, lastIndex());
   drawTable();
 }
 
@@ -145,7 +145,7 @@ function drawAll() {
 function drawMoment(moment, compared) {
   const outline = story.object?.outline ?? [], mine = story.object?.name, estimate = run.estimateAt(moment);
   const own = (one) => (one?.object === mine ? one : undefined);
-  if (run.moments.length) drawTime(moment, compared);
+  drawTime(moment, compared);
   drawNumbers(estimate);
   drawObject(at("drawing"), outline, own(estimate), own(compared && run.estimateAt(compared)), moment ? run.moments.slice(0, moment.index + 1) : run.moments, moment);
   drawFriction(at("friction_chart"), estimate);
@@ -163,7 +163,6 @@ function drawHeader() {
   const said = { connecting: "connecting …", live: "", lost, ended: "the run has ended", refused: "", over: "" };
   write("connection", said[connection]);
   at("connection").className = connection === "lost" ? "lost" : "";
-  at("connection").parentElement.nextElementSibling.hidden = connection === "over"; // nothing to press
   document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
   const live = connection === "live";
   const pushes = live && known(story["node/actuator"]);
@@ -180,7 +179,7 @@ function drawNow() {
   let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
-  write("prompt", prompt[0].toUpperCase() + prompt.slice(1));
+  if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
   const way = wayToPlace(story);
   at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
@@ -189,7 +188,8 @@ function drawNow() {
   at("result_page").hidden = !report;
   write("result_is", report ? "What only its end can tell follows below. All of it is in" : "The result to hand on will be in");
   write("again", `./pushfric view ${(story.report ?? "").replace(/\/[^/]*$/, "")}`);
-  write("purpose", plan && plan.phase !== "finished" ? plan.purpose : "");
+  const alarm = plan?.phase === "alarm" ? story["node/actuator"]?.message : undefined; // what went wrong, and what to do about it
+  write("purpose", plan && plan.phase !== "finished" ? alarm ?? plan.purpose : "");
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
   at("now").className = connection === "live" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
@@ -218,8 +218,9 @@ function drawTime(moment, compared) {
   write("happened", events.length ? `Before this: ${events.join("; ")}` : "");
   at("to_now").hidden = connection === "over";
   at("to_now").disabled = chosen === null;
-  at("earlier").disabled = (moment?.index ?? 1) === 0;
+  at("earlier").disabled = (moment?.index ?? last) === 0;
   at("later").disabled = !moment || (connection === "over" && moment.index === last);
+  at("compare").disabled = !run.moments.length;
   at("compare").ariaPressed = String(pinned !== null);
   at("compare").textContent = pinned === null ? "Compare" : "Compare no more";
   at("comparison").hidden = !compared;
@@ -276,7 +277,7 @@ function drawNumbers(estimate) {
   at("mu").textContent = !mu ? "–" : measured ? plain(mu.value) : `≥ ${plain(mu.p90)}`;
   at("mu_kind").textContent = !mu ? "" : measured ? `${plain(mu.interval[0])} to ${plain(mu.interval[1])} with 90 %, from ${mu.kind}` : "a lower bound (90 % of the data points)";
   unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
-  at("certified").textContent = estimate ? `${estimate.status}; certified to ${(number(estimate.gap) * 1e3).toExponential(0)} mm` : "";
+  at("certified").textContent = estimate ? `${estimate.status}; certified to ${Number((number(estimate.gap) * 1e3).toPrecision(1))} mm` : "";
   at("points").textContent = estimate ? counted(estimate.data_points, "data point") : "–";
   at("pushes").textContent = estimate ? `of ${estimate.pushes} ${estimate.pushes === 1 ? "push" : "pushes"}` : "";
 }
@@ -285,9 +286,20 @@ function textOf(reasons) {
   return reasons.map((reason) => reason.text).join("; ");
 }
 
-// Text that is read out: only if it changes
+// Text that is read out: only if it changes; returns whether it did
 function write(id, text) {
-  if (at(id).textContent !== text) at(id).textContent = text;
+  const changed = at(id).textContent !== text;
+  if (changed) at(id).textContent = text;
+  return changed;
+}
+
+let sound = null; // where prompts are heard, if that is wanted
+function ring() {
+  if (!sound) return;
+  const tone = new OscillatorNode(sound, { frequency: 660 });
+  tone.connect(new GainNode(sound, { gain: 0.2 })).connect(sound.destination);
+  tone.start();
+  tone.stop(sound.currentTime + 0.25);
 }
 
 function unit(id, text, what) {
@@ -442,6 +454,12 @@ at("to_now").addEventListener("click", () => choose(Infinity));
 at("compare").addEventListener("click", () => {
   pinned = pinned === null ? (shown() ?? run.moments.at(-1)).n : null;
   redraw();
+});
+at("sound").addEventListener("click", () => {
+  sound?.close();
+  sound = sound ? null : new AudioContext();
+  at("sound").ariaPressed = String(sound !== null);
+  ring();
 });
 addEventListener("resize", redraw);
 for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
