@@ -39,7 +39,7 @@ from pushfric_ros.nodes.experiment import ExperimentNode
 
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
-ALARM = "it is in alarm: do what the actuator asks for, see that it is free to move, then press Reset"
+ALARM = "it is in alarm: mend what it reports, see that it is free to move, then press Reset"
 DISTANCE = 0.03
 """Length of a push [m]."""
 GAP = 0.005
