@@ -119,10 +119,10 @@ class Cell:
         self._basis = answer.basis
         if not answer.basis.has_model:
             return None
-        if answer.basis.object != self._name:
-            answer.success, answer.message = False, f"it knows {answer.basis.object}, not {self._name}"
-        if not answer.success:
-            raise SystemExit(f"error: {self._strokes.service_name}: {answer.message}")
+        known = answer.basis.object == self._name
+        if not (known and answer.success):
+            why = answer.message if known else f"it knows {answer.basis.object}, not {self._name}"
+            raise SystemExit(f"error: {self._strokes.service_name}: {why}")
         return np.array([(end.x, end.y, end.theta) for end in answer.ends])
 
     def learn(self, observations: Sequence[Observation]) -> None:

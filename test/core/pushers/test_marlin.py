@@ -150,7 +150,7 @@ def test_lost_answers_do_not_end_a_stroke(stage: Stage) -> None:
 
 @pytest.mark.parametrize("late", [0.3, 0.4])
 def test_late_answers_count_as_those_of_their_own_lines(stage: Stage, late: float) -> None:
-    """Two questions may be on their way when the connection begins anew."""
+    """Two questions may still be unanswered when the driver connects again."""
     stage.line.delay_to_host = late
     with contextlib.closing(stage.driver()) as pusher:
         assert pusher.limits.max_speed < 1.0

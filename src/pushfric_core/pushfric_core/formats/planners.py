@@ -79,8 +79,7 @@ def pusher_slider(body: Body) -> dict[str, str]:
     }
     ratio = body.ellipsoid.m_max / body.ellipsoid.f_max
     note = (
-        f"{_rectangle(body)}"
-        " pusher_slider assumes uniform pressure, whose ratio of moment to force is"
+        f"{_rectangle(body)} pusher_slider assumes uniform pressure, whose ratio of moment to force is"
         f" {1e3 * uniform:.3g} mm; that of this object is {1e3 * ratio:.3g} mm."
     )
     return _yaml(body, "pusher-slider", content, note)

@@ -19,7 +19,6 @@ from pushfric_core.records import comparable
 STEP = 1e-3
 """Longest advance of the tip in one step of the midpoint rule [m]; the error over 50 mm is below 0.05 mm."""
 
-
 OVERLAP = 1e-3
 """A tip may overlap the object at first, as poses err, and pushes it on: by its radius, and at least by this much [m]."""
 
@@ -101,14 +100,15 @@ def stroke_steps(
         raise ValueError(f"step must be positive, got {step:g} m")
     w, mu_c = model.with_mean
     k, s = len(stops), len(w)
-    state = np.repeat(as_array(poses)[:, None], s, axis=1).reshape(-1, 3)
+    state = as_array(poses).reshape(-1, 3)
+    origins = as_array([line.origin for line in lines]).reshape(-1, 2)
+    directions = as_array([line.direction for line in lines]).reshape(-1, 2)
+    radii = as_array([line.tip_radius for line in lines])
+    ahead = _ahead(outline, state, origins, directions, radii)  # of each stroke: at first, all its samples are alike
     rows = np.repeat(np.arange(k), s)
-    origins = as_array([line.origin for line in lines])[rows]
-    directions = as_array([line.direction for line in lines])[rows]
-    radii = as_array([line.tip_radius for line in lines])[rows]
-    stops = stops[rows]
+    state, origins, directions, radii, stops = (each[rows] for each in (state, origins, directions, radii, stops))
     modes = np.full(len(rows), quasi_static.FREE, dtype=np.int8)
-    going = np.flatnonzero(_ahead(outline, state, origins, directions, radii))
+    going = np.flatnonzero(ahead[rows])
     samples = np.tile(np.arange(s), k)
     while len(going):
         pose = state[going]
