@@ -29,17 +29,19 @@ def push_to_pose(monkeypatch):
     del sys.modules["push_to_pose"]
 
 
+def printed(name, capsys):
+    """What the example prints; it must not take pytest's arguments for its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [name])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    return capsys.readouterr().out.splitlines()
+
+
 def test_plain_python(capsys):
-    runpy.run_path(str(EXAMPLES / "plain_python.py"), run_name="__main__")
-    first, second, third = capsys.readouterr().out.splitlines()
+    first, second, third = printed("plain_python.py", capsys)
     assert first.startswith("centre of friction (")
     assert second.startswith(("sticking: vx 0.0", "sliding: vx 0.0"))
     assert third.startswith("within ")
-
-
-def printed(name, capsys):
-    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
-    return capsys.readouterr().out.splitlines()
 
 
 def test_an_own_constraint_moves_the_weight_away(capsys):
