@@ -1,5 +1,6 @@
 """`./pushfric rehearse` on the simulated firmware: a sample of its table, and what it leaves behind."""
 
+import contextlib
 import importlib
 import os
 import pathlib
@@ -11,6 +12,8 @@ import time
 import pytest
 
 from pushfric_core.commands.json_option import STDOUT
+from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.pusher import drive
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
 from pushfric_ros.node_kit.visit import visit
@@ -224,6 +227,23 @@ def test_wrong_input_is_one_line(arguments, error):
         assert err.strip().splitlines()[-1] == f"error: {error}"
         assert process.returncode == 2
         assert controller.position() == 0.0
+
+
+def test_a_pusher_that_does_not_stand_at_zero_is_left_there():
+    """A cell of the rehearsal would bring it back to 0, behind where the user said that it may move."""
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller, contextlib.closing(Grbl(controller.port)) as driver:
+        driver.connect()
+        drive(driver)
+        driver.move_to(0.01, 0.05)
+        drive(driver)
+        driver.close()
+        process = pushfric("--port", controller.port, "--stroke", 0.04)
+        _, err = process.communicate(timeout=120)
+        assert err.strip().splitlines()[-1] == (
+            "error: the controller stands at 10.000 mm, expected 0: bring it there, or set its work zero"
+        )
+        assert process.returncode == 1
+        assert controller.position() == 0.01
 
 
 def test_a_controller_in_alarm_is_left_alone():

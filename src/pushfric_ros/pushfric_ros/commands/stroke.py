@@ -16,6 +16,7 @@ from pushfric_ros.graph.graph import COMMAND_LINE, enclave, pusher_alone
 from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.node_kit.qos import RELIABLE
 
 STALE, AVERAGED = 3, 8
 """After a motion, the first number of frames may still show it; then the mean of the second number of frames is taken."""
@@ -74,19 +75,19 @@ def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[tup
             if ended is not None:
                 raise NotMeasured(ended.reason)
 
-        person.on_state = watch
-        deadline = time.monotonic() + READY
-        while True:
-            watch(PusherState())
-            with contextlib.suppress(NoAnswer):  # nothing is published before the controller answers
-                state = person.state(new=True)
-                if state.mode == PusherState.MODE_IDLE:
-                    break
-                if state.mode == PusherState.MODE_HOMING:
-                    deadline = time.monotonic() + READY
-            if time.monotonic() > deadline:
-                raise NotMeasured(f"the pusher is not ready: {person.health()['message']}; ./pushfric doctor says more")
-        yield person, state.position
+        with person.hearing(PusherState, "pusher_state", RELIABLE, watch):
+            deadline = time.monotonic() + READY
+            while True:
+                watch(PusherState())
+                with contextlib.suppress(NoAnswer):  # nothing is published before the controller answers
+                    state = person.state(new=True)
+                    if state.mode == PusherState.MODE_IDLE:
+                        break
+                    if state.mode == PusherState.MODE_HOMING:
+                        deadline = time.monotonic() + READY
+                if time.monotonic() > deadline:
+                    raise NotMeasured(f"the pusher is not ready: {person.health()['message']}; ./pushfric doctor says more")
+            yield person, state.position
 
 
 def _go(person: Person, here: float, position: float, speed: float) -> float:

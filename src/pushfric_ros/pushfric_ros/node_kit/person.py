@@ -52,8 +52,6 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self._executor.add_node(self._node)
         self._states: list[PusherState] = []
         self._health: list[Any] = []
-        self.on_state: Callable[[PusherState], None] = lambda state: None
-        """Called with each state, while this person waits for anything."""
         self._node.create_subscription(PusherState, "pusher_state", self._take, RELIABLE)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self._health.extend(msg.status), RELIABLE)
         self._actuator = f"{self._node.get_namespace().rstrip('/')}/actuator"
@@ -63,6 +61,15 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
+    @contextlib.contextmanager
+    def hearing(self, kind: type, topic: str, qos: Any, take: Callable[[Any], None]) -> Iterator[None]:
+        """Have a function take each message of a topic, while this person waits for anything."""
+        subscription = self._node.create_subscription(kind, topic, take, qos)
+        try:
+            yield
+        finally:
+            self._node.destroy_subscription(subscription)
+
     def spin(self, seconds: float) -> None:
         """Wait this long [s], and take the messages that come."""
         with held_back():
@@ -70,7 +77,6 @@ class Person(contextlib.AbstractContextManager["Person"]):
 
     def _take(self, state: PusherState) -> None:
         self._states = [state]
-        self.on_state(state)
 
     def say_stop(self) -> None:
         """Publish a stop on the topic, which also reaches nodes that serve no service.

@@ -1,18 +1,25 @@
 """A whole cell on the stage: its own command line, experiment, tracker and estimator, with a rendered camera."""
 
+import contextlib
 import json
 import pathlib
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 
 from pushfric_core.settings import plain
 from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_msgs.msg import PlanProgress
+from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.rehearsal.grbl_stage import GrblStage
-from pushfric_ros.rehearsal.stage import EndedEarly, NotRehearsed, words_of
+from pushfric_ros.rehearsal.stage import RESET_AGAIN, EndedEarly, NotRehearsed, words_of
 
 LONGEST = 0.05
 """Largest length of a push in the rendered camera's view [m]."""
+ANSWERS = {PlanProgress.PHASE_ALARM: "actuator/reset", PlanProgress.PHASE_CHOOSING: "experiment/repeat"}
+"""What a cell awaits of a person."""
 
 
 def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":
@@ -27,7 +34,13 @@ def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":
     arguments = ["run", str(cell), "--simulated-camera", "--headless", "--bag", str(bag)]
     stage.client = run = stage.process([sys.executable, "-m", "pushfric_core", *arguments])
     try:
-        stage.wait(lambda: stage.along() > share * distance or run.poll() is not None, "the push of a cell")
+        with _answering(stage.person) as answer:
+
+            def far_enough() -> bool:
+                answer()
+                return stage.along() > share * distance or run.poll() is not None
+
+            stage.wait(far_enough, "the push of a cell")
     except NotRehearsed as error:
         if stage.broken_out is not None or stage.line.broken is not None:
             raise
@@ -35,6 +48,30 @@ def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":
     if run.poll() is not None:
         raise EndedEarly(f"the cell ended before the fault: {words_of(run)}")
     return run
+
+
+@contextlib.contextmanager
+def _answering(person: Person) -> Iterator[Callable[[], None]]:
+    """Give a function that answers what a cell asks a person.
+
+    On a busy machine a controller may seem silent; then a push is given up, and the cell asks what to do.
+    """
+    asked: str | None = None  # the service that the cell awaits
+    again = 0.0
+
+    def take(progress: PlanProgress) -> None:
+        nonlocal asked
+        asked = ANSWERS.get(progress.phase)
+
+    def answer() -> None:
+        nonlocal again
+        if asked is not None and time.monotonic() > again:
+            with contextlib.suppress(NoAnswer):
+                person.call(asked)
+            again = time.monotonic() + RESET_AGAIN
+
+    with person.hearing(PlanProgress, "plan_progress", LATCHED, take):
+        yield answer
 
 
 def cell_has_ended(stage: GrblStage) -> None:

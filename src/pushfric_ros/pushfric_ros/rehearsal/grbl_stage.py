@@ -39,6 +39,12 @@ class GrblStage(Stage):
         self.port = self.line.port  # the name by which an actuator calls it
         self.line.heard = self._listen
 
+    def _check(self) -> None:
+        super()._check()
+        if self.position > self.same:  # the cells of a rehearsal bring the pusher back to 0
+            here = f"the controller stands at {1e3 * self.position:.3f} mm"
+            raise NotRehearsed(f"{here}, expected 0: bring it there, or set its work zero")
+
     def _look(self) -> None:
         self._unit = INCH if "$13=1" in self.ask("$$") else 1.0
         before = self._heard_at

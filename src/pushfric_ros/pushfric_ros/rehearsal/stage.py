@@ -24,6 +24,7 @@ from pushfric_ros.graph.fork_server import die_with_parent
 from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.node_kit.qos import RELIABLE
 
 REACTION = 0.3
 """Whatever breaks, the pusher may go on for this long before it brakes [s]."""
@@ -110,7 +111,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self._check()
             leaving.callback(self._end_processes)
             self.person = leaving.enter_context(Person(self.namespace, enclave(self.namespace, COMMAND_LINE)))
-            self.person.on_state = self._on_state
+            leaving.enter_context(self.person.hearing(PusherState, "pusher_state", RELIABLE, self._on_state))
             self._leaving = leaving.pop_all()
         return self
 
