@@ -208,6 +208,11 @@ def recorded(tmp_path_factory) -> str:
     return file.as_uri()
 
 
+TOO_NARROW = """[...document.querySelectorAll("section.wide td")]
+  .filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.textContent)"""
+"""The cells that their text does not fit in, so that it lies over the next one's."""
+
+
 @pytest.mark.parametrize("width", [1280, 360])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
@@ -225,6 +230,7 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
         expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
         assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert page.evaluate(TOO_NARROW) == []
         assert violations(page) == {}
 
 
@@ -427,6 +433,7 @@ def test_points_of_the_table_are_clicked(browser, tmp_path, table):
             if "PUSHFRIC_PICTURES" in os.environ:
                 page.set_viewport_size(ALL_OF_IT)
                 page.locator("#picture").blur()
+                page.evaluate("scrollTo(0, 0)")
                 page.screenshot(path=pathlib.Path(os.environ["PUSHFRIC_PICTURES"]) / "points.png")
             page.locator("#another").click()
             expect(page.locator("#answer")).to_contain_text("pictures: no further picture")

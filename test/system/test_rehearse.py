@@ -231,13 +231,16 @@ def test_wrong_input_is_one_line(arguments, error):
 
 def test_a_pusher_that_does_not_stand_at_zero_is_left_there():
     """A cell of the rehearsal would bring it back to 0, behind where the user said that it may move."""
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller, contextlib.closing(Grbl(controller.port)) as driver:
+    with (
+        SimulatedGrbl(time.monotonic, restarts=False) as controller,
+        contextlib.closing(Grbl(controller.port, silence=PATIENT)) as driver,
+    ):
         driver.connect()
         drive(driver)
         driver.move_to(0.01, 0.05)
         drive(driver)
         driver.close()
-        process = pushfric("--port", controller.port, "--stroke", 0.04)
+        process = pushfric("--port", controller.port, "--stroke", 0.04, "--silence", PATIENT)
         _, err = process.communicate(timeout=120)
         assert err.strip().splitlines()[-1] == (
             "error: the controller stands at 10.000 mm, expected 0: bring it there, or set its work zero"

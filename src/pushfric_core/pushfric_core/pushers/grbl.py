@@ -165,7 +165,15 @@ class Grbl(SerialPusher):
             if self._role is Role.LOOKS:
                 return
             yield from self._reset()  # nothing moves any more, and only now are lines read
-        yield from self._command("$I")
+        try:
+            yield from self._command("$I")
+        except Timeout:
+            if self._role is Role.LOOKS:
+                raise
+            # if a jog ends just as it is cancelled, GRBL 1.1h reports Idle and reads no line until a reset
+            self._suspect("it read lines only after a reset")
+            yield from self._reset()
+            yield from self._command("$I")
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
         # FluidNC's $20 is that of X; it answers "$/axes/y/soft_limits=true"

@@ -156,9 +156,9 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     # The truth
 
     def hear(self, one: Heard) -> None:
-        """Take a report of where the pusher is."""
+        """Take a report of where the pusher is; two in a row beyond the stroke end the rehearsal, as one may be garbled."""
         self.heard.append(one)
-        if self.broken_out is None and (one.along < -self.margin or one.along > self.given.stroke):
+        if self.broken_out is None and all(not -self.margin <= two.along <= self.given.stroke for two in self.heard[-2:]):
             self.broken_out = one.along  # whoever waits next ends the rehearsal, which stops the pusher
 
     def spin(self, seconds: float = 0.005) -> None:
