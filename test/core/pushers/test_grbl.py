@@ -654,7 +654,7 @@ def test_recovery_waits_for_the_stop_that_an_alarm_has_caused(peer):
     fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
     pusher.recover()
     drive(pusher, lambda: b"$X" in peer.heard, peer)
-    peer.status = IDLE
+    peer.status = IDLE.replace("MPos:0.000", "MPos:0.600")
     drive(pusher, lambda: not pusher.busy, peer)
     assert peer.heard == b"!\x85\x18" + ASKED_AGAIN + b"\x18" + ASKED_AGAIN + b"$X\n"
 

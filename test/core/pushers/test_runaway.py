@@ -475,6 +475,66 @@ def test_a_pusher_that_rests_is_not_elsewhere_at_once(stage):
     assert pusher.doubt is None
 
 
+def test_a_report_from_behind_the_pusher_is_dropped(stage):
+    """The damaged digit says where it was a moment ago: near enough for its speed, and not where it can have gone."""
+    pusher = under_way(stage, 0.03)
+    places = []
+
+    def behind(data: bytes) -> bytes:
+        place = re.search(rb"MPos:(1\d\.\d+)", data)
+        if place is None:
+            return data
+        places.append(float(place[1]))
+        return data if len(places) != 5 else data.replace(place[1], b"%.3f" % (places[-2] - 1.2))
+
+    stage.line.to_host = behind
+    reports = stage.drive(pusher, lambda: not pusher.busy)
+    positions = [report.position for report in reports]
+    assert positions == sorted(positions)
+    assert pusher.dropped == 1
+    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
+
+
+@pytest.mark.parametrize("often", [1, 2, 5])
+def test_false_lines_while_it_brakes_are_never_where_it_is(stage, often):
+    """They agree with each other, and with a place where the pusher was a moment ago."""
+    pusher = under_way(stage, 0.03)
+    pusher.stop()
+
+    def strayed(data: bytes) -> bytes:
+        false = b"<Hold:0|MPos:8.000,0.000,0.000|FS:0,0>\r\n"
+        return data + false * often if data.startswith(b"<") else data
+
+    stage.line.to_host = strayed
+    believed = [pusher._last.position]
+    while pusher.busy:
+        with contextlib.suppress(PusherError):
+            if (report := pusher.poll()) is not None and not pusher.doubt:
+                believed.append(report.position)
+        time.sleep(0.002)
+    assert min(believed) == believed[0] > 0.009
+    assert stage.controller.position() > 0.01
+    assert (pusher.mode is Mode.DISCONNECTED) == (often > 1)
+
+
+@pytest.mark.parametrize("state", [b"Hold:0", b"Idle"])
+def test_two_reports_that_agree_move_no_pusher_that_rests(stage, state):
+    """It was not sent anywhere: either they are false or the controller has lost its position, and a person must look."""
+    pusher = stage.driver()
+    pusher.move_to(0.01, SPEED)
+    stage.drive(pusher, lambda: not pusher.busy)
+    false = b"<" + state + b"|MPos:8.000,0.000,0.000|FS:0,0>\r\n"
+    stage.line.to_host = lambda data: false if b"MPos" in data else data
+
+    def asked_for_ever() -> bool:
+        pusher.ask(0)
+        return False
+
+    with pytest.raises(Jumped, match=r"it was at 0\.0100 m and then, at once, at 0\.0080 m"):
+        stage.drive(pusher, asked_for_ever)
+    assert pusher.doubt is not None
+
+
 def test_a_wrong_work_offset_displaces_nothing(stage):
     pusher = under_way(stage, 0.03)
     stage.line.to_host = once(b"WCO:0.000", b"WCO:9.000")
@@ -731,6 +791,21 @@ def test_what_is_plausible():
     assert plausibility.judge(0.0, 0.12, 0.13, SPEED, 0.1, 0.1) == (False, None)
     assert plausibility.judge(0.0, 0.14, 0.15, SPEED, 0.1, 0.1) == (True, 0.0150)  # there it is, and cannot have gone
     assert plausibility.dropped == 3
+
+
+@pytest.mark.parametrize("forward", [1.0, -1.0])
+def test_what_is_plausible_in_a_stroke(forward):
+    """A pusher that was sent forward has not come back."""
+    plausibility = Plausibility()
+
+    def believed(place: float, when: float) -> bool:
+        return plausibility.judge(forward * place, when, when + 0.01, SPEED, 0.1, 0.1, forward)[0]
+
+    assert believed(0.0100, 0.00)
+    assert not believed(0.0085, 0.02)
+    assert believed(0.0112, 0.04)
+    assert believed(0.0108, 0.06)  # as near as two reports of one moment
+    assert plausibility.dropped == 1
 
 
 def test_the_bytes_that_are_ever_sent(stage):

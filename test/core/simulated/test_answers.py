@@ -52,16 +52,20 @@ class Terminal:
     def say(self, text: str, count: int, how: str = "") -> list[str]:
         """Send a text, wait for `count` lines, and let time pass; return all lines that came."""
         os.write(self._fd, text.encode("latin1"))
-        lines = self._lines(count)
+        lines = self._lines(count, reports=text == "?")
         if not count and how != "held" and not self.controller._deaf and self.controller._state != "Sleep":
             os.write(self._fd, b"?")  # what needs no answer has been read when this is answered
-            lines = [line for line in self._lines(1) if not line.startswith("<")]
+            lines = [line for line in self._lines(1, reports=True) if not line.startswith("<")]
         self.now += SECONDS[how]
         return lines
 
-    def _lines(self, count: int) -> list[str]:
+    def _lines(self, count: int, reports: bool) -> list[str]:
+        """All lines until `count` have come; status reports count only if they are what was asked for: one may come late."""
         deadline = time.monotonic() + 60
-        while len(found := [line for line in self._heard.decode().split("\r\n")[:-1] if line]) < count:
+        while True:
+            found = [line for line in self._heard.decode().split("\r\n")[:-1] if line]
+            if sum(reports or not line.startswith("<") for line in found) >= count:
+                break
             assert time.monotonic() < deadline, f"{count} lines expected, got {found}"
             try:
                 self._heard += os.read(self._fd, 4096)

@@ -28,7 +28,7 @@ class Support:
     Example:
         >>> from pushfric_core import Support
         >>> support = Support([(-0.05, 0.0), (0.05, 0.0)], [0.25, 0.75])
-        >>> support.center_of_friction.tolist()
+        >>> support.center_of_friction.round(6).tolist()
         [0.025, 0.0]
     """
 

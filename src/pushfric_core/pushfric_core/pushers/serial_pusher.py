@@ -509,7 +509,7 @@ class SerialPusher(ABC):
         return False
 
     def _can_be_true(self, position: float, status: StatusReport, asked: float, now: float) -> bool:
-        if Phase.HOMING in self._state:  # positions start again
+        if self._state & {Phase.HOMING, Phase.RECOVERING}:  # positions start again, or somebody has looked
             self._plausibility.forget()
         greatest = self.limits.max_speed
         limit = greatest if math.isfinite(greatest) else UNKNOWN_SPEED
@@ -517,12 +517,16 @@ class SerialPusher(ABC):
         if limit * IMPOSSIBLE_FEED < speed < math.inf:
             self._damaged += 1
             return False
-        # in these states grblHAL reports no feed while it brakes
-        before, self._feed = self._feed, math.inf if status.state in ("Hold", "Door") else speed
+        if status.state in ("Hold", "Door"):  # grblHAL reports no feed while it brakes, and the programmed feed at rest
+            speed = 0.0 if (status.state, status.substate) == ("Hold", 0) else math.inf
+        before, self._feed = self._feed, speed
         reported = min(limit, max(before, self._feed))
-        fastest = min(limit, self._stroke.speed) if self._stroke is not None else reported
-        speeds = (speed * self._factor for speed in (fastest, reported, limit))
-        believed, jumped_from = self._plausibility.judge(position, asked, now, *speeds)
+        stroke = self._stroke
+        fastest, forward = (reported, 0.0) if stroke is None else (min(limit, stroke.speed), stroke.forward)
+        # a pusher that rests, as two reports in a row say, and has not been sent anywhere cannot be elsewhere
+        capable = limit if reported or stroke is not None else 0.0
+        speeds = (speed * self._factor for speed in (fastest, reported, capable))
+        believed, jumped_from = self._plausibility.judge(position, asked, now, *speeds, forward)
         if jumped_from is not None and self._connected:
             jump = f"it was at {jumped_from:.4f} m and then, at once, at {position:.4f} m"
             self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")

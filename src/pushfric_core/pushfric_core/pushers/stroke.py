@@ -49,7 +49,7 @@ class Stroke:
         way = target - start
         braking = speed**2 / (2 * acceleration)
         self.start, self.target, self.speed = start, target, speed
-        self._forward = math.copysign(1.0, way)
+        self.forward = math.copysign(1.0, way)
         self._room = speed * (ahead + latency) + braking
         # the next piece is sent when the answer to the last one has come
         piece = max(speed * ahead / PIECES, self._room / MOST_PIECES, PIECE_LASTS * speed * latency)
@@ -80,7 +80,7 @@ class Stroke:
         if self.all_sent:
             return None
         end = self._end_of(self._sent + 1)
-        if self._forward * (end - position) > self._room and self._sent:
+        if self.forward * (end - position) > self._room and self._sent:
             return None
         self._sent += 1
         return end
@@ -99,9 +99,9 @@ class Stroke:
             LeftTheWay: the pusher is beyond the last piece that was sent or behind the start, or it went back.
             TooFast: it is too fast, for the second time in a row.
         """
-        along = self._forward * (position - self.start)
+        along = self.forward * (position - self.start)
         self._furthest = max(self._furthest, along)
-        last = self._forward * (self.sent - self.start)
+        last = self.forward * (self.sent - self.start)
         if along > last + OFF_WAY or along < self._furthest - OFF_WAY:
             way = f"from {self.start:.4f} m to {self.sent:.4f} m"
             raise LeftTheWay(f"the pusher is at {position:.4f} m, off its way {way}")
@@ -157,7 +157,7 @@ class Plausibility:
         self._doubted_since = 0.0
 
     def judge(
-        self, position: float, asked: float, now: float, fastest: float, reported: float, limit: float
+        self, position: float, asked: float, now: float, fastest: float, reported: float, limit: float, forward: float = 0.0
     ) -> tuple[bool, float | None]:
         """Whether a report is believed, and where it was before, if it jumped.
 
@@ -168,17 +168,20 @@ class Plausibility:
             fastest: greatest speed at present: the one it was sent at, or else the reported one [m/s].
             reported: greatest speed that this report and the one before speak of [m/s].
             limit: greatest speed that the pusher is capable of [m/s].
+            forward: 1 or -1 in a stroke and while it brakes: the only way it can go; 0 if it may go either way.
         """
         if self._believed is None:
             self._believed, self._since = position, asked
             return True, None
-        if self._near(self._believed, position, now - self._since, fastest):
+        back = forward * (position - self._believed) < 0
+        if self._near(self._believed, position, now - self._since, 0.0 if back else fastest):
             self._believed, self._since, self._doubted = position, asked, None
             return True, None
         speed = max(fastest, reported)
         if self._doubted is not None and self._near(self._doubted, position, now - self._doubted_since, speed):
             # it moved faster than it was sent: this is a motion if the pusher is capable of it, and a jump if not
-            jumped = None if self._near(self._believed, position, now - self._since, limit) else self._believed
+            capable = self._near(self._believed, position, now - self._since, 0.0 if back else limit)
+            jumped = None if capable else self._believed
             self._believed, self._since, self._doubted = position, asked, None
             return True, jumped
         self._doubted, self._doubted_since = position, asked
