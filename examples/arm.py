@@ -5,6 +5,9 @@ python3 examples/arm.py                                            # is the arm,
 ./pushfric rehearse --driver twist --stroke 0.06 --set source=pose_stamped --set topic=/tool_pose \\
     --set "origin=[0, 0, 0.12]" --set "table=[0.5, 0.1, 0.3]"      # or this: what happens when things break
 
+A real controller does not wait for a busy machine: if this process stood still, what came meanwhile counts from when it was
+sent.
+
 It takes what MoveIt Servo takes, velocities of the tool, each good for TIMEOUT; and what the joint trajectory controller of
 ros2_control takes. It answers with the tool's pose, on tool_pose and, if tf2_msgs is installed, on /tf, and with its joints.
 """
@@ -28,6 +31,7 @@ from pushfric_ros.node_kit.transforms import TransformBroadcaster
 
 PERIOD = 0.005  # of the controller [s]
 POSES = 2  # every second period has a pose
+LATE = 0.02  # this process stood still, if a period took so long [s]
 TIMEOUT = 0.1  # after the last command, the arm stops [s]
 LAG = 0.03  # the joints follow a command with this time constant [s]
 FASTEST = 2.0  # of a joint [rad/s]
@@ -117,7 +121,7 @@ class Arm(Node):
         self.joints, self._speeds = at_first(), np.zeros(6)
         self._wanted, self._good_until = np.zeros(6), 0.0
         self._course: CubicHermiteSpline | None = None  # of the joints, and since when
-        self._now, self._count = 1e-9 * self.get_clock().now().nanoseconds, 0
+        self._now, self._count, self._listens = self._time(), 0, False
         self._pose_out = self.create_publisher(PoseStamped, "/tool_pose", RELIABLE)
         self._joints_out = self.create_publisher(JointState, "/joint_states", RELIABLE)
         self._description_out = self.create_publisher(String, "/robot_description", LATCHED)
@@ -130,7 +134,7 @@ class Arm(Node):
 
     def _on_twist(self, msg: TwistStamped) -> None:
         """Follow a velocity, if it is not too old already."""
-        self._go_on()
+        self._go_on(stamp_of(msg))
         self._good_until, self._course = stamp_of(msg) + TIMEOUT, None
         linear, angular = msg.twist.linear, msg.twist.angular
         self._wanted = np.array((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
@@ -138,7 +142,7 @@ class Arm(Node):
     def _on_trajectory(self, msg: JointTrajectory) -> None:
         """Go on from here through the points that are not past; the last one is held."""
         order = [msg.joint_names.index(name) for name in NAMES]
-        self._go_on()
+        self._go_on(stamp_of(msg))
         times, places, speeds = [self._now], [self.joints], [self._speeds]
         for point in msg.points:
             when = stamp_of(msg) + point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
@@ -150,14 +154,21 @@ class Arm(Node):
             self._course = CubicHermiteSpline(times, places, speeds)
 
     def _step(self) -> None:
-        self._go_on()
+        now = self._time()
+        self._listens = not self._listens and now - self._now > LATE
+        if self._listens:  # what came meanwhile is taken first
+            return
+        self._go_on(now)
         self._count += 1
         if self._count % POSES == 0:
             self._publish(*forward(self.joints)[:2])
 
-    def _go_on(self) -> None:
-        """Follow the last command until now, while it is good."""
-        then, self._now = self._now, 1e-9 * self.get_clock().now().nanoseconds
+    def _time(self) -> float:
+        return 1e-9 * self.get_clock().now().nanoseconds
+
+    def _go_on(self, until: float) -> None:
+        """Follow the last command, while it is good; not back, and not beyond the present."""
+        then, self._now = self._now, max(self._now, min(until, self._time()))
         seconds = min(self._now - then, 0.05)
         if self._course is not None:
             self._speeds = self._course(self._now, 1) if self._now < self._course.x[-1] else np.zeros(6)

@@ -525,8 +525,8 @@ class SerialPusher(ABC):
         fastest, forward = (reported, 0.0) if stroke is None else (min(limit, stroke.speed), stroke.forward)
         # a pusher that rests, as two reports in a row say, and has not been sent anywhere cannot be elsewhere
         capable = limit if reported or stroke is not None else 0.0
-        speeds = (speed * self._factor for speed in (fastest, reported, capable))
-        believed, jumped_from = self._plausibility.judge(position, asked, now, *speeds, forward)
+        fastest, reported, capable = (speed * self._factor for speed in (fastest, reported, capable))
+        believed, jumped_from = self._plausibility.judge(position, asked, now, fastest, reported, capable, forward)
         if jumped_from is not None and self._connected:
             jump = f"it was at {jumped_from:.4f} m and then, at once, at {position:.4f} m"
             self._trouble = self._trouble or Jumped(f"the controller at {self._path} cannot be believed: {jump}")
