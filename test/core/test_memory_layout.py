@@ -21,7 +21,6 @@ import shapely
 import pushfric_core
 from pushfric_core import estimation, geometry, mechanics, program, solvers, trajectories, uncertainty
 from pushfric_core.estimation import estimate_report, region
-from pushfric_core.estimation.refinement import refine
 from pushfric_core.geometry import contact, planar, support
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, Twist, Wrench
@@ -247,12 +246,6 @@ ROWS = {
     "quasi_static.holding_margins": (
         lambda **given: quasi_static.holding_margins(**given, length=0.03),
         FRICTION | CONTACT | {"half_widths": HALVES, "twists": TWISTS},
-    ),
-    "refinement.refine": (
-        lambda points, candidates: refine(
-            OBSERVATIONS, points, candidates, pushfric_core.EstimatorConfig(nonnegative_force=False)
-        ),
-        {"points": POINTS, "candidates": RNG.uniform(-0.04, 0.04, (30, 2))},
     ),
     "region.line_of_pushing": (lambda direction: region.line_of_pushing(OBSERVATION, direction), {"direction": -NORMALS[0]}),
     "region.left_of_line": (region.left_of_line, {"point": CONTACTS[0], "direction": VELOCITIES[0]}),

@@ -1,4 +1,4 @@
-"""One estimate from a file, with supports anywhere on the object."""
+"""One estimate from a file."""
 
 import pathlib
 import re
@@ -9,28 +9,6 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.offline.estimation import Choices, estimate_from
 
 BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
-
-
-def test_supports_anywhere_fit_better_and_that_is_certified():
-    warnings = []
-    plain = estimate_from(BAG, Choices(), warnings.append).figures()
-    refined = estimate_from(BAG, Choices(refine=0.004), warnings.append)
-    figures = refined.figures()
-    assert "refined" not in plain
-    assert figures["refined"]["status"] == "optimal"
-    assert figures["refined"]["candidates"] == 33 * 17
-    assert figures["refined"]["objective"] <= plain["objective"]
-    assert figures["refined"]["lower_bound"] == pytest.approx(figures["refined"]["objective"], rel=1e-6)
-    assert figures["objective"] == pytest.approx(figures["refined"]["objective"], rel=1e-6)
-    assert len(figures["w"]) == len(figures["support_points"]) == len(figures["w_intervals"])
-    assert refined.to_model().w == figures["w"]
-    assert warnings == []
-
-
-@pytest.mark.parametrize("spacing", [0.0, -0.001, 1e-5, float("nan")])
-def test_a_spacing_that_makes_no_sense_is_refused(spacing):
-    with pytest.raises(InvalidInput, match="--refine"):
-        estimate_from(BAG, Choices(refine=spacing), lambda _: None)
 
 
 @pytest.mark.parametrize(

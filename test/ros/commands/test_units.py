@@ -129,7 +129,6 @@ WRONG = [
     (WITH_CELL, in_cell("plan", angle_tolerance=10), "got 10.0: are these degrees?"),
     ((*ESTIMATE, "--half-width", 25), {}, "half_width must lie in [0.0, 1.0], got 25.0: are these millimetres?"),
     ((*ESTIMATE, "--cor-radius", 5), {}, "got 5.0: are these millimetres?"),
-    ((*ESTIMATE, "--refine", 5), {}, "--refine: the spacing of the candidates must lie in (0, 0.12] m, got 5: are these mill"),
     ((*REGION, "--region-margin", 2), {}, "region_margin must lie in [0.0, 0.1], got 2.0: are these millimetres?"),
     (("jog", 5), {}, "distance must lie in [-0.5, 0.5] m, got 5: are these millimetres?"),
     (("jog", "--", -5), {}, "distance must lie in [-0.5, 0.5] m, got -5: are these millimetres?"),

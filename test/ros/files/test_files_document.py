@@ -78,8 +78,6 @@ def test_the_keys_of_an_estimate_are_documented(data):
         1,
         "--samples",
         "--posterior",
-        "--refine",
-        0.01,
     )
     # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}

@@ -48,10 +48,6 @@ def estimate(
     ] = None,
     partial: PartialFlag = False,
     namespace: CellOption = None,
-    refine: Annotated[
-        float | None,
-        typer.Option(help="Let supports be anywhere on the object, on a grid with this spacing [m].", show_default=False),
-    ] = None,
     posterior: Annotated[
         bool,
         typer.Option("--posterior", help="Sample the posterior: p_CF and w if feet may stand anywhere; about a second."),
@@ -73,7 +69,7 @@ def estimate(
 
     With --out, an input that cannot be read does not stop the others. If you interrupt the command, call it again: it goes on.
     """
-    choices = Choices(object_name, grid, support_points, settings, partial, namespace, refine)
+    choices = Choices(object_name, grid, support_points, settings, partial, namespace)
     if out is not None:
         if figure is not None or save is not None or ledger is not None or samples or posterior:
             raise InvalidInput(

@@ -13,7 +13,6 @@ from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.files.file_errors import shortened
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.support import FreeRadii
 from pushfric_core.settings import AUTO, merged, read, setting
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
@@ -58,16 +57,14 @@ class EstimatorSettings:
         """Whether a term needs measured forces."""
         return self.estimator.needs_force
 
-    def new_estimator(
-        self, support_points: npt.ArrayLike, free: FreeRadii | None = None, outline: Outline | None = None
-    ) -> Estimator:
+    def new_estimator(self, support_points: npt.ArrayLike, outline: Outline | None = None) -> Estimator:
         """An estimator without observations.
 
         Args:
             support_points: (n, 2) hypothesised supports in the object frame [m].
-            free, outline: see `Estimator`.
+            outline: see `Estimator`.
         """
-        estimator = Estimator(support_points, self.estimator, free=free, outline=outline)
+        estimator = Estimator(support_points, self.estimator, outline=outline)
         for push_id in self.kept:
             estimator.keep(push_id)
         return estimator

@@ -5,18 +5,15 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation import batch
 from pushfric_core.estimation.batch import Warn
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.estimator import Estimator, free_radii
-from pushfric_core.estimation.refinement import Refined, candidate_grid, refine
+from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import ModelFile, make_model
 from pushfric_core.files.object_file import ObjectModel
-from pushfric_core.geometry.planar import Array
 from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.inputs import object_of, with_support
 from pushfric_core.trajectories.ledger import Ledger
@@ -33,7 +30,6 @@ class Choices:
     settings: ChosenSettings = field(default_factory=ChosenSettings)
     partial: bool = False  # accept a bag from which messages are missing
     namespace: str | None = None  # of the cell; None: a bag has only one
-    refine: float | None = None  # supports may be this far from one another, anywhere on the object [m]; None: as hypothesised
 
 
 class Estimation(NamedTuple):
@@ -47,7 +43,6 @@ class Estimation(NamedTuple):
     course: tuple[Estimate, ...]  # the last estimate, or the estimates after each of them
     verdict: Verdict
     ledger: Ledger  # what became of every message
-    refined: Refined | None = None  # of all places on the object, if supports may be anywhere
 
     @property
     def result(self) -> Estimate:
@@ -57,18 +52,9 @@ class Estimation(NamedTuple):
     def figures(self, posterior: bool = False) -> dict[str, Any]:
         """All numbers, as the command line's JSON names them; with those of the posterior, which takes about a second."""
         slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
-        figures = EstimateReport.of(
+        return EstimateReport.of(
             self.result, self.model.name, slipping, self.verdict, posterior=self.result.posterior if posterior else None
         ).to_dict()
-        if self.refined is not None:
-            solution = self.refined.solution
-            figures["refined"] = {
-                "candidates": self.refined.candidates,
-                "objective": solution.objective,
-                "lower_bound": solution.lower_bound,
-                "status": solution.status.value,
-            }
-        return figures
 
     def to_model(self, posterior: bool = False) -> ModelFile:
         """The model to keep."""
@@ -92,21 +78,15 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     settings = choices.settings.over(recorded.settings)
     model, _ = object_of(source, choices.object_name)
     model = with_support(model, choices.grid, choices.support_points)
-    candidates = None if choices.refine is None else _candidates(model, choices.refine)
     reading = recorded.read(model, settings, warn, choices.partial)
     estimator = settings.new_estimator(model.support_points)
     data = batch.usable_by(estimator, reading.observations, warn)
     course = _course(estimator, data, whole_course)
-    refined = None
-    if candidates is not None:
-        refined = _refined(estimator, candidates)
-        estimator = settings.new_estimator(refined.points, free_radii(estimator.support_points, settings.estimator))
-        course = _course(estimator, data, whole_course)
     verdict = estimator.verdict(course[-1])
     reading.settle(estimator)
     for line in (*(note.text for note in verdict.notes), *(f"{source}: {doubt}" for doubt in reading.ledger.doubts)):
         warn(line)
-    return Estimation(source, model, settings, estimator, data, course, verdict, reading.ledger, refined)
+    return Estimation(source, model, settings, estimator, data, course, verdict, reading.ledger)
 
 
 def _course(estimator: Estimator, data: list[Observation], whole: bool) -> tuple[Estimate, ...]:
@@ -116,17 +96,3 @@ def _course(estimator: Estimator, data: list[Observation], whole: bool) -> tuple
         return (estimator.add(data),)
     course = [estimator.add(one) for one in data]
     return (*course[:-1], estimator.estimate())
-
-
-def _candidates(model: ObjectModel, spacing: float) -> Array:
-    try:
-        return candidate_grid(model.outline, spacing)
-    except ValueError as error:
-        raise InvalidInput(f"--refine: {error}") from error
-
-
-def _refined(estimator: Estimator, candidates: Array) -> Refined:
-    try:
-        return refine(estimator.observations, estimator.support_points, candidates, estimator.config)
-    except (ValueError, PushfricError) as error:
-        raise InvalidInput(f"--refine: {error}") from error
