@@ -309,7 +309,6 @@ OUT = ["estimate", "bags/rubber_rect4", "--out", "OUT", "--jobs", "1"]
 USERS = {
     "cv2": ["calibrate", "board", "--out", "OUT"],
     "distributed": [*OUT, "--dask", "tcp://127.0.0.1:1"],
-    "joblib": OUT,
     "lz4": ["bag", "verify", "bags/rubber_rect4"],
     "matplotlib": ["estimate", "bags/rubber_rect4", "--figure", "OUT.png"],
     "mcap": ["bag", "verify", "bags/rubber_rect4"],

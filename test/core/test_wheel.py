@@ -125,16 +125,13 @@ USES: dict[str, Use] = {
     "serial": Use(("-c", SERIAL), "b'?'"),
     "plot": Use((*ESTIMATE, "--figure", "figure.png"), "of 6 pushes"),
     "pandas": Use(("-c", FRAME), "contact_x"),
-    "jobs": Use((*ESTIMATE, "--out", "many", "--jobs", "1"), "usable: 1"),
     "osqp": Use((*ESTIMATE, "--solver", "osqp"), "of 6 pushes"),
     "dask": Use(
         (*ESTIMATE, "--out", "dask", "--dask", "tcp://127.0.0.1:1"),
         "usable: 1",
         ("cluster.py", *ESTIMATE, "--out", "dask"),
     ),
-    "parquet": Use((*ESTIMATE, "--out", "tables", "--jobs", "1"), "usable: 1"),
 }
-"""In the order of installation: osqp brings joblib, too, which jobs is for."""
 
 
 @pytest.fixture(scope="module")
@@ -182,14 +179,11 @@ def test_each_extra_brings_what_it_is_for(install, folder):
     done = run(folder, environment / "bin/pushfric", *ESTIMATE)
     assert "of 6 pushes" in done.stdout, done.stderr
     for extra, use in USES.items():
-        if extra != "parquet":  # without it, the table is written as CSV alone
-            missing = run(folder, *use.command(environment, installed=False))
-            *_, line = missing.stderr.splitlines()
-            assert missing.returncode in (1, 2)
-            assert re.search(rf"pip install 'pushfric_core\[{extra}\]'$", line), line
+        missing = run(folder, *use.command(environment, installed=False))
+        *_, line = missing.stderr.splitlines()
+        assert missing.returncode in (1, 2)
+        assert re.search(rf"pip install 'pushfric_core\[{extra}\]'$", line), line
         install(extra)
         found = run(folder, *use.command(environment, installed=True))
         assert use.printed in found.stdout + found.stderr
     assert (folder / "figure.png").stat().st_size > 10_000
-    assert (folder / "tables/table.parquet").is_file()
-    assert not (folder / "many/table.parquet").exists()

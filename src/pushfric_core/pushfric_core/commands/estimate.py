@@ -132,7 +132,7 @@ def _one(
 def _many(
     sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs: int, dask: str | None, json: str | None
 ) -> bool:
-    # imported late: one estimate needs none of joblib, matplotlib and a bar
+    # imported late: one estimate needs neither matplotlib nor a bar
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from pushfric_core.offline.many import Line, estimate_many, inputs_of
@@ -160,7 +160,7 @@ def _many(
             progress.update(task, advance=1, broken=broken)
 
         lines = mark_outliers(estimate_many(inputs, choices, out, jobs, dask, finished))
-    files = [*write_table(lines, out), write_summary(lines, out)]
+    files = [write_table(lines, out), write_summary(lines, out)]
     number = counts(lines)
     write_json(to_json(number | {"files": [str(file) for file in files]}), json)
     if json != STDOUT:

@@ -1,13 +1,14 @@
 """One function called for many arguments, by processes of this machine or by the workers of a Dask cluster."""
 
+import multiprocessing
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
-
-from joblib import Parallel, delayed
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from pushfric_core.errors import InvalidInput, PushfricError
 
@@ -38,15 +39,24 @@ def results(work: Callable[[Argument], Result], arguments: Iterable[Argument], j
 
 
 def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Argument], jobs: int) -> Iterator[Result]:
-    parallel = Parallel(jobs, return_as="generator_unordered", initializer=_end_with, initargs=(os.getpid(),))
+    if jobs == 1:
+        yield from map(work, arguments)
+        return
+    processes = len(os.sched_getaffinity(0)) if jobs < 0 else jobs
+    # started from nothing: a fork would copy locks that the threads of this process may hold
+    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _end_with, (os.getpid(),))
     try:
-        yield from parallel(delayed(work)(argument) for argument in arguments)
-    except TerminatedWorkerError as error:
+        for future in as_completed([pool.submit(work, argument) for argument in arguments]):
+            yield future.result()
+    except BrokenProcessPool as error:
         raise WorkerKilled("a worker process was killed; perhaps memory ran out: try fewer --jobs") from error
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _end_with(parent: int) -> None:
-    """Let this worker process end with its parent, even if the parent is killed; joblib's workers would stay for ever."""
+    """Let this worker process end with its parent, even if the parent is killed; on Ctrl-C, the parent ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
         while os.getppid() == parent:
