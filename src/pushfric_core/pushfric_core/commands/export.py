@@ -10,7 +10,7 @@ from pushfric_core.commands.console import say
 from pushfric_core.commands.options import CellOption, ObjectOption
 from pushfric_core.commands.planning import ModelArgument, known
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS
 from pushfric_core.formats.export import FORMATS
 from pushfric_core.formats.export import export as exported
@@ -38,6 +38,7 @@ def export(
 ) -> None:
     """Slow motions depend neither on the mass nor on the table's friction. The files say which of them is assumed."""
     file, pushed = known(model, object_name, namespace)
+    make_folder(out)
     friction = file.friction()
     if samples is not None and len(friction.w) == 1:
         raise InvalidInput(f"{model}: has no ensemble to draw {samples} models from; leave out --samples")

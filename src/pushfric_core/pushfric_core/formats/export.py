@@ -1,24 +1,18 @@
-"""Export of a friction model: to a simulator, a planner, or a program of one's own."""
+"""Export of a friction model: to a simulator, or as JSON to a planner or a program of one's own."""
 
 from collections.abc import Callable
 
 from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS, Body, load_of
+from pushfric_core.formats.json_text import json
 from pushfric_core.formats.mjcf import mjcf
-from pushfric_core.formats.planners import json, nmpc, planning_through_contact, pusher_slider
-from pushfric_core.formats.sdf import drake, sdf
-from pushfric_core.formats.urdf import urdf
+from pushfric_core.formats.sdf import sdf
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.mechanics.prediction import FrictionModel
 
 FORMATS: dict[str, Callable[[Body], dict[str, str]]] = {
     "mjcf": mjcf,
     "sdf": sdf,
-    "urdf": urdf,
-    "drake": drake,
     "json": json,
-    "planning-through-contact": planning_through_contact,
-    "pusher-slider": pusher_slider,
-    "nmpc": nmpc,
 }
 
 
@@ -44,7 +38,7 @@ def export(
     Args:
         model: of the object.
         outline: object frame.
-        to: mjcf, sdf, urdf, drake, json, planning-through-contact, pusher-slider or nmpc.
+        to: mjcf, sdf or json.
         name: of the object.
         mass: [kg]; None: from the total friction, or 1 kg.
         table_friction: coefficient of the table; None: from mass and total friction, or 0.35.

@@ -1,4 +1,4 @@
-"""XML as the writers of MJCF, SDF and URDF share it: elements, numbers, and the comment on top."""
+"""XML as the writers of MJCF and SDF share it: elements, numbers, and the comment on top."""
 
 import re
 import xml.etree.ElementTree as ElementTree
