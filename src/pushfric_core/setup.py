@@ -94,7 +94,6 @@ setup(
         "console_scripts": ["pushfric = pushfric_core.__main__:main"],
         "pushfric.pushers": [
             "grbl = pushfric_core.pushers.serial_config:GrblConfig",
-            "marlin = pushfric_core.pushers.serial_config:MarlinConfig",
         ],
         "pushfric.trackers": [
             "contour = pushfric_core.vision.tracker_settings:ContourConfig",

@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from marlin_firmware import SimulatedMarlin
 
 from pushfric_core.commands.json_option import STDOUT
 from pushfric_core.pushers.grbl import Grbl
@@ -102,11 +103,11 @@ def started(controller: SimulatedGrbl, **options) -> subprocess.Popen:
 
 @pytest.fixture
 def slide(tmp_path, monkeypatch):
-    """The module of the example, installed as pip does, for this test and the actuators that it starts."""
+    """The examples of drivers, installed as pip does, for this test and its actuators; the module of the slide."""
     info = tmp_path / "own_pusher-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own_pusher\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[pushfric.pushers]\nslide = own_pusher:SlideConfig\n")
+    (info / "entry_points.txt").write_text("[pushfric.pushers]\nslide = own_pusher:SlideConfig\nmarlin = marlin:MarlinConfig\n")
     for folder in (EXAMPLES, tmp_path):
         monkeypatch.syspath_prepend(folder)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), str(EXAMPLES), os.environ.get("PYTHONPATH", ""))))
@@ -130,6 +131,10 @@ def test_the_contract_of_every_driver(slide, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name in names))
     slide.Slide(str(tmp_path / "device")).start()
     rehearse_slide(tmp_path / "device")
+    assert capsys.readouterr().err.count("as it must be") == len(names)
+    with SimulatedMarlin(time.monotonic) as controller:
+        settings = [f"port={controller.port}", f"silence={PATIENT}"]
+        rehearse.rehearsal(driver="marlin", settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
     assert capsys.readouterr().err.count("as it must be") == len(names)
 
 

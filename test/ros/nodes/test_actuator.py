@@ -1134,7 +1134,7 @@ print(result.result().result.outcome, result.result().result.message, states[-1]
         ({"port": "/dev/x", "stroke": 0.0}, r"parameter stroke must lie in \[0.001, 10.0\], got 0.0$"),
         (
             {"port": "/dev/x", "driver": "crane"},
-            r"driver must be an entry point of .*\(grbl, marlin, trajectory, twist\), got 'crane'$",
+            r"driver must be an entry point of .*\(grbl, trajectory, twist\), got 'crane'$",
         ),
     ],
 )

@@ -227,7 +227,7 @@ def test_the_doctor_asks_the_driver(package, write):
         (
             {"pusher": {"driver": "crab"}},
             ActuatorNode,
-            r"driver must be an entry point of pushfric.pushers \(crane, grbl, marlin, trajectory, twist\), got 'crab'$",
+            r"driver must be an entry point of pushfric.pushers \(crane, grbl, trajectory, twist\), got 'crab'$",
         ),
         ({"camera": {"level": "high"}}, TrackerNode, r"level must be a whole number, got 'high'$"),
         (

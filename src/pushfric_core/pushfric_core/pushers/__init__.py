@@ -1,1 +1,1 @@
-"""What moves the tip: its protocol, the drivers of GRBL and Marlin, tables of states, and the memory of the last position."""
+"""What moves the tip: its protocol, the driver of GRBL, tables of states, and the memory of the last position."""

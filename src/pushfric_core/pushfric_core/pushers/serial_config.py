@@ -59,21 +59,3 @@ class GrblConfig(SerialConfig):
         from pushfric_core.pushers.grbl import Grbl
 
         return Grbl
-
-
-@dataclass(frozen=True)
-class MarlinConfig(SerialConfig):
-    """A controller with Marlin 2, built with M114_REALTIME."""
-
-    firmware = "Marlin"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.axis[-1] not in "XYZ":
-            raise ValueError(f"axis must be X, Y or Z, or one of them with a minus sign, got {self.axis!r}")
-
-    def driver_class(self) -> "type[SerialPusher]":
-        """See SerialConfig."""
-        from pushfric_core.pushers.marlin import Marlin
-
-        return Marlin

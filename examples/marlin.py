@@ -1,4 +1,11 @@
-"""Driver of a pusher behind a controller with the firmware Marlin 2, on a serial port.
+"""A driver of your own for a line protocol: a pusher behind a controller with the firmware Marlin 2, on a serial port.
+
+A package registers `MarlinConfig` as an entry point of the group pushfric.pushers, `marlin = marlin:MarlinConfig`; then a
+cell's file chooses it with `pusher: {driver: marlin, port: ...}`. docs/safety.md says what was run. See what it does:
+
+pushfric rehearse --driver marlin --set port=/dev/ttyUSB0 --set baud=250000 --stroke 0.06
+
+Build the firmware with axes that may move before homing, and no filament sensor.
 
 A stroke is a stream of short lines (`G1`). Each line has a number and a checksum, so the controller refuses a damaged one and
 asks for it again. Marlin has no jog that can be cancelled and no feed hold: the pusher stops because its planner never holds
@@ -15,10 +22,12 @@ import math
 import operator
 import re
 from collections import deque
+from dataclasses import dataclass
 
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.driver_states import Phase, Role
 from pushfric_core.pushers.pusher import Limits, NotConnected, NotReady, Timeout
+from pushfric_core.pushers.serial_config import SerialConfig
 from pushfric_core.pushers.serial_pusher import (
     MM,
     MM_PER_MINUTE,
@@ -244,3 +253,19 @@ class Marlin(SerialPusher):
 
     def _ensure_full_feed(self) -> None:
         """The line in MODES has done it."""
+
+
+@dataclass(frozen=True)
+class MarlinConfig(SerialConfig):
+    """The settings of the driver in a cell's file: a controller with Marlin 2, built with M114_REALTIME."""
+
+    firmware = "Marlin"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.axis[-1] not in "XYZ":
+            raise ValueError(f"axis must be X, Y or Z, or one of them with a minus sign, got {self.axis!r}")
+
+    def driver_class(self) -> type[SerialPusher]:
+        """See SerialConfig."""
+        return Marlin

@@ -1,8 +1,7 @@
-"""The Marlin driver, on a line that can fail, and the simulated firmware."""
+"""The example of a driver for a line protocol, on a line that can fail, with simulated firmware."""
 
 import contextlib
 import functools
-import math
 import operator
 import re
 import time
@@ -13,19 +12,15 @@ import pytest
 from line_stage import DEAD_MAN, LATE, SPEED, LineStage
 from marlin_firmware import SimulatedMarlin
 
-from pushfric_core.pushers.marlin import Marlin
+from examples.marlin import Marlin, MarlinConfig
 from pushfric_core.pushers.pusher import (
-    LeftTheWay,
-    Mode,
     NotConnected,
     NotReady,
     PusherConfig,
-    Timeout,
 )
 from pushfric_core.pushers.serial_checks import Grade
-from pushfric_core.pushers.serial_config import MarlinConfig
 from pushfric_core.pushers.serial_pusher import Halted
-from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
+from pushfric_core.simulated.faulty_line import FaultyLine, once
 
 FAR = 0.05
 STEP = 1e-3 / 80
@@ -74,14 +69,6 @@ def stage_of(**options) -> Iterator[Stage]:
         yield Stage(controller, line)
 
 
-def test_it_says_who_it_is_and_what_it_can(stage: Stage) -> None:
-    with contextlib.closing(stage.driver()) as pusher:
-        assert pusher.name == f"Marlin 2.1.2.1 at {stage.line.port}"
-        assert pusher.limits == (math.inf, pytest.approx(0.1), pytest.approx(0.5))
-        assert pusher.mode is Mode.IDLE
-        assert pusher.doubt is None
-
-
 @pytest.mark.parametrize("axis", ["X", "-X"])
 def test_a_stroke_ends_where_it_was_sent(stage: Stage, axis: str) -> None:
     with contextlib.closing(stage.driver(axis=axis)) as pusher:
@@ -102,17 +89,6 @@ def test_every_line_of_a_stroke_has_a_number_and_a_checksum(stage: Stage) -> Non
         numbers.append(int(number))
     assert numbers == sorted(set(numbers))
     assert not re.search(rb"^G\d", stage.sent, re.MULTILINE)
-
-
-def test_it_stops_by_itself_when_nobody_polls(stage: Stage) -> None:
-    with contextlib.closing(stage.driver()) as pusher:
-        stage.under_way(pusher)
-        begin = stage.controller.position()
-        assert stage.rest() - begin <= DEAD_MAN + LATE
-        rest = stage.rest()
-        pusher._polled -= 11.0  # as if this had taken longer than silence allows
-        stage.fails(pusher, Timeout, "this process stood still")
-        assert stage.rest() == rest
 
 
 def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:
@@ -140,14 +116,6 @@ def test_a_damaged_line_is_refused_and_sent_again(stage: Stage, old: bytes, new:
         assert stage.sent.count(b"G90*") == 1  # it was the same stroke
 
 
-def test_lost_answers_do_not_end_a_stroke(stage: Stage) -> None:
-    with contextlib.closing(stage.driver()) as pusher:
-        stage.under_way(pusher)
-        stage.line.to_host = once(b"ok\r\n", b"")
-        stage.drive(pusher, lambda: not pusher.busy)
-        assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
-
-
 @pytest.mark.parametrize("late", [0.3, 0.4])
 def test_late_answers_count_as_those_of_their_own_lines(stage: Stage, late: float) -> None:
     """Two questions may still be unanswered when the driver connects again."""
@@ -160,27 +128,10 @@ def test_late_answers_count_as_those_of_their_own_lines(stage: Stage, late: floa
 def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     with stage_of(real_positions=False) as stage, contextlib.closing(stage.driver()) as pusher:
         now = time.monotonic()
-        monkeypatch.setattr("pushfric_core.pushers.marlin.clock", lambda: now)  # a busy machine takes its time
+        monkeypatch.setattr("examples.marlin.clock", lambda: now)  # a busy machine takes its time
         pusher.move_to(FAR, SPEED)
         stage.fails(pusher, NotReady, r"mm after 0\.00 s of a stroke at 20 mm/s: its firmware needs M114_REALTIME")
         assert stage.rest() <= DEAD_MAN
-
-
-def test_a_silent_controller_is_stopped(stage: Stage) -> None:
-    with contextlib.closing(stage.driver(silence=0.5)) as pusher:
-        stage.under_way(pusher)
-        stage.line.to_host = nothing
-        begin = stage.controller.position()
-        with pytest.raises(Timeout, match=r"said nothing|no answer"):
-            stage.drive(pusher, lambda: False)
-        assert stage.rest() - begin <= DEAD_MAN + LATE
-
-
-def test_a_restart_in_mid_stroke_loses_the_connection(stage: Stage) -> None:
-    with contextlib.closing(stage.driver()) as pusher:
-        stage.under_way(pusher)
-        stage.controller.reset()
-        stage.fails(pusher, NotConnected, "restarted")
 
 
 def test_a_halted_firmware_says_so(stage: Stage) -> None:
@@ -208,15 +159,6 @@ def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage, gone: float) 
         stage.drive(pusher, lambda: not pusher.busy)
         stage.push(pusher, 0.0)
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
-
-
-def test_another_axis_that_moves_ends_the_stroke(stage: Stage) -> None:
-    with contextlib.closing(stage.driver()) as pusher:
-        stage.under_way(pusher)
-        begin = stage.controller.position()
-        stage.line.to_host = lambda data: data.replace(b"Y:0.00 Z", b"Y:7.00 Z")
-        stage.fails(pusher, LeftTheWay, r"axis Y went from 0\.000 mm to 7\.000 mm; only X may move")
-        assert stage.rest() - begin <= DEAD_MAN
 
 
 def test_it_homes(stage: Stage) -> None:
