@@ -10,8 +10,10 @@ import yaml
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, transform
 from pushfric_core.pages.drawn_object import MOST, DrawnObject
+from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera
 
 OUTLINE = [[-0.06, -0.04], [0.06, -0.04], [0.06, 0.04], [-0.06, 0.04]]
@@ -140,3 +142,46 @@ def test_a_scan_has_the_width_that_is_given(tmp_path):
     drawn = DrawnObject(tmp_path / "block.yaml", width=0.21)
     drawn.show(np.zeros((297, 210), np.uint8), "scan.png")
     assert drawn.figures()["region"] == pytest.approx({"left": -0.105, "bottom": -0.1485, "width": 0.21, "height": 0.297})
+
+
+def rendered(pose):
+    """The same, with the lens's distortion along the edges."""
+    return SimulatedCamera(CAMERA, np.array(OUTLINE), 0.02, np.random.default_rng(0)).render(pose)
+
+
+def test_the_outline_in_a_picture_is_the_first_proposal(tmp_path):
+    drawn = DrawnObject(tmp_path / "block.yaml", CAMERA, height=0.02)
+    drawn.show(rendered(Pose(0.25, 0.12, math.radians(25))), "photo.png")
+    drawn.save()
+    found = load_object(str(tmp_path / "block.yaml"))
+    assert found.height == 0.02
+    assert sorted(found.outline.lengths) == pytest.approx(sorted(Outline(OUTLINE).lengths), abs=0.3e-3)
+    np.testing.assert_allclose(found.outline.vertices.mean(axis=0), 0.0, atol=0.1e-3)  # about its middle
+
+
+def test_an_outline_is_found_again_in_the_frame_of_the_file(file):
+    file.write_text(FILE.replace("[0.06, -0.04], [0.06, 0.04]", "[0.0605, -0.04], [0.0605, 0.04]"))
+    drawn = DrawnObject(file, CAMERA)
+    drawn.show(rendered(Pose(0.25, 0.12, math.radians(25))), "photo.png")
+    before = drawn.figures()["outline"]
+    drawn.take(json.dumps({"outline": before, "find": True}).encode())
+    np.testing.assert_allclose(drawn.figures()["outline"], OUTLINE, atol=0.3e-3)
+
+
+def test_what_is_dark_on_a_bright_scan_is_found(tmp_path):
+    scan = np.full((297, 210), 250, np.uint8)
+    scan[100:200, 50:170] = 40
+    drawn = DrawnObject(tmp_path / "block.yaml", width=0.21)
+    drawn.show(cv2.GaussianBlur(scan, (0, 0), 0.8), "scan.png")
+    drawn.save()
+    lengths = load_object(str(tmp_path / "block.yaml")).outline.lengths
+    assert sorted(lengths) == pytest.approx([0.1, 0.1, 0.12, 0.12], abs=0.5e-3)
+
+
+def test_a_picture_that_shows_no_object_says_so(file):
+    drawn = DrawnObject(file, CAMERA)
+    with pytest.raises(InvalidInput, match="no outline was found: there is no picture"):
+        drawn.take(json.dumps({"outline": OUTLINE, "find": True}).encode())
+    drawn.show(np.full((480, 640), 50, np.uint8), "photo.png")
+    with pytest.raises(InvalidInput, match="no outline was found: no object: nothing is brighter than the table"):
+        drawn.take(json.dumps({"outline": OUTLINE, "find": True}).encode())

@@ -538,6 +538,25 @@ def test_a_corner_is_dragged_over_a_picture(browser, tmp_path, table):
     assert model.support_points.tolist() == corners[1:]
 
 
+def test_a_scan_gives_the_outline(browser, tmp_path):
+    """It is proposed, spoilt, found again and saved."""
+    scan = np.full((300, 400), 245, np.uint8)
+    scan[80:240, 80:320] = 60
+    cv2.imwrite(str(tmp_path / "scan.png"), cv2.GaussianBlur(scan, (0, 0), 1.0))
+    with edited(tmp_path, "--picture", "scan.png", "--width", "0.2") as (editor, url):
+        with visit(browser, url, viewport=SCREEN) as page:
+            expect(page.locator("#trust")).to_have_text(re.compile("^4 corners"))
+            page.locator("#rows button").first.click()
+            expect(page.locator("#trust")).to_have_text(re.compile("^3 corners"))
+            page.locator("#find").click()
+            expect(page.locator("#trust")).to_have_text(re.compile("^4 corners"))
+            page.locator("#save").click()
+            expect(page.locator("#prompt")).to_have_text("Saved")
+        assert editor.wait(PATIENCE) == 0
+    size = load_object(str(tmp_path / "block.yaml")).outline.size
+    np.testing.assert_allclose(size, (0.12, 0.08), atol=1e-3)
+
+
 @pytest.fixture
 def whole_demo(tmp_path):
     """Address of a demo's page, and the folder for the docs' pictures."""

@@ -421,7 +421,7 @@ def test_an_object_that_is_not_seen_is_a_warning_with_numbers(tmp_path):
     check = scene.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), np.full((240, 320), 40, np.uint8))
     seen = "expected about 127 x 64 px; the picture has grey levels of 40 (median) to 40"
     assert check[1:3] == (WARNING, f"rubber_rect4 is not seen now: no object; {seen}")
-    assert "./pushfric measure" in check.advice
+    assert "./pushfric edit" in check.advice
 
 
 # The pusher

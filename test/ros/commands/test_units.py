@@ -135,9 +135,9 @@ WRONG = [
     (("jog", 0.005, "--speed", 10), {}, "are these millimetres per second?"),
     (("rehearse", "--port", "/dev/none", "--stroke", 60), {}, "are these millimetres?"),
     (("rehearse", "--port", "/dev/none", "--stroke", 0.06, "--speed", 20), {}, "are these millimetres per second?"),
-    (("measure", "cell.yaml", "--moved", 200), {}, "are these millimetres?"),
-    (("measure", "cell.yaml", "--height", 30), {}, "are these millimetres?"),
-    (("measure", "cell.yaml", "--speed", 20), {}, "are these millimetres per second?"),
+    (("calibrate", "tip", "cell.yaml", "--tip-height", 30), {}, "are these millimetres?"),
+    (("edit", "box.yaml", "--height", 30), {}, "are these millimetres?"),
+    (("calibrate", "tip", "cell.yaml", "--speed", 20), {}, "are these millimetres per second?"),
     (("calibrate", "board", "board.pdf", "--square", 28), {}, "smaller than 1 m, got 28: are these millimetres?"),
 ]
 

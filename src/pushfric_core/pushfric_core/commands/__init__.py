@@ -17,10 +17,8 @@ SECTIONS = {
         "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
     },
     "Camera": {
-        "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table.",
-        "measure": "Measure the object and the pushing line with the cell's camera; write object.yaml and the"
-        " pusher's entries.",
-        "edit": "Draw or correct an object's outline and support points in a browser, over a picture or an empty sheet.",
+        "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table; and find the pusher's tip.",
+        "edit": "Find an object's outline in a picture or a scan; correct it, and draw its support points, in a browser.",
         "track": "Track the object in the images of a bag again, and say how the poses differ from the recorded ones.",
         "check-cell": "Check a whole cell against statics: how far p_CF is off for a plate with known loads.",
     },

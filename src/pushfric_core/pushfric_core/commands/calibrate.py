@@ -1,22 +1,35 @@
-"""The commands of `pushfric calibrate`: print a board, then calibrate the lens, then the table."""
+"""The commands of `pushfric calibrate`: print a board, then calibrate the lens, then the table, then find the tip."""
 
 import pathlib
+import sys
+from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
 import typer
+import yaml
 
+from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
-from pushfric_core.commands.console import say
+from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
 from pushfric_core.commands.interrupt import telling_what_is_left
+from pushfric_core.commands.json_option import JsonOption, write_json
+from pushfric_core.commands.node_graph import borrowed
+from pushfric_core.commands.options import in_range
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.file_errors import reading
 from pushfric_core.files.object_file import load_object
+from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.yaml_edit import Value, with_values
+from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.report.report import to_json
 from pushfric_core.vision.board import Board
-from pushfric_core.vision.camera import load_lens, save_camera
+from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
+from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.lens_calibration import lens_from_frames
 from pushfric_core.vision.table_calibration import (
     calibrate_table,
@@ -24,9 +37,17 @@ from pushfric_core.vision.table_calibration import (
     read_table_points,
     table_from_frames,
 )
+from pushfric_core.vision.tip_measurement import measure_tip, tip_figures, tip_findings, tip_picture
 from pushfric_core.wording import counted
 
 app = Application(no_args_is_help=True)
+
+PUSHER_FILE = "pusher.yaml"
+"""Name of the file for the pusher's entries if they do not go into the cell's file."""
+STROKES = 13
+"""Positions along the stroke, from one end to the other."""
+SHORT_OF_THE_END = 1e-4
+"""The stroke is not quite used up, because controllers round positions [m]."""
 
 CAMERA = ACCEPTED_WITH_TOPICS[0].upper() + ACCEPTED_WITH_TOPICS[1:]
 
@@ -168,3 +189,142 @@ def _board(columns: int, rows: int, square: float) -> Board:
         return Board(columns, rows, square)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
+
+
+@app.command()
+def tip(
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
+    source: Annotated[
+        str,
+        typer.Option(help="Source of the pictures, as for camera.source.", show_default="camera.source of CELL"),
+    ] = "",
+    tip_height: Annotated[
+        float | None,
+        typer.Option(
+            help="Height over the table of the part of the tip that the camera sees [m].",
+            **in_range(0.0, 1.0, "m"),
+            show_default="from the length that the stroke seems to have",
+        ),
+    ] = None,
+    positions: Annotated[
+        str,
+        typer.Option(
+            help="Nothing moves: the pictures of the source show the tip at these stroke positions, in this order [m].",
+            metavar="NUMBER,...",
+            show_default=False,
+        ),
+    ] = "",
+    speed: Annotated[
+        float, typer.Option(help="Speed of the pusher between two pictures [m/s].", **in_range(0.0001, 1.0, "m/s"))
+    ] = 0.01,
+    out: Annotated[
+        pathlib.Path | None, typer.Option(help=f"Folder to write {PUSHER_FILE} to, in place of CELL.", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files without asking.")] = False,
+    json: JsonOption = None,
+) -> None:
+    """Find the pushing line. Take the object away. The pusher goes slowly along its stroke and back, and rests for each
+    picture; the places of its tip give line_origin, line_direction and tip_radius in the cell's file.
+
+    A sentence names each disagreement with the file. measured_tip.png shows what was found.
+    """
+    file = load_cell(cell)
+    if file.camera is None or file.pusher is None:
+        lacking = "camera" if file.camera is None else "pusher"
+        raise InvalidInput(f"{cell}: a camera measures where the pusher goes, expected the section {lacking}")
+    target = cell if out is None else out / PUSHER_FILE
+    _permit(target, force)
+    camera, source = load_camera(file.camera.calibration), source or file.camera.source
+    frames = frames_from(source, file.namespace, (camera.width, camera.height), file.discovery)
+    with telling_what_is_left(lambda: "nothing was written"):
+        places, images = _tip_pictures(file, file.pusher, camera, frames, _numbers(positions), speed)
+        measured = measure_tip(camera, places, images, file.pusher.tip_radius, tip_height)
+        values: dict[str, Value] = {
+            "line_origin": [round(value, 5) for value in measured.origin.tolist()],
+            "line_direction": [round(value, 6) for value in measured.direction.tolist()],
+            "tip_radius": round(float(measured.radius), 5),
+        }
+        picture = target.parent / "measured_tip.png"
+        text = _cell_text(cell, values) if out is None else yaml.safe_dump({"pusher": values}, default_flow_style=None)
+        write_whole(target, text)
+        write_whole(picture, tip_picture(camera, images[-1], measured, file.pusher.stroke))
+    findings = [f"{cell}: {finding}" for finding in tip_findings(measured, file.pusher, tip_height is not None)]
+    for finding in findings:
+        warn(finding)
+    (x, y), (u, v) = 1e3 * measured.origin, measured.direction
+    say(f"pushing line: from ({x:.2f}, {y:.2f}) mm along ({u:.5f}, {v:.5f}), seen to {1e3 * measured.rms:.2f} mm (rms)")
+    length = "" if tip_height is None else f"; the stroke is {measured.scale:.4f} times as long as the controller says"
+    say(f"tip: radius {1e3 * measured.radius:.2f} mm, {1e3 * measured.height:.1f} mm over the table{length}")
+    say(f"wrote {target}, {picture}")
+    write_json(to_json({"pusher": tip_figures(measured), "findings": findings, "files": [str(target), str(picture)]}), json)
+
+
+def _tip_pictures(
+    cell: CellFile, pusher: PusherConfig, camera: Camera, source: Frames, positions: list[float], speed: float
+) -> tuple[list[float], list[Image]]:
+    """Where the tip stood [m], and the picture of each place."""
+    if positions:
+        with source:
+            images = list(source)
+        for image in images:
+            check_size(image, camera, source.name)
+        if len(images) != len(positions):
+            raise InvalidInput(f"{source.name}: {len(images)} pictures, but --positions names {len(positions)}")
+        return positions, images
+    if not source.live:
+        raise InvalidInput(
+            f"{source.name} shows no live camera: give --positions, the stroke positions that it shows the tip at"
+        )
+    wanted = np.linspace(0.0, pusher.stroke - SHORT_OF_THE_END, STROKES).tolist()
+    _consent(pusher, speed)
+    along_the_stroke = borrowed("stroke", "a motion of the pusher")
+    found: tuple[list[float], list[Image]] = along_the_stroke(cell, source, wanted, min(speed, pusher.max_speed), say)
+    return found
+
+
+def _consent(pusher: PusherConfig, speed: float) -> None:
+    """Ask before the pusher moves; without a terminal, the command itself has asked for it."""
+    way = f"from 0 to {1e3 * pusher.stroke:g} mm and back, at {1e3 * speed:g} mm/s"
+    if not sys.stdin.isatty():
+        say(f"the pusher goes {way}")
+        return
+    home = " It homes first." if pusher.home else ""
+    typer.confirm(
+        f"The pusher will go {way}.{home} Take the object away, keep a hand on the emergency stop. Go on?", abort=True, err=True
+    )
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(one) for one in text.split(",")] if text else []
+    except ValueError as error:
+        raise InvalidInput(f"--positions must be numbers with commas between them, got {text!r}") from error
+
+
+def _cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
+    """The text of the cell's file with new entries in the section `pusher`.
+
+    Raises:
+        InvalidInput: the file cannot be read, or its entries cannot be replaced.
+    """
+    with reading(path):
+        text = path.read_text(encoding="utf-8")
+    try:
+        return with_values(text, "pusher", values)
+    except ValueError as error:
+        raise InvalidInput(f"{path}: {error}; with --out FOLDER, the entries go into a file of their own") from error
+
+
+def _permit(target: pathlib.Path, force: bool) -> None:
+    """Ask before a file is overwritten; this comes before anything is measured.
+
+    Raises:
+        InvalidInput: the folder does not exist; or the file exists, and there is no terminal to ask.
+    """
+    if not target.parent.is_dir():
+        raise InvalidInput(f"{target.parent}: no such folder")
+    if force or not target.exists():
+        return
+    if not sys.stdin.isatty():
+        raise InvalidInput(f"{target} exists: give --force, or --out FOLDER to write elsewhere")
+    typer.confirm(f"{target} exists. Replace what is measured in it?", abort=True, err=True)

@@ -42,11 +42,19 @@ def edit(
             show_default=False,
         ),
     ] = None,
+    height: Annotated[
+        float | None,
+        typer.Option(
+            help="Height of the object's face over the table, measured with a caliper [m]: a higher face looks larger.",
+            **in_range(0.0, 1.0, "m"),
+            show_default="as in FILE",
+        ),
+    ] = None,
     port: Annotated[int, option(ViewConfig, "port")] = ViewConfig.port,
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
-    """The page shows millimetres; the file keeps metres, and everything in it but outline and support stays as it is. Ctrl-C
-    leaves the file alone."""
+    """A picture of the object alone gives the outline of a new file; correct it, and save. The page shows millimetres; the file
+    keeps metres, and everything in it but outline, support and height stays as it is. Ctrl-C leaves the file alone."""
     if picture and (camera is None) == (width is None):
         raise InvalidInput("--picture needs its scale: give --camera, or else --width")
     if camera is not None and not picture:
@@ -57,7 +65,7 @@ def edit(
     from pushfric_core.pages.picture_server import work_in_a_browser
 
     known = None if camera is None else load_camera(camera)
-    drawn = DrawnObject(file, known, width)
+    drawn = DrawnObject(file, known, width, height)
     source = frames_from(picture, namespace, None if known is None else (known.width, known.height)) if picture else None
 
     with telling_what_is_left(lambda: f"nothing was written to {file}"):

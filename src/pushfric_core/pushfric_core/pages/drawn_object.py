@@ -1,6 +1,7 @@
 """An object that is drawn over a picture, or on an empty sheet: its outline, and where it touches the table."""
 
 import contextlib
+import math
 import pathlib
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.vision.camera import Camera, Image, check_size
 from pushfric_core.vision.contour_tracker import ContourTracker
+from pushfric_core.vision.outline_measurement import centroid, measured_outline
 from pushfric_core.vision.sighting import NotSeen
 
 MOST = 200
@@ -50,6 +52,7 @@ class Drawing(Strict):
     outline: Points = Field(default=[])
     support: DrawnSupport = DrawnSupport(**USUAL)
     picture: tuple[Length, Length, float] = (0.0, 0.0, 0.0)  # where its frame lies in the object frame [m, m, degrees]
+    find: bool = False  # take the outline that the picture shows in place of the one drawn
 
 
 class DrawnObject:
@@ -59,15 +62,21 @@ class DrawnObject:
         target: the object's file; it need not exist.
         camera: that takes the pictures; its table gives them their scale. None: `width` does.
         width: of a picture without a camera, or of the empty sheet [m]; None: that of the empty sheet.
+        height: of the object's face over the table [m]; None: as in the file.
     Raises:
         InvalidInput: the file is there, but is no object's.
     """
 
-    def __init__(self, target: pathlib.Path, camera: Camera | None = None, width: float | None = None) -> None:
+    def __init__(
+        self, target: pathlib.Path, camera: Camera | None = None, width: float | None = None, height: float | None = None
+    ) -> None:
         self._target, self._camera, self._width = target, camera, EMPTY if width is None else width
         self._before = read_yaml(target, ObjectFile) if target.exists() else None
-        self._drawing = Drawing() if self._before is None else Drawing.model_validate(self._written())
-        self._picture: Image | None = None
+        self._drawing = Drawing(**{key: value for key, value in self._written().items() if key != "height"})
+        self._height = height if height is not None else 0.0 if self._before is None else self._before.height
+        self._raw: Image | None = None  # as it was taken
+        self._picture: Image | None = None  # as seen from above
+        self._frame = Pose(0.0, 0.0, 0.0)  # of the picture, on the camera's table
         self._region = -self._width / 2, -self._width * 3 / 8, self._width, self._width * 3 / 4
         self._check()
 
@@ -78,9 +87,15 @@ class DrawnObject:
             InvalidInput: the text is no drawing.
         """
         try:
-            self._drawing = Drawing.model_validate_json(body)
+            drawing = Drawing.model_validate_json(body)
         except ValidationError as error:
             raise InvalidInput(f"expected a drawing: {complaint(error)}") from error
+        if drawing.find:
+            try:
+                drawing = drawing.model_copy(update={"outline": self._found(drawing), "find": False})
+            except NotSeen as reason:
+                raise InvalidInput(f"no outline was found: {reason}") from reason
+        self._drawing = drawing
         self._check()
 
     def _check(self) -> None:
@@ -95,21 +110,23 @@ class DrawnObject:
 
     def _changes(self) -> dict[str, Any]:
         """What differs from the file."""
-        drawn = self._drawing.model_dump(mode="json", exclude_none=True, exclude={"picture"})
+        drawn = self._drawing.model_dump(mode="json", exclude_none=True, exclude={"picture", "find"})
+        if self._height != self._written().get("height", 0.0):
+            drawn["height"] = self._height
         return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != self._written().get(key, {})}
 
     def _written(self) -> dict[str, Any]:
         """What is in the file."""
         if self._before is None:
             return {}
-        return self._before.model_dump(mode="json", exclude_none=True, include={"outline", "support"})
+        return self._before.model_dump(mode="json", exclude_none=True, include={"outline", "support", "height"})
 
     def figures(self) -> dict[str, Any]:
         """What the page shows: all lengths in m, in the object frame, or the picture's where it says so."""
         left, bottom, wide, high = self._region
         return {
             "target": str(self._target),
-            **self._drawing.model_dump(exclude_none=True),
+            **self._drawing.model_dump(exclude_none=True, exclude={"find"}),
             "supports": [] if self.model is None else self.model.support_points,
             "problem": self.problem,
             "region": {"left": left, "bottom": bottom, "width": wide, "height": high},  # of the picture, in its own frame
@@ -120,6 +137,8 @@ class DrawnObject:
     def show(self, image: Image, source: str) -> None:
         """Take a picture, and put it where the object that it shows lies under the drawing, if that can be found.
 
+        If nothing is drawn yet, the outline that the picture shows is a first proposal.
+
         Raises:
             InvalidInput: it has another size than the camera.
         """
@@ -128,21 +147,52 @@ class DrawnObject:
             self._region = -self._width / 2, -high / 2, self._width, high
         else:
             check_size(image, self._camera, source)
-            pose = self._seen(self._camera, image)
-            self._picture, self._region = _from_above(self._camera, image, pose, self._height)
+            self._frame = self._seen(self._camera, image)
+            self._picture, self._region = _from_above(self._camera, image, self._frame, self._height)
+        self._raw = image
         self._drawing = self._drawing.model_copy(update={"picture": (0.0, 0.0, 0.0)})
+        if not self._drawing.outline:
+            with contextlib.suppress(NotSeen):  # then it is drawn by hand
+                self._drawing = self._drawing.model_copy(update={"outline": self._found(self._drawing)})
+                self._check()
 
-    @property
-    def _height(self) -> float:
-        return 0.0 if self._before is None else self._before.height
+    def _found(self, drawing: Drawing) -> list[Point]:
+        """The outline that the picture shows, in the object frame; corner 0 is the one next to that of the drawing.
+
+        Raises:
+            NotSeen: it shows none.
+        """
+        if self._raw is None:
+            raise NotSeen("there is no picture")
+        x, y, turn = drawing.picture
+        lies = Pose(x, y, math.radians(turn))
+        if self._camera is None:
+            scan = Camera.looking_down(self._raw.shape[1], self._raw.shape[0], (0.0, 0.0), self._width / self._raw.shape[1])
+            try:
+                corners = measured_outline(scan, self._raw, 0.0)
+            except NotSeen:  # it may be darker than what it lies on
+                corners = measured_outline(scan, cv2.bitwise_not(self._raw), 0.0)
+        else:
+            corners = transform(inverse(self._frame), measured_outline(self._camera, self._raw, self._height))
+        corners = transform(lies, corners)
+        if drawing.outline:
+            first = np.hypot(*(corners - drawing.outline[0]).T)
+            corners = np.roll(corners, -int(np.argmin(first)), axis=0)
+        return [(x, y) for x, y in corners.round(PRECISION).tolist()]
 
     def _seen(self, camera: Camera, image: Image) -> Pose:
-        """Where the object of the file lies on the table; in the middle of the picture if it is not found."""
+        """Where the object frame lies on the table: that of the file, or about the middle of what is seen, x along its longest
+        edge; in the middle of the picture if nothing is found."""
         with contextlib.suppress(NotSeen):
             if self.model is not None:
                 return ContourTracker(camera, self.model.outline.vertices, self._height).track(image).pose
-        x, y = camera.unproject([((camera.width - 1) / 2, (camera.height - 1) / 2)], self._height)[0]
-        return Pose(float(x), float(y), 0.0)
+            corners = measured_outline(camera, image, self._height)
+            edges = np.roll(corners, -1, axis=0) - corners
+            along = edges[np.argmax(np.hypot(*edges.T))]
+            x, y = centroid(corners).tolist()
+            return Pose(x, y, math.atan2(along[1], along[0]))
+        x, y = camera.unproject([((camera.width - 1) / 2, (camera.height - 1) / 2)], self._height)[0].tolist()
+        return Pose(x, y, 0.0)
 
     def picture(self) -> Image:
         """The picture as seen from straight above."""

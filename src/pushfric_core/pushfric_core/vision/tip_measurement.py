@@ -6,13 +6,14 @@ since the picture of the first position ends, in the direction of the stroke, wi
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, cross
+from pushfric_core.pushers.pusher import StageConfig
 from pushfric_core.vision.camera import Camera, Image
 
 LEAST_PICTURES = 4
@@ -30,6 +31,12 @@ OFF_LINE = 0.5e-3
 """Centres that deviate from a line by more than this (rms) [m] do not move along one."""
 HEIGHTS = (-0.002, 0.1)
 """Range of the tip's height over the table [m]; beyond it, the length of the stroke is wrong."""
+LINE_ERROR, ANGLE_ERROR, RADIUS_ERROR = 0.3e-3, math.radians(0.2), 0.15e-3
+"""A pushing line that differs from the file's by more than this [m, rad] is reported, and a tip's radius [m]."""
+SCALE_ERROR = 0.005
+"""A stroke that differs from what the controller says by more than this share is reported."""
+
+GREEN, ORANGE = (0, 200, 0), (0, 140, 255)  # BGR
 
 _BLUR_PX = 0.7  # against the noise; it does not move a circle's centre
 _NOISE_SHARE = 0.5  # of the change, at which the edge is
@@ -219,3 +226,47 @@ def _level_points(image: Array, level: float) -> Array:
         share = (level - a[v, u]) / (b[v, u] - a[v, u])
         found.append(np.column_stack((u + share * axis, v + share * (1 - axis))))
     return np.concatenate(found)
+
+
+def tip_findings(tip: TipMeasurement, stage: StageConfig, height_is_given: bool) -> list[str]:
+    """What is wrong in the section `pusher` of a cell's file."""
+    origin, direction = np.asarray(stage.line_origin), np.asarray(stage.line_direction) / np.hypot(*stage.line_direction)
+    off, found = tip.origin - origin, []
+    along, across = float(off @ tip.direction), float(cross(tip.direction, off))
+    if math.hypot(along, across) >= LINE_ERROR:
+        found.append(f"line_origin is {1e3 * abs(across):.2f} mm off across the line and {1e3 * abs(along):.2f} mm along it")
+    angle = float(np.arctan2(cross(direction, tip.direction), direction @ tip.direction))
+    if abs(angle) >= ANGLE_ERROR:
+        found.append(f"line_direction is off by {math.degrees(abs(angle)):.2f} degrees")
+    if abs(stage.tip_radius - tip.radius) >= RADIUS_ERROR:
+        found.append(f"tip_radius is {1e3 * stage.tip_radius:.2f} mm, measured {1e3 * tip.radius:.2f} mm")
+    if height_is_given and abs(tip.scale - 1) >= SCALE_ERROR:
+        longer = "longer" if tip.scale > 1 else "shorter"
+        found.append(
+            f"the stroke is {100 * abs(tip.scale - 1):.1f} % {longer} than the controller says: check its steps per millimetre"
+        )
+    return found
+
+
+def tip_figures(tip: TipMeasurement) -> dict[str, Any]:
+    """The measured line and tip for programs, as the command's JSON has them."""
+    return {
+        "line_origin": tip.origin.tolist(),
+        "line_direction": tip.direction.tolist(),
+        "tip_radius": tip.radius,
+        "tip_height": tip.height,
+        "stroke_scale": tip.scale,
+        "rms": tip.rms,
+    }
+
+
+def tip_picture(camera: Camera, image: Image, tip: TipMeasurement, stroke: float) -> bytes:
+    """A PNG: the last picture of the tip with the circle that was fitted to it, and the pushing line."""
+    picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    line = camera.project(tip.origin + np.array(((0.0,), (stroke,))) * tip.direction, tip.height)
+    cv2.polylines(picture, [np.rint(line).astype(np.int32)], False, ORANGE)
+    angles = np.linspace(0, 2 * np.pi, 60)
+    last = camera.lifted(tip.centers[-1:], tip.height)
+    ring = last + tip.radius * np.column_stack((np.cos(angles), np.sin(angles)))
+    cv2.polylines(picture, [np.rint(camera.project(ring, tip.height)).astype(np.int32)], True, GREEN)
+    return cv2.imencode(".png", picture)[1].tobytes()

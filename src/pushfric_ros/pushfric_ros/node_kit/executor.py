@@ -1,8 +1,10 @@
 """rclpy's executor, at a fifth of its cost: it keeps its wait set, and calls a callback without making a task of it.
 
 rclpy makes a wait set for every callback, wraps the callback in a task, and wakes itself up twice because of it. That takes
-longer than most callbacks of a node. (`rclpy.experimental.EventsExecutor` knows no guard conditions, and in the wheels of Jazzy
-it calls neither timers nor subscriptions.)
+longer than most callbacks of a node: with rclpy's executor, the nodes of a demo took 0.48 and 0.53 of a core instead of 0.29
+and 0.30, and image to estimate 9.8 and 9.4 ms (median) instead of 7.7 and 6.9, in four runs in turn.
+(`rclpy.experimental.EventsExecutor` knows no guard conditions, and in the wheels of Jazzy it calls neither timers nor
+subscriptions.)
 """
 
 import time

@@ -35,7 +35,7 @@ function take(answer) {
 }
 
 let changes = 0;
-async function changed() {
+async function changed(find = false) {
   if (area(drawn.outline) < 0) { // corners go counter-clockwise, as the pushes' edges count
     drawn.outline.reverse();
     if (kind === "outline" && chosen >= 0) chosen = drawn.outline.length - 1 - chosen;
@@ -43,10 +43,10 @@ async function changed() {
   redraw();
   const mine = ++changes, [x, y, turn] = drawn.picture, { points, ...even } = drawn.support;
   const support = points ? { points: inMetres(points) } : even;
-  const answer = await tell("work", JSON.stringify({ outline: inMetres(drawn.outline), support, picture: [x / 1e3, y / 1e3, turn] }));
-  if (!answer.done) at("save").disabled = true;
+  const answer = await tell("work", JSON.stringify({ outline: inMetres(drawn.outline), support, picture: [x / 1e3, y / 1e3, turn], find }));
+  if (!answer.done) at("save").disabled = Boolean(state.problem) || !find;
   else if (mine === changes) {
-    state = answer;
+    find ? take(answer) : (state = answer);
     redraw();
   }
 }
@@ -190,6 +190,10 @@ for (const id of ["columns", "rows_of_grid"]) {
 for (const radio of document.querySelectorAll("[name=kind]")) radio.addEventListener("change", () => draw(radio.value));
 for (const radio of document.querySelectorAll("[name=support]")) radio.addEventListener("change", () => setSupport(radio.value));
 at("fit").addEventListener("click", () => fit());
+at("find").addEventListener("click", () => {
+  draw("outline");
+  changed(true).then(fit);
+});
 at("another").addEventListener("click", async () => {
   at("another").disabled = true;
   if ((await tell("another")).done) {
@@ -231,7 +235,7 @@ function redraw() {
   at("target").textContent = state.target.split("/").at(-1);
   at("target").title = state.target;
   at("source").textContent = state.source ? `over ${state.source}` : "";
-  at("another").hidden = !state.has_picture;
+  at("another").hidden = at("find").hidden = !state.has_picture;
   at("now").className = problem ? "placing" : "finished";
   write("prompt", prompt());
   write("trust", problem ? (at("prompt").textContent === WRONG ? problem : "") : `${drawn.outline.length} corners, ${state.supports.length} support points`);

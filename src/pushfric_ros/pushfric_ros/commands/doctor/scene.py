@@ -38,7 +38,7 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     pixel = camera.metres_per_pixel()
     finding = f"a pixel is {1e3 * pixel:.2f} mm, {100 * seen:.0f} % of the pushing line are in the picture"
     if not seen:
-        advice = "`./pushfric measure CELL --only tip` finds the line, `./pushfric calibrate table` the table frame it is in"
+        advice = "`./pushfric calibrate tip CELL` finds the line, `./pushfric calibrate table` the table frame it is in"
         return Check("calibration", Grade.FAILED, finding, advice)
     if pixel > COARSEST:
         advice = f"{1e3 * COARSEST:g} mm or less are needed: a camera nearer to the table, or with more pixels"
@@ -67,7 +67,7 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
             f"{model.name} is not seen now: {reason}; expected about {size} px;"
             f" the picture has grey levels of {table:.0f} (median) to {brightest:.0f}"
         )
-        advice = "lay it in the picture, alone; `./pushfric measure CELL --only object` shows what the camera sees of it"
+        advice = "lay it in the picture, alone; `./pushfric edit OBJECT --picture SOURCE --camera FILE` shows what is seen"
         return Check("object", Grade.WARNING, finding, advice)
     x, y = 1e3 * sighting.pose.x, 1e3 * sighting.pose.y
     finding = f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"

@@ -1,4 +1,4 @@
-"""`./pushfric measure` on rendered pictures, and on a topic with a controller on a pseudo-terminal."""
+"""`./pushfric calibrate tip` on rendered pictures, and on a topic with a controller on a pseudo-terminal."""
 
 import contextlib
 import json
@@ -15,6 +15,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+import yaml
 from sensor_msgs.msg import Image
 from typer.testing import CliRunner
 
@@ -22,7 +23,6 @@ from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.commands.cli import app
 from pushfric_core.commands.frames import frames_from
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
@@ -74,7 +74,7 @@ def cell(tmp_path):
 
 
 def measured(*arguments):
-    return CliRunner().invoke(app, ["measure", *map(str, arguments)])
+    return CliRunner().invoke(app, ["calibrate", "tip", *map(str, arguments)])
 
 
 def tip_pictures(folder, positions):
@@ -85,49 +85,25 @@ def tip_pictures(folder, positions):
         cv2.imwrite(str(folder / f"{number:02}.png"), camera.render(Pose(x, y, 0.0)))
 
 
-def test_the_object_is_written_into_its_file(cell):
-    run = measured(cell, "--only", "object", "--moved", 0.1, "--force", "--json", cell.parent / "told.json")
-    assert run.exit_code == 0, run.output
-    assert "0.6 % too large: 100.6 x 60.4 mm, measured 100.0 x 60.0 mm" in run.stderr
-    text = (cell.parent / "box.yaml").read_text()
-    assert text.startswith("name: box   # a block of wood\n")
-    model = load_object(str(cell.parent / "box.yaml"))
-    np.testing.assert_allclose(model.outline.vertices, BOX, atol=0.2e-3)
-    assert model.height == pytest.approx(HEIGHT, abs=1e-3)
-    assert len(model.support_points) == 15
-    told = json.loads((cell.parent / "told.json").read_text())
-    assert told["object"]["places"] == 2
-    assert told["files"] == [str(cell.parent / "box.yaml"), str(cell.parent / "measured_object.png")]
-    assert cv2.imread(told["files"][1]).shape == (480, 640, 3)
-
-
 def test_nothing_is_overwritten_unasked(cell):
-    before = (cell.parent / "box.yaml").read_text()
-    run = measured(cell, "--only", "object", "--height", HEIGHT)
+    before, positions = cell.read_text(), np.linspace(0, STROKE, 8)
+    tip_pictures(cell.parent / "tip", positions)
+    given = ("--source", cell.parent / "tip", "--positions", ",".join(map(str, positions)))
+    run = measured(cell, *given)
     assert isinstance(run.exception, InvalidInput)
-    assert str(run.exception) == f"{cell.parent / 'box.yaml'} exists: give --force, or --out FOLDER to write elsewhere"
-    assert (cell.parent / "box.yaml").read_text() == before
+    assert str(run.exception) == f"{cell} exists: give --force, or --out FOLDER to write elsewhere"
     (cell.parent / "new").mkdir()
-    assert measured(cell, "--only", "object", "--height", HEIGHT, "--out", cell.parent / "new").exit_code == 0
-    assert (cell.parent / "box.yaml").read_text() == before
-    assert load_object(str(cell.parent / "new/box.yaml")).name == "box"
-
-
-def test_an_object_that_has_no_file_yet_gets_one(cell):
-    (cell.parent / "box.yaml").unlink()
-    run = measured(cell, "--only", "object")
-    assert "give the height of its face, --height" in str(run.exception)
-    assert measured(cell, "--only", "object", "--height", HEIGHT).exit_code == 0
-    model = load_object(str(cell.parent / "box.yaml"))
-    assert (model.name, model.height) == ("box", HEIGHT)
-    np.testing.assert_allclose(sorted(model.outline.lengths), (0.06, 0.06, 0.1, 0.1), atol=0.3e-3)
+    assert measured(cell, *given, "--out", cell.parent / "new").exit_code == 0
+    assert cell.read_text() == before
+    found = yaml.safe_load((cell.parent / "new/pusher.yaml").read_text())["pusher"]
+    assert found["tip_radius"] == pytest.approx(RADIUS, abs=0.15e-3)
 
 
 def test_the_tip_is_written_into_the_cells_file(cell):
     positions = np.linspace(0, STROKE, 8)
     tip_pictures(cell.parent / "tip", positions)
     listed = ",".join(map(str, positions))
-    run = measured(cell, "--only", "tip", "--source", cell.parent / "tip", "--positions", listed, "--force")
+    run = measured(cell, "--source", cell.parent / "tip", "--positions", listed, "--force")
     assert run.exit_code == 0, run.output
     assert "cell.yaml: line_origin is " in run.stderr
     assert "# not measured yet" in cell.read_text()
@@ -140,12 +116,10 @@ def test_the_tip_is_written_into_the_cells_file(cell):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "give --only object or --only tip: without a terminal"),
-        (["--only", "object", "--height", 0.01, "--moved", 0.1], "give --height or --moved, not both"),
-        (["--only", "tip", "--force"], "shows no live camera: give --positions"),
-        (["--only", "tip", "--force", "--positions", "0,a"], "--positions must be numbers with commas between them, got '0,a'"),
-        (["--only", "tip", "--force", "--positions", "0"], "2 pictures, but --positions names 1"),
-        (["--only", "object", "--out", "none"], "none: no such folder"),
+        (["--force"], "shows no live camera: give --positions"),
+        (["--force", "--positions", "0,a"], "--positions must be numbers with commas between them, got '0,a'"),
+        (["--force", "--positions", "0"], "2 pictures, but --positions names 1"),
+        (["--out", "none"], "none: no such folder"),
     ],
 )
 def test_what_does_not_go_together_is_refused(cell, arguments, said):
@@ -180,7 +154,7 @@ def live_cell(cell, ros):
 
 def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):
     with live_cell(cell, ros) as controller:
-        command = [sys.executable, "-m", "pushfric_core", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.05"]
+        command = [sys.executable, "-m", "pushfric_core", "calibrate", "tip", str(cell), "--force", "--speed", "0.05"]
         run = subprocess.run(command, capture_output=True, text=True, timeout=280, stdin=subprocess.DEVNULL, env=os.environ)
         assert run.returncode == 0, run.stderr
         assert controller.position() == pytest.approx(0.0, abs=1e-6)
@@ -192,7 +166,7 @@ def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):
 def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
     with live_cell(cell, ros) as controller:
         before = cell.read_text()
-        command = [sys.executable, "-m", "pushfric_core", "measure", str(cell), "--only", "tip", "--force", "--speed", "0.001"]
+        command = [sys.executable, "-m", "pushfric_core", "calibrate", "tip", str(cell), "--force", "--speed", "0.001"]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL) as run:
             deadline = time.monotonic() + 120
             while controller.position() < 1e-3:
@@ -220,12 +194,8 @@ def test_a_topic_without_frames_says_so(monkeypatch):
 def test_the_keys_of_its_json_are_documented(cell):
     positions = np.linspace(0, STROKE, 8)
     tip_pictures(cell.parent / "tip", positions)
-    told = {}
-    for arguments in (
-        ["--only", "object"],
-        ["--only", "tip", "--source", cell.parent / "tip", "--positions", ",".join(map(str, positions))],
-    ):
-        told |= json.loads(measured(cell, *arguments, "--force", "--json").stdout)
-    keys = {f"{part}.{key}" for part in ("object", "pusher") for key in told[part]} | {"findings", "files"}
-    table = DOCS.read_text().split("\n`measure`:\n\n")[1].split("\n\n")[0]
+    given = ["--source", cell.parent / "tip", "--positions", ",".join(map(str, positions)), "--force", "--json"]
+    told = json.loads(measured(cell, *given).stdout)
+    keys = {f"pusher.{key}" for key in told["pusher"]} | {"findings", "files"}
+    table = DOCS.read_text().split("\n`calibrate tip`:\n\n")[1].split("\n\n")[0]
     assert keys == {key for row in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE) for key in re.findall("`(.*?)`", row)}
