@@ -159,7 +159,7 @@ def call(monkeypatch, capsys):
         (["demo", "--headless", "3"], "unexpected '3'; see pushfric demo --help"),
         (["stop", "--cell", "x"], "no such option '--cell'; see pushfric stop --help"),
         (["version"], "no such command 'version'; did you mean --version? see pushfric --help"),
-        (["calibrate"], "expected a command: board or markers or lens or table; see pushfric calibrate --help"),
+        (["calibrate"], "expected a command: board or markers or lens or table or tip; see pushfric calibrate --help"),
         ([], "expected a command; see pushfric --help"),
     ],
 )
