@@ -145,7 +145,7 @@ def write_sections(formatter: Any, sections: Mapping[str, list[tuple[str, str]]]
                 formatter.write_dl([(name.ljust(min(widest, COLUMN)), text) for name, text in rows])
 
 
-UNLISTED = 5
+UNLISTED = 6
 """As many commands or more are not listed in an error."""
 
 COLUMN = 30
