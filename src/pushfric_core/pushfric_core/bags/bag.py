@@ -28,7 +28,6 @@ from pushfric_core.bags.contents import (
     Topic,
     in_order,
 )
-from pushfric_core.bags.former import present
 from pushfric_core.bags.mcap_file import UNCONFIRMED, Gap, McapFile, Span, Standings
 from pushfric_core.bags.mcap_records import HELD_LIMIT, definition_of
 from pushfric_core.bags.offered_qos import profiles_from
@@ -231,17 +230,16 @@ class Bag:
                 yield message
 
     def deserialize(self, message: BagMessage) -> Any:
-        """The content of a message: an object with an attribute for each field of its type, as the type is defined today.
+        """The content of a message: an object with an attribute for each field of its type.
 
         Raises:
             InvalidInput: the definition of its type cannot be used.
             ValueError: its bytes are not such a message.
-            AttributeError: it was recorded with a definition that lacks a field.
         """
         name = message.type_name
         if name not in self._decoders:
             self._decoders[name] = decoder(name, self._definitions.get(name, Definition("", "")))
-        return present(name, self._decoders[name](message.raw))
+        return self._decoders[name](message.raw)
 
     def unconfirmed(self, standing: Standing) -> dict[str, Span]:
         """The messages of each topic that have this standing: how many, and from when to when."""

@@ -79,10 +79,6 @@ _ORDER_NS = {"pushfric": 10**7}
 _LOOSE_ORDER_NS = 10**9
 """How far behind a chunk the next one may begin, by library: recorders may write what several threads receive [ns]."""
 
-_OLD_MARK = "pushfric_unconfirmed_messages"
-_SPAN = re.compile(r"[0-9]+ from ([0-9]{1,19}) to ([0-9]{1,19})")
-"""How pushfric 0.1.0 marked messages: by a record of metadata, with their first and last log time."""
-
 Standings = npt.NDArray[np.uint8]
 
 STANDINGS = tuple(Standing)  # by value
@@ -532,7 +528,7 @@ class McapFile:
     def _judged(self) -> Standings:
         """The standing of each message, as far as this file alone shows it."""
         found = np.zeros(len(self.entries), np.uint8)
-        channels, times = np.asarray(self.entries.channels), np.asarray(self.entries.log_times)
+        channels = np.asarray(self.entries.channels)
         unchecked = self.is_damaged and not self._holds
         for piece in self.pieces:
             if piece.salvaged:
@@ -541,11 +537,6 @@ class McapFile:
                 found[piece.entries] = Standing.UNCHECKED
         marked = [number for number, channel in self.channels.items() if UNCONFIRMED in channel.metadata]
         found[np.isin(channels, marked) & (found == Standing.SOUND)] = Standing.MARKED
-        for topic, text in (item for name, texts in self.metadata if name == _OLD_MARK for item in texts.items()):
-            numbers = [number for number, channel in self.channels.items() if channel.topic == topic]
-            span = _SPAN.fullmatch(text)
-            first, last = map(int, span.groups()) if span is not None else (0, LATEST_NS)
-            found[np.isin(channels, numbers) & (times >= first) & (times <= last)] = Standing.MARKED
         if strangers := self._strangers():
             strange = np.zeros(len(found), bool)
             for number in strangers:
